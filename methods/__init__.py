@@ -1,0 +1,1 @@
+"""How a policy is trained: one file a configuration, residual classes, calibration, trainer."""

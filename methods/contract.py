@@ -1,0 +1,96 @@
+"""What a training method is: `train(setup, key, init) -> Trained`, evaluated alike for all."""
+
+import abc
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, PRNGKeyArray
+
+from methods.policy import Policy
+from simulators.contract import AbstractSimulator
+from tasks.contract import AbstractTask
+
+Progress = Callable[[str, int, int, float], None]
+"""Called with (stage, epoch, epochs, training return) after every epoch."""
+
+
+def silent(stage: str, epoch: int, epochs: int, reward: float) -> None:
+    """A `Progress` that shows nothing."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Setup:
+    """What a method is given."""
+
+    task: AbstractTask
+    """Task and team size."""
+    nominal: AbstractSimulator
+    """The low-fidelity simulator, nominal."""
+    reality: AbstractSimulator
+    """The high-fidelity simulator, possibly with effects that the nominal one lacks."""
+    parents: Mapping[str, "Trained"] = dataclasses.field(default_factory=dict)
+    """Trained policies of the methods named in `AbstractMethod.parents`, same task and seed."""
+    progress: Progress = silent
+    """Where to report epochs."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Ledger:
+    """What a training run cost. High-fidelity flight is billed at the step where it happens."""
+
+    hf_fleet_seconds: float = 0.0
+    """Simulated high-fidelity flight, summed over drones [s]."""
+    calibration_flights: int = 0
+    """Single-drone high-fidelity flights that a residual was fitted to."""
+    calibration_crashes: int = 0
+    """Crashes of those flights."""
+    training_crashes: int = 0
+    """Crashes while training in the high-fidelity simulator."""
+    training_crash_step_rate: float = 0.0
+    """Share of high-fidelity training steps with any drone in contact."""
+    lf_collisions: int = 0
+    """Crashes while training in the low-fidelity simulator; nobody pays for them."""
+    epochs: int = 0
+    """Policy updates."""
+    skipped_updates: int = 0
+    """Updates left out because their gradient was not finite."""
+    train_seconds: float = 0.0
+    """Wall time, compilation included [s]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Trained:
+    """What a method returns."""
+
+    policy: Policy
+    """The policy, chosen by training return, never by evaluation episodes."""
+    ledger: Ledger
+    """What it cost."""
+    curves: Mapping[str, Float[np.ndarray, " epochs"]]
+    """Per epoch: `reward` (exact penalty), `smooth_reward`, `crashes`, `grad_norm`."""
+    status: str = "ok"
+    """`ok`, `diverged`, or `budget` (a high-fidelity run that its epoch budget ended)."""
+    residual: eqx.Module | None = None
+    """The frozen residual, if the method fits one."""
+    notes: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """Further numbers worth keeping, e.g. a residual's fit error; name -> value."""
+
+
+class AbstractMethod(eqx.Module):
+    """A way to train a swarm policy. Fields are its settings, their defaults the configuration."""
+
+    version: eqx.AbstractClassVar[str]
+    """Declared version; results are reused only while it stays the same."""
+    parents: eqx.AbstractClassVar[tuple[str, ...]]
+    """Methods whose trained policies this one starts from."""
+    simulator: eqx.AbstractClassVar[str]
+    """Name of the simulator in which the policy is trained."""
+
+    @abc.abstractmethod
+    def train(
+        self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None
+    ) -> Trained:
+        """A trained policy; `init` replaces the fresh or parent's policy to start from."""
+

@@ -1,0 +1,57 @@
+"""The shared policy: one small network, applied to each drone's own observation."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from simulators.vehicle import ActionSpace, VehicleSpec
+from tasks.contract import AbstractTask, TaskState
+
+WIDTH = 128
+"""Width of both hidden layers; paper, Sec. III-A."""
+OUTPUT_SCALE = 0.1
+"""Factor on the output layer's initial weights, so that a fresh policy nearly hovers."""
+LIFT = 0.1
+"""Excess of a fresh policy's thrust action over hover: a drone that never lifts off learns
+nothing in a simulator with a floor."""
+
+
+class Policy(eqx.Module):
+    """obs -> 128 -> 128 -> 3, tanh throughout. Source: paper, Sec. III-A."""
+
+    net: eqx.nn.MLP
+    """The network, for one drone."""
+
+    def __call__(self, obs: Float[Array, "drones obs"]) -> Float[Array, "drones 3"]:
+        """Actions in [-1, 1], from each drone's own row of `obs`."""
+        return jax.vmap(self.net)(obs)
+
+
+def make_policy(
+    task: AbstractTask, spec: VehicleSpec, space: ActionSpace, key: PRNGKeyArray
+) -> Policy:
+    """A fresh policy that roughly hovers."""
+    net = eqx.nn.MLP(
+        task.obs_size, 3, WIDTH, 2, activation=jnp.tanh, final_activation=jnp.tanh, key=key
+    )
+    hover = jnp.arctanh(space.hover(spec.mass) + LIFT)
+    last = net.layers[-1]
+    net = eqx.tree_at(
+        lambda n: (n.layers[-1].weight, n.layers[-1].bias),
+        net,
+        (OUTPUT_SCALE * last.weight, jnp.zeros(3).at[2].set(hover)),
+    )
+    return Policy(net)
+
+
+class PolicyController(eqx.Module):
+    """Deploys a policy on a task."""
+
+    task: AbstractTask
+    """Makes the observations."""
+    policy: Policy
+    """Makes the actions."""
+
+    def __call__(self, state: TaskState) -> Float[Array, "drones 3"]:
+        return self.policy(self.task.observe(state))

@@ -1,0 +1,1 @@
+"""What flies: the point mass (low fidelity), crazyflow (high fidelity), effects, tracking."""

@@ -1,0 +1,97 @@
+"""What a simulator is, and how effects are attached to it."""
+
+import abc
+from collections.abc import Iterable
+from typing import Any, TypeVar
+
+import equinox as eqx
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from simulators import registry
+from simulators.effects.contract import DOORS, AbstractEffect
+from simulators.flight import Flight
+from simulators.vehicle import CONTROL_DT, ActionSpace, VehicleSpec
+
+
+class AbstractSimulator(eqx.Module):
+    """A team of drones in one world; `vmap` adds worlds."""
+
+    name: eqx.AbstractClassVar[str]
+    """Name under which the simulator is registered."""
+    version: eqx.AbstractClassVar[str]
+    """Declared version; results are reused only while it stays the same."""
+    doors: eqx.AbstractClassVar[tuple[str, ...]]
+    """The hooks that effects can use here."""
+    spec: eqx.AbstractVar[VehicleSpec]
+    """The airframe; what a controller believes, whatever effects do to the plant."""
+    action_space: eqx.AbstractVar[ActionSpace]
+    """How an action in [-1, 1]^3 becomes a command."""
+    effects: eqx.AbstractVar[tuple[AbstractEffect, ...]]
+    """Attached effects, in the order in which they act."""
+
+    @abc.abstractmethod
+    def reset(self, pos: Float[Array, "drones 3"], key: PRNGKeyArray) -> Any:
+        """The state of a team at rest and level at `pos` [m, world], rotors standing."""
+
+    @abc.abstractmethod
+    def restore(
+        self,
+        flight: Flight,
+        cmd_history: Float[Array, "time drones 4"],
+        key: PRNGKeyArray,
+    ) -> Any:
+        """The state at a measured flight.
+
+        What the flight does not tell (rotors, lags, buffers) is warmed up from the commands
+        before, `CONTROL_DT` apart, oldest first: roll, pitch, yaw [rad] and thrust [N].
+        """
+
+    @abc.abstractmethod
+    def step_cmd(self, state: Any, cmd: Float[Array, "drones 4"], duration: float) -> Any:
+        """The state after holding roll, pitch, yaw [rad] and thrust [N] for `duration` [s].
+
+        Raises:
+            ValueError: The simulator cannot step by that duration.
+        """
+
+    @abc.abstractmethod
+    def flight(self, state: Any) -> Flight:
+        """What can be measured of a state."""
+
+    def step(self, state: Any, action: Float[Array, "drones 3"]) -> Any:
+        """The state one control step of `CONTROL_DT` later, under an action in [-1, 1]^3."""
+        return self.step_cmd(state, self.action_space.to_cmd(action), CONTROL_DT)
+
+
+Simulator = TypeVar("Simulator", bound=AbstractSimulator)
+
+
+class MissingDoorError(ValueError):
+    """An effect was attached to a simulator that has no hook for it."""
+
+
+def with_effects(simulator: Simulator, effects: Iterable[AbstractEffect]) -> Simulator:
+    """`simulator` with `effects` beside those it has; the list's order does not matter.
+
+    Raises:
+        MissingDoorError: The simulator lacks a door that an effect needs.
+    """
+    effects = tuple(effects)
+    for effect in effects:
+        needed = (effect.door, *effect.needs)
+        if missing := [door for door in needed if door not in simulator.doors]:
+            able = [
+                name
+                for name, other in registry.load_all("simulator").items()
+                if all(door in other.doors for door in needed)
+            ]
+            raise MissingDoorError(
+                f"Effect {type(effect).__name__} acts through '{missing[0]}', which simulator "
+                f"'{simulator.name}' does not have. Simulators that have it: "
+                f"{', '.join(able) or 'none'}."
+            )
+    ordered = sorted(
+        (*simulator.effects, *effects),
+        key=lambda e: (DOORS.index(e.door), e.order, type(e).__name__),
+    )
+    return eqx.tree_at(lambda s: s.effects, simulator, tuple(ordered))

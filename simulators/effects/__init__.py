@@ -1,0 +1,1 @@
+"""Physical effects that a simulator leaves out, one small file each."""

@@ -1,0 +1,149 @@
+"""Runs the effects of one door one after another, each with its own memory.
+
+A simulator keeps the memories of all its effects as one tuple in the order of the effects. With
+no effect at a door these functions return their input untouched, so the nominal simulator does
+no extra work.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import (
+    AbstractEffect,
+    CommandEffect,
+    PlantEffect,
+    ResponseEffect,
+    StateEffect,
+    WrenchEffect,
+)
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+Effects = tuple[AbstractEffect, ...]
+Memories = tuple[Any, ...]
+
+
+def init(effects: Effects, n_drones: int, dt: float) -> Memories:
+    """Memories of all effects at reset, for integration steps of `dt` [s]."""
+    return tuple(effect.init(n_drones, dt) for effect in effects)
+
+
+def _put(memories: Memories, i: int, memory: Any) -> Memories:
+    return (*memories[:i], memory, *memories[i + 1 :])
+
+
+def command(
+    effects: Effects, memories: Memories, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
+) -> tuple[Memories, Float[Array, "drones 4"]]:
+    """The command after all command effects."""
+    for i, effect in enumerate(effects):
+        if isinstance(effect, CommandEffect):
+            memory, cmd = effect.command(memories[i], flight, cmd, dt)
+            memories = _put(memories, i, memory)
+    return memories, cmd
+
+
+def plant(
+    effects: Effects, memories: Memories, flight: Flight, vehicle: Vehicle, dt: float
+) -> tuple[Memories, Vehicle]:
+    """The vehicle after all plant effects."""
+    for i, effect in enumerate(effects):
+        if isinstance(effect, PlantEffect):
+            memory, vehicle = effect.plant(memories[i], flight, vehicle, dt)
+            memories = _put(memories, i, memory)
+    return memories, vehicle
+
+
+def respond(
+    effects: Effects,
+    memories: Memories,
+    rpy_thrust: Float[Array, "drones 4"],
+    cmd: Float[Array, "drones 4"],
+    dt: float,
+) -> tuple[Memories, Float[Array, "drones 4"]]:
+    """Attitude and thrust after all response effects."""
+    for i, effect in enumerate(effects):
+        if isinstance(effect, ResponseEffect):
+            memory, rpy_thrust = effect.respond(memories[i], rpy_thrust, cmd, dt)
+            memories = _put(memories, i, memory)
+    return memories, rpy_thrust
+
+
+def at(
+    effects: Effects, memories: Memories, rpy_thrust: Float[Array, "drones 4"]
+) -> Memories:
+    """Memories with every response effect steady at `rpy_thrust`."""
+    for i, effect in enumerate(effects):
+        if isinstance(effect, ResponseEffect):
+            memories = _put(memories, i, effect.at(memories[i], rpy_thrust))
+    return memories
+
+
+def wrench(
+    effects: Effects, memories: Memories, flight: Flight, vehicle: Vehicle, dt: float
+) -> tuple[Memories, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
+    """Sum of all effects' forces [N] and torques [N m], world frame."""
+    force, torque = jnp.zeros_like(flight.pos), jnp.zeros_like(flight.pos)
+    for i, effect in enumerate(effects):
+        if isinstance(effect, WrenchEffect):
+            memory, f, t = effect.wrench(memories[i], flight, vehicle, dt)
+            memories, force, torque = _put(memories, i, memory), force + f, torque + t
+    return memories, force, torque
+
+
+def project(effects: Effects, memories: Memories, flight: Flight) -> tuple[Memories, Flight]:
+    """The flight after all state effects."""
+    for i, effect in enumerate(effects):
+        if isinstance(effect, StateEffect):
+            memory, flight = effect.project(memories[i], flight)
+            memories = _put(memories, i, memory)
+    return memories, flight
+
+
+def warm_up(
+    effects: Effects,
+    memories: Memories,
+    flight: Flight,
+    cmd_history: Float[Array, "time drones 4"],
+    repeats: int,
+    dt: float,
+) -> tuple[Memories, Float[Array, "time drones 4"]]:
+    """Memories and effective commands after a command history, each held `repeats` steps.
+
+    The flight stands still meanwhile: it is known only at the end of the history.
+    """
+
+    def held(memories: Memories, cmd: Array) -> tuple[Memories, Array]:
+        def once(memories: Memories, _: None) -> tuple[Memories, Array]:
+            return command(effects, memories, flight, cmd, dt)
+
+        memories, cmds = jax.lax.scan(once, memories, None, length=repeats)
+        return memories, cmds[-1]
+
+    if not any(isinstance(effect, CommandEffect) for effect in effects):
+        return memories, cmd_history
+    return jax.lax.scan(held, memories, cmd_history)
+
+
+def has(effects: Effects, kind: type[AbstractEffect]) -> bool:
+    """Whether any effect acts through the door of `kind`."""
+    return any(isinstance(effect, kind) for effect in effects)
+
+
+def canonical(effects: Effects) -> str:
+    """Effects as text, sorted by name, parameters included; empty for none."""
+    texts = []
+    for effect in effects:
+        name = type(effect).__name__
+        values = (f"{p}={float(getattr(effect, p)):g}" for p in type(effect).parameters)
+        texts.append(f"{name}({', '.join(values)})")
+    return "; ".join(sorted(texts))
+
+
+def is_static(effects: Effects) -> bool:
+    """Whether no effect carries a memory."""
+    return not jax.tree.leaves(eqx.filter(init(effects, 1, 0.02), eqx.is_array))

@@ -1,0 +1,114 @@
+"""What an effect is: parameters with units and bounds, a memory, and one hook (its door).
+
+A simulator calls the hooks once per integration step: command, plant, response or rotation,
+wrench, state. Every hook takes and returns the effect's own memory, is written for one world and
+all its drones, and is exactly nominal when the parameters stand at their neutral values.
+"""
+
+import abc
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+DOORS = ("command", "plant", "response", "rotation", "wrench", "state")
+"""The hooks that a simulator may have; `rotation` means that torque and inertia act."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """What the number of an effect means."""
+
+    unit: str
+    """SI unit, "-" if dimensionless."""
+    low: float
+    """Smallest value that a fit may try."""
+    high: float
+    """Largest value that a fit may try."""
+    neutral: float
+    """The value at which the simulator is exactly nominal; may lie outside [low, high]."""
+    source: str
+    """Where the bounds come from; a guess is called a guess."""
+
+
+class AbstractEffect(eqx.Module):
+    """One physical effect that a simulator leaves out."""
+
+    parameters: eqx.AbstractClassVar[dict[str, Parameter]]
+    """Every field that is a number, by name."""
+    door: eqx.AbstractClassVar[str]
+    """The hook through which the effect acts."""
+    needs: eqx.AbstractClassVar[tuple[str, ...]]
+    """Further doors without which the effect would act wrongly or not at all."""
+    order: eqx.AbstractClassVar[int]
+    """Place among the effects of the same door; smaller acts first."""
+    version: eqx.AbstractClassVar[str]
+    """Declared version; results are reused only while it stays the same."""
+
+    @abc.abstractmethod
+    def init(self, n_drones: int, dt: float) -> Any:
+        """The memory at reset, a pytree, for integration steps of `dt` [s]."""
+
+
+class CommandEffect(AbstractEffect):
+    """An effect on what the autopilot is told."""
+
+    @abc.abstractmethod
+    def command(
+        self, memory: Any, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
+    ) -> tuple[Any, Float[Array, "drones 4"]]:
+        """The command that takes effect: roll, pitch, yaw [rad] and thrust [N]."""
+
+
+class PlantEffect(AbstractEffect):
+    """An effect on the plant's constants; the controller's belief stays nominal."""
+
+    @abc.abstractmethod
+    def plant(
+        self, memory: Any, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[Any, Vehicle]:
+        """The vehicle as it is at this step."""
+
+
+class ResponseEffect(AbstractEffect):
+    """An effect on how attitude and thrust follow the command, for simulators without rotors.
+
+    `rpy_thrust` is what the simulator's own lag (and the effects before) make of the command at
+    this step; what the hook returns takes its place.
+    """
+
+    @abc.abstractmethod
+    def respond(
+        self,
+        memory: Any,
+        rpy_thrust: Float[Array, "drones 4"],
+        cmd: Float[Array, "drones 4"],
+        dt: float,
+    ) -> tuple[Any, Float[Array, "drones 4"]]:
+        """Roll, pitch, yaw [rad] and thrust [N] after this step."""
+
+    @abc.abstractmethod
+    def at(self, memory: Any, rpy_thrust: Float[Array, "drones 4"]) -> Any:
+        """The memory in a steady flight at `rpy_thrust`, from which `restore` starts."""
+
+
+class WrenchEffect(AbstractEffect):
+    """An effect that pushes or turns the drones."""
+
+    @abc.abstractmethod
+    def wrench(
+        self, memory: Any, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[Any, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
+        """Force [N] and torque [N m] at the centre of mass, world frame."""
+
+
+class StateEffect(AbstractEffect):
+    """An effect that restricts where a drone can be."""
+
+    @abc.abstractmethod
+    def project(self, memory: Any, flight: Flight) -> tuple[Any, Flight]:
+        """The flight after the restriction; only `pos` and `vel` may change."""

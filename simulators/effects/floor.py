@@ -1,0 +1,43 @@
+"""A floor: a drone below `height` is put back onto it and stands still.
+
+The same rule as crazyflow's own ``clip_floor_pos`` (which sits at z = -0.001 m): all of the
+velocity is zeroed, and with it the gradient.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, StateEffect
+from simulators.flight import Flight
+
+
+class Floor(StateEffect):
+    """The ground, for a simulator without one. Source: crazyflow 0.4.0, ``clip_floor_pos``."""
+
+    height: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=-float("inf"))
+    """Height of the floor, world z [m]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "height": Parameter(
+            unit="m", low=-0.1, high=0.1, neutral=-float("inf"), source="crazyflow: -0.001"
+        )
+    }
+    door: ClassVar[str] = "state"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 0
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def project(self, memory: None, flight: Flight) -> tuple[None, Flight]:
+        below = flight.pos[:, 2] < self.height
+        # A finite stand-in keeps the height's derivative defined where the floor does not act.
+        height = jnp.where(jnp.isfinite(self.height), self.height, 0.0)
+        z = jnp.where(below, height, flight.pos[:, 2])
+        pos = jnp.concatenate([flight.pos[:, :2], z[:, None]], axis=-1)
+        vel = jnp.where(below[:, None], 0.0, flight.vel)
+        return None, eqx.tree_at(lambda f: (f.pos, f.vel), flight, (pos, vel))

@@ -1,0 +1,46 @@
+"""Steady wind as a constant specific force: f = m a, in the world frame."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+_HORIZONTAL = Parameter(
+    unit="m/s^2", low=-3.0, high=3.0, neutral=0.0, source="paper 1.5; twice that is a guess"
+)
+_VERTICAL = Parameter(unit="m/s^2", low=-1.0, high=1.0, neutral=0.0, source="a guess")
+
+
+class Wind(WrenchEffect):
+    """A persistent directional acceleration. Source: paper, Sec. V-C (1.5 m/s^2)."""
+
+    x: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Specific force along world x [m/s^2]."""
+    y: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Specific force along world y [m/s^2]."""
+    z: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Specific force along world z [m/s^2]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "x": _HORIZONTAL,
+        "y": _HORIZONTAL,
+        "z": _VERTICAL,
+    }
+    door: ClassVar[str] = "wrench"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 1
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def wrench(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
+        force = vehicle.mass * jnp.stack([self.x, self.y, self.z])
+        return None, jnp.broadcast_to(force, flight.pos.shape), jnp.zeros_like(flight.pos)

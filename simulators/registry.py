@@ -1,0 +1,83 @@
+"""Plug-ins by name, through entry points; each is imported only when it is asked for.
+
+Third parties register classes under the same groups that the built-in ones use. A plug-in that
+cannot be imported is named in a warning and stops nobody else.
+"""
+
+import difflib
+import functools
+import importlib.metadata
+import warnings
+from collections.abc import Iterable
+
+GROUPS = {
+    "method": "bench.methods",
+    "task": "bench.tasks",
+    "simulator": "bench.simulators",
+    "residual": "bench.residuals",
+    "effect": "bench.effects",
+}
+"""Entry-point group of each kind of plug-in."""
+
+
+class UnknownPluginError(ValueError):
+    """A name that nobody registered."""
+
+
+class BrokenPluginError(ValueError):
+    """A registered plug-in that could not be imported."""
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    """One line that says what is wrong, what was probably meant, and what there is."""
+    known = sorted(known)
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f" Did you mean '{close[0]}'?" if close else ""
+    return f"No {kind} is registered as '{name}'.{hint} Registered: {', '.join(known)}."
+
+
+@functools.cache
+def _entry_points(kind: str) -> dict[str, importlib.metadata.EntryPoint]:
+    return {point.name: point for point in importlib.metadata.entry_points(group=GROUPS[kind])}
+
+
+def names(kind: str) -> list[str]:
+    """Names of all registered plug-ins of a kind, sorted; nothing is imported."""
+    return sorted(_entry_points(kind))
+
+
+def distribution(kind: str, name: str) -> str:
+    """The installed package, with version, that registers a plug-in."""
+    dist = _entry_points(kind)[name].dist
+    return f"{dist.name} {dist.version}" if dist else "unknown"
+
+
+@functools.cache
+def load(kind: str, name: str) -> type:
+    """The class registered as `name`.
+
+    Raises:
+        UnknownPluginError: Nobody registered that name.
+        BrokenPluginError: Its module does not import.
+    """
+    points = _entry_points(kind)
+    if name not in points:
+        raise UnknownPluginError(unknown(kind, name, points))
+    try:
+        return points[name].load()
+    except Exception as error:
+        raise BrokenPluginError(
+            f"The {kind} '{name}' of {distribution(kind, name)} cannot be imported: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+
+
+def load_all(kind: str) -> dict[str, type]:
+    """Every plug-in of a kind that imports; each other one is named in a warning."""
+    found = {}
+    for name in names(kind):
+        try:
+            found[name] = load(kind, name)
+        except BrokenPluginError as error:
+            warnings.warn(str(error), stacklevel=2)
+    return found

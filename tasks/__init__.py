@@ -1,0 +1,1 @@
+"""What a team is asked to do, and the rollout that flies it."""

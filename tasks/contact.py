@@ -1,0 +1,59 @@
+r"""Contact, crashes and the collision penalty; the same rule for both fidelities.
+
+An agent is in contact if another is closer than 0.30 m (centres, twice the collision radius), or
+if z <= 0 later than 0.5 s after the reset (every task spawns on the ground). A crash is the rising
+edge of contact, per agent: a sustained contact counts once, k agents colliding at one step count
+as k (paper, Sec. V).
+
+The reported reward pays `PENALTY` per step for every other agent in contact. Its training
+surrogate is once differentiable, reaches out to 0.6 m and has a bounded slope:
+
+    s(d) = 0                                   d >= 0.6 m
+         = PENALTY (0.6 - d)^2 / (2 0.3^2)     0.3 <= d < 0.6 m
+         = PENALTY (0.5 + (0.3 - d) / 0.3)     d < 0.3 m
+
+The paper states neither the penalty nor its gradient; both are choices of this project. Contact
+with the floor is a crash but not part of the penalty: "per-collision penalty [...] prevents
+spatial overlap" (paper, Sec. IV-B).
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from simulators.vehicle import COLLISION_RADIUS
+
+CONTACT_DISTANCE = 2.0 * COLLISION_RADIUS
+"""Distance between centres below which two drones are in contact [m]."""
+GRACE = 0.5
+"""Time after a reset in which contact with the floor does not count [s]; paper, Sec. V."""
+PENALTY = 1.0
+"""Penalty per step and agent in contact, in units of reward; a choice, see above."""
+_MARGIN = 0.3
+
+
+def distances(pos: Float[Array, "drones 3"]) -> Float[Array, "drones drones"]:
+    """Distances between all pairs [m], infinite on the diagonal, smooth at zero."""
+    squared = jnp.sum((pos[:, None] - pos[None]) ** 2, axis=-1)
+    return jnp.sqrt(squared + 1e-6) + jnp.diag(jnp.full(len(pos), jnp.inf))
+
+
+def in_contact(
+    pos: Float[Array, "drones 3"], t: Float[Array, ""]
+) -> Bool[Array, " drones"]:
+    """Which drones touch another or, after the grace time, the floor; `t` since reset [s]."""
+    squared = jnp.sum((pos[:, None] - pos[None]) ** 2, axis=-1)
+    near = (squared < CONTACT_DISTANCE**2) & ~jnp.eye(len(pos), dtype=bool)
+    return jnp.any(near, axis=-1) | ((pos[:, 2] <= 0.0) & (t > GRACE))
+
+
+def penalty(distance: Float[Array, "drones drones"]) -> Float[Array, " drones"]:
+    """The exact penalty of one step, at least 0; no gradient."""
+    return PENALTY * jnp.sum(distance < CONTACT_DISTANCE, axis=-1).astype(distance.dtype)
+
+
+def soft_penalty(distance: Float[Array, "drones drones"]) -> Float[Array, " drones"]:
+    """The differentiable surrogate of one step, at least 0."""
+    inside = (CONTACT_DISTANCE + _MARGIN - distance) / _MARGIN
+    # Infinite distances (the diagonal) are put at the border, where value and slope are zero.
+    inside = jnp.maximum(jnp.where(jnp.isfinite(distance), inside, 0.0), 0.0)
+    return PENALTY * jnp.sum(jnp.where(inside < 1.0, 0.5 * inside**2, inside - 0.5), axis=-1)

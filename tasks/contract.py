@@ -1,0 +1,156 @@
+r"""What a task is: where a team starts, what each drone sees, and what it is paid for.
+
+Every task states, for each drone, the vector to the point where it should be and the velocity it
+should have there (`target`). Observation, reward and metric are functions of these two:
+
+    observation = [offset, v* - v, v, (roll, pitch), neighbours]
+    reward      = task_reward(offset, v* - v)  -  collision penalty  (`tasks/contact.py`)
+    metric      = |offset|  [m]
+
+Neighbours are the `n_neighbors` nearest drones: offset and relative velocity, each weighted by
+1 / (0.25 + d^2), zeros where the team has fewer. Every norm is sqrt(|x|^2 + 1e-6). Rewards are
+those of the state after the action. All of this is a choice where the paper is silent; what it
+does say stands in each task.
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from simulators.flight import Flight
+from simulators.rotation import quat_to_rpy
+from tasks import contact
+
+SPAWN_SPACING = 0.8
+"""Distance between neighbouring spawn points [m]; a choice."""
+SPAWN_JITTER = 0.1
+"""Largest random offset of a spawn point along x and y [m]; a choice."""
+
+
+class TaskState(eqx.Module):
+    """What a controller may know: the flight, the episode's goal, the step."""
+
+    flight: Flight
+    """The team now."""
+    goal: Any
+    """What was drawn for this episode, a pytree of the task's own."""
+    step: Int[Array, ""]
+    """Control steps since the reset."""
+
+
+class Target(eqx.Module):
+    """Where each drone should be and how fast it should be there, world frame."""
+
+    offset: Float[Array, "drones 3"]
+    """From the drone to the nearest point that satisfies the task [m]."""
+    vel: Float[Array, "drones 3"]
+    """Velocity that satisfies the task [m/s]."""
+
+
+class AbstractTask(eqx.Module):
+    """A cooperative task for `n_drones` drones that share one policy."""
+
+    n_drones: eqx.AbstractVar[int]
+    """Team size, at least 2."""
+    horizon: eqx.AbstractVar[int]
+    """Episode length [control steps of 0.02 s]."""
+    n_neighbors: eqx.AbstractVar[int]
+    """How many nearest drones each one observes."""
+    observe_attitude: eqx.AbstractVar[bool]
+    """Whether roll and pitch are observed."""
+    version: eqx.AbstractClassVar[str]
+    """Declared version; results are reused only while it stays the same."""
+    station_keeping: eqx.AbstractClassVar[bool]
+    """Whether the team hovers at the end, which calibration flights under-represent."""
+
+    def __check_init__(self) -> None:
+        for name, low in (("n_drones", 2), ("horizon", 1), ("n_neighbors", 0)):
+            if getattr(self, name) < low:
+                raise ValueError(f"`{name}` must be at least {low}, got {getattr(self, name)}.")
+
+    @abc.abstractmethod
+    def reset(self, key: PRNGKeyArray) -> tuple[Float[Array, "drones 3"], Any]:
+        """Spawn positions on the ground [m] and the goal of a new episode."""
+
+    @abc.abstractmethod
+    def target(self, state: TaskState) -> Target:
+        """Where each drone should be now."""
+
+    @abc.abstractmethod
+    def task_reward(
+        self, distance: Float[Array, " drones"], vel_error: Float[Array, " drones"]
+    ) -> Float[Array, " drones"]:
+        """Reward of one step, per drone, from |offset| [m] and |v* - v| [m/s]."""
+
+    def observe(self, state: TaskState) -> Float[Array, "drones obs"]:
+        """What each drone sees; the layout stands at the top of this module."""
+        flight, target = state.flight, self.target(state)
+        parts = [target.offset, target.vel - flight.vel, flight.vel]
+        if self.observe_attitude:
+            parts.append(quat_to_rpy(flight.quat)[:, :2])
+        return jnp.concatenate([*parts, self._neighbors(flight)], axis=-1)
+
+    @property
+    def obs_size(self) -> int:
+        """Length of one drone's observation."""
+        return 9 + 2 * self.observe_attitude + 6 * self.n_neighbors
+
+    def error(self, state: TaskState) -> Float[Array, " drones"]:
+        """Distance of each drone to where it should be [m]."""
+        return norm(self.target(state).offset)
+
+    def rewards(
+        self, state: TaskState
+    ) -> tuple[Float[Array, " drones"], Float[Array, " drones"]]:
+        """Reward of one step, per drone: as reported (exact), and as trained on (smooth)."""
+        target = self.target(state)
+        vel_error = norm(target.vel - state.flight.vel)
+        reward = self.task_reward(norm(target.offset), vel_error)
+        distance = contact.distances(state.flight.pos)
+        return reward - contact.penalty(distance), reward - contact.soft_penalty(distance)
+
+    def _neighbors(self, flight: Flight) -> Float[Array, "drones features"]:
+        n, k = self.n_drones, min(self.n_neighbors, self.n_drones - 1)
+        offset = flight.pos[None] - flight.pos[:, None]
+        squared = jnp.sum(offset**2, axis=-1)
+        far = jnp.where(jnp.eye(n, dtype=bool), jnp.inf, jax.lax.stop_gradient(squared))
+        _, index = jax.lax.top_k(-far, k)
+        rows = jnp.arange(n)[:, None]
+        relative = jnp.concatenate([offset, flight.vel[None] - flight.vel[:, None]], axis=-1)
+        seen = relative[rows, index] / (0.25 + squared[rows, index])[..., None]
+        return jnp.pad(seen.reshape(n, 6 * k), ((0, 0), (0, 6 * (self.n_neighbors - k))))
+
+
+def norm(x: Float[Array, "*n axes"]) -> Float[Array, "*n"]:
+    """Euclidean norm over the last axis, with a defined gradient at zero."""
+    return jnp.sqrt(jnp.sum(x**2, axis=-1) + 1e-6)
+
+
+def spawn_grid(n_drones: int, key: PRNGKeyArray) -> Float[Array, "drones 3"]:
+    """Points of a jittered square grid on the ground, centred on the origin [m, world]."""
+    side = -(-n_drones // max(1, round(n_drones**0.5)))
+    index = jnp.arange(n_drones)
+    rows = -(-n_drones // side)
+    x = (index % side) - 0.5 * (side - 1)
+    y = (index // side) - 0.5 * (rows - 1)
+    xy = SPAWN_SPACING * jnp.stack([x, y], axis=-1)
+    xy = xy + jax.random.uniform(key, (n_drones, 2), minval=-SPAWN_JITTER, maxval=SPAWN_JITTER)
+    return jnp.concatenate([xy, jnp.zeros((n_drones, 1))], axis=-1)
+
+
+def ring_radius(n_drones: int, spacing: float, smallest: float) -> float:
+    """Radius of a ring on which `n_drones` stand `spacing` [m] apart, at least `smallest`."""
+    return max(smallest, spacing * n_drones / (2.0 * jnp.pi))
+
+
+def ring_offset(
+    pos: Float[Array, "drones 3"], center: Float[Array, " 3"], radius: float
+) -> Float[Array, "drones 3"]:
+    """Vector from each drone to the nearest point of a horizontal ring [m]."""
+    relative = pos - center
+    rho = norm(relative[:, :2])[:, None]
+    return jnp.concatenate([(radius / rho - 1.0) * relative[:, :2], -relative[:, 2:]], axis=-1)
