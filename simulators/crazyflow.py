@@ -49,6 +49,7 @@ from simulators.vehicle import CONTROL_DT, VEHICLES, ActionSpace, Vehicle, Vehic
 
 # MuJoCo prints a line for each optional backend that is not installed.
 with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+    import mujoco
     from crazyflow.control import Control
     from crazyflow.dynamics import Dynamics
     from crazyflow.sim import Sim
@@ -166,7 +167,7 @@ class Crazyflow(AbstractSimulator):
 
     def flight(self, state: CrazyflowState) -> Flight:
         curve = _template(self.spec.name, self.freq).data.params.rpm2thrust
-        return Flight(
+        flight = Flight(
             t=state.steps / self.freq,
             pos=state.pos,
             vel=state.vel,
@@ -174,6 +175,12 @@ class Crazyflow(AbstractSimulator):
             ang_vel=state.ang_vel,
             thrust=_thrust(curve, state.rotor_vel),
         )
+        if not chain.has(self.effects, PlantEffect):
+            return flight
+        _, vehicle = chain.plant(
+            self.effects, state.memory, flight, self._vehicle(), 1.0 / self.freq
+        )
+        return eqx.tree_at(lambda f: f.thrust, flight, vehicle.thrust_gain * flight.thrust)
 
     def _vehicle(self) -> Vehicle:
         return self.spec.vehicle(drag=True)
@@ -255,9 +262,17 @@ class _Template(eqx.Module):
     pipeline: Any
 
 
-@functools.cache
 def _template(drone: str, freq: int) -> _Template:
     """crazyflow's constants and pipeline for one drone; states are put in by `_pack`."""
+    return _templates(drone, freq, jax.dtypes.canonicalize_dtype(float).name)
+
+
+@functools.cache
+def _templates(drone: str, freq: int, dtype: str) -> _Template:
+    # MuJoCo warns of an empty prefix in every scene of crazyflow, to Python and, without a handler
+    # of its own, to a file in the working directory.
+    handler = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
     with jax.ensure_compile_time_eval(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Attaching a spec with an empty prefix")
         sim = Sim(
@@ -271,9 +286,10 @@ def _template(drone: str, freq: int) -> _Template:
             force_torque_freq=freq,
             device=jax.default_backend(),
         )
+        mujoco.set_mju_user_warning(handler)
         # Arrays of crazyflow are float32 even in x64, and its gains are placed on one device.
         data = jax.tree.map(
-            lambda x: jnp.asarray(x, float) if jnp.issubdtype(x.dtype, jnp.floating) else x,
+            lambda x: jnp.asarray(x, dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
             sim.data,
         )
         return _Template(data=data, pipeline=sim.step_pipeline.copy())
@@ -283,11 +299,13 @@ def _pack(data: SimData, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -
     """crazyflow's data for one world in the given state, `cmd` staged for the controller."""
     zeros = jnp.zeros_like(state.pos)[None]
     idle = jnp.zeros((1, len(state.pos), 4), state.pos.dtype)
+    # crazyflow's rotation by a vector has no derivative where the vector is exactly zero.
+    ang_vel = state.ang_vel + jnp.where(state.ang_vel == 0.0, 1e-12, 0.0)
     states = data.states.replace(
         pos=state.pos[None],
         quat=state.quat[None],
         vel=state.vel[None],
-        ang_vel=state.ang_vel[None],
+        ang_vel=ang_vel[None],
         rotor_vel=state.rotor_vel[None],
         force=zeros,
         torque=zeros,
@@ -308,7 +326,10 @@ def _pack(data: SimData, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -
     )
     core = data.core.replace(steps=state.steps[None, None], n_drones=len(state.pos))
     plugins = {"effects": (state.memory, None)}
-    return data.replace(states=states, controls=controls, core=core, plugins=plugins)
+    params = data.params.replace(mass=_opaque(data.params.mass))
+    return data.replace(
+        states=states, controls=controls, core=core, params=params, plugins=plugins
+    )
 
 
 def _unpack(data: SimData, steps: Int[Array, ""]) -> CrazyflowState:
@@ -330,13 +351,22 @@ def _scaled_params(data: SimData, vehicle: Vehicle) -> Any:
     """crazyflow's dynamics parameters of a vehicle; the controller's are not touched."""
     params = data.params
     return params.replace(
-        mass=jnp.broadcast_to(vehicle.mass, params.mass.shape),
+        mass=_opaque(jnp.broadcast_to(vehicle.mass, params.mass.shape)),
         J=vehicle.inertia,
         J_inv=jnp.linalg.inv(vehicle.inertia),
         drag_matrix=-jnp.diag(vehicle.drag),
         rpm2thrust=params.rpm2thrust * vehicle.thrust_gain,
         rotor_dyn_coef=params.rotor_dyn_coef / vehicle.motor_lag_scale,
     )
+
+
+def _opaque(mass: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """`mass`, hidden from the compiler.
+
+    It divides by a constant as x * (1 / mass), which rounds otherwise than a division by the mass
+    that an effect computes, so that a neutral effect would not be exactly nominal.
+    """
+    return jax.lax.optimization_barrier(mass)
 
 
 def _thrust(

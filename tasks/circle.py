@@ -1,12 +1,12 @@
 r"""Circle: orbit a vertical axis at a fixed radius, height and tangential speed.
 
-With rho the distance from the axis and t the horizontal unit tangent (anticlockwise):
+With n the horizontal unit vector away from the axis and t the unit tangent (anticlockwise):
 
-    offset = nearest point of the ring (R, z_0) - p,   v* = v_t t
+    offset = nearest point of the ring (R, z_0) - p,   v* = v_t t,   a* = -v_t^2 / R n
     reward = -|offset| - w |v* - v|
 
 From the paper: target tangential velocity, fixed radius, specified altitude. Chosen here:
-R = max(1 m, spacing 0.7 m), z_0 = 1 m, v_t = 1 m/s, w = 0.5. The task is singular on the axis, so
+R = max(1 m, spacing 0.8 m), z_0 = 1 m, v_t = 1 m/s, w = 0.5. The task is singular on the axis, so
 drones spawn on a ring of radius R, randomly rotated and jittered, in order.
 """
 
@@ -22,7 +22,7 @@ from tasks.contract import (
     AbstractTask,
     Target,
     TaskState,
-    norm,
+    direction,
     ring_offset,
     ring_radius,
 )
@@ -52,7 +52,7 @@ class Circle(AbstractTask):
     @property
     def radius(self) -> float:
         """Radius of the orbit [m]."""
-        return ring_radius(self.n_drones, spacing=0.7, smallest=1.0)
+        return ring_radius(self.n_drones, spacing=0.8, smallest=1.0)
 
     def reset(self, key: PRNGKeyArray) -> tuple[Float[Array, "drones 3"], None]:
         turn_key, jitter_key = jax.random.split(key)
@@ -67,9 +67,15 @@ class Circle(AbstractTask):
     def target(self, state: TaskState) -> Target:
         pos = state.flight.pos
         center = jnp.asarray([0.0, 0.0, self.altitude])
-        out = pos[:, :2] / norm(pos[:, :2])[:, None]
-        tangent = jnp.stack([-out[:, 1], out[:, 0], jnp.zeros_like(out[:, 0])], axis=-1)
-        return Target(offset=ring_offset(pos, center, self.radius), vel=self.speed * tangent)
+        out = direction(pos[:, :2])
+        flat = jnp.zeros_like(out[:, 0])
+        tangent = jnp.stack([-out[:, 1], out[:, 0], flat], axis=-1)
+        inward = jnp.stack([-out[:, 0], -out[:, 1], flat], axis=-1)
+        return Target(
+            offset=ring_offset(pos, center, self.radius),
+            vel=self.speed * tangent,
+            acc=self.speed**2 / self.radius * inward,
+        )
 
     def task_reward(
         self, distance: Float[Array, " drones"], vel_error: Float[Array, " drones"]

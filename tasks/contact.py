@@ -6,11 +6,11 @@ edge of contact, per agent: a sustained contact counts once, k agents colliding 
 as k (paper, Sec. V).
 
 The reported reward pays `PENALTY` per step for every other agent in contact. Its training
-surrogate is once differentiable, reaches out to 0.6 m and has a bounded slope:
+surrogate is once differentiable, reaches out to 0.5 m and has a bounded slope:
 
-    s(d) = 0                                   d >= 0.6 m
-         = PENALTY (0.6 - d)^2 / (2 0.3^2)     0.3 <= d < 0.6 m
-         = PENALTY (0.5 + (0.3 - d) / 0.3)     d < 0.3 m
+    s(d) = 0                                   d >= 0.5 m
+         = PENALTY (0.5 - d)^2 / (2 0.2^2)     0.3 <= d < 0.5 m
+         = PENALTY (0.5 + (0.3 - d) / 0.2)     d < 0.3 m
 
 The paper states neither the penalty nor its gradient; both are choices of this project. Contact
 with the floor is a crash but not part of the penalty: "per-collision penalty [...] prevents
@@ -28,7 +28,7 @@ GRACE = 0.5
 """Time after a reset in which contact with the floor does not count [s]; paper, Sec. V."""
 PENALTY = 1.0
 """Penalty per step and agent in contact, in units of reward; a choice, see above."""
-_MARGIN = 0.3
+_MARGIN = 0.2
 
 
 def distances(pos: Float[Array, "drones 3"]) -> Float[Array, "drones drones"]:

@@ -1,9 +1,11 @@
 r"""What a task is: where a team starts, what each drone sees, and what it is paid for.
 
-Every task states, for each drone, the vector to the point where it should be and the velocity it
-should have there (`target`). Observation, reward and metric are functions of these two:
+Every task states, for each drone, the vector to the point where it should be and the velocity and
+acceleration it should have there (`target`). Observation, reward and metric are functions of
+these; without the acceleration a moving target cannot be followed without lag, because the
+velocity alone does not tell where along its path the target is:
 
-    observation = [offset, v* - v, v, (roll, pitch), neighbours]
+    observation = [offset, v* - v, v, a*, (roll, pitch), neighbours]
     reward      = task_reward(offset, v* - v)  -  collision penalty  (`tasks/contact.py`)
     metric      = |offset|  [m]
 
@@ -31,6 +33,12 @@ SPAWN_JITTER = 0.1
 """Largest random offset of a spawn point along x and y [m]; a choice."""
 
 
+CORE = 0.3
+"""Radius within which a direction is shortened towards zero [m]: near a centre or an axis the
+nearest point of a ring or sphere jumps with the slightest motion, and 500 steps of
+back-propagation turn such jumps into gradients of 1e4 and more."""
+
+
 class TaskState(eqx.Module):
     """What a controller may know: the flight, the episode's goal, the step."""
 
@@ -49,6 +57,8 @@ class Target(eqx.Module):
     """From the drone to the nearest point that satisfies the task [m]."""
     vel: Float[Array, "drones 3"]
     """Velocity that satisfies the task [m/s]."""
+    acc: Float[Array, "drones 3"]
+    """Acceleration of a drone that keeps satisfying it [m/s^2]."""
 
 
 class AbstractTask(eqx.Module):
@@ -89,7 +99,7 @@ class AbstractTask(eqx.Module):
     def observe(self, state: TaskState) -> Float[Array, "drones obs"]:
         """What each drone sees; the layout stands at the top of this module."""
         flight, target = state.flight, self.target(state)
-        parts = [target.offset, target.vel - flight.vel, flight.vel]
+        parts = [target.offset, target.vel - flight.vel, flight.vel, target.acc]
         if self.observe_attitude:
             parts.append(quat_to_rpy(flight.quat)[:, :2])
         return jnp.concatenate([*parts, self._neighbors(flight)], axis=-1)
@@ -97,7 +107,7 @@ class AbstractTask(eqx.Module):
     @property
     def obs_size(self) -> int:
         """Length of one drone's observation."""
-        return 9 + 2 * self.observe_attitude + 6 * self.n_neighbors
+        return 12 + 2 * self.observe_attitude + 6 * self.n_neighbors
 
     def error(self, state: TaskState) -> Float[Array, " drones"]:
         """Distance of each drone to where it should be [m]."""
@@ -147,10 +157,15 @@ def ring_radius(n_drones: int, spacing: float, smallest: float) -> float:
     return max(smallest, spacing * n_drones / (2.0 * jnp.pi))
 
 
+def direction(vector: Float[Array, "*n axes"]) -> Float[Array, "*n axes"]:
+    """Unit vector; shorter than 1 within `CORE` of the origin, where a unit vector would jump."""
+    return vector / jnp.maximum(norm(vector), CORE)[..., None]
+
+
 def ring_offset(
     pos: Float[Array, "drones 3"], center: Float[Array, " 3"], radius: float
 ) -> Float[Array, "drones 3"]:
     """Vector from each drone to the nearest point of a horizontal ring [m]."""
     relative = pos - center
-    rho = norm(relative[:, :2])[:, None]
-    return jnp.concatenate([(radius / rho - 1.0) * relative[:, :2], -relative[:, 2:]], axis=-1)
+    out = radius * direction(relative[:, :2]) - relative[:, :2]
+    return jnp.concatenate([out, -relative[:, 2:]], axis=-1)

@@ -3,12 +3,12 @@ r"""Figure8: the whole team accompanies one target that moves along a lemniscate
 With phase s = 2 pi t / P + s_0, s_0 ~ U(0, 2 pi):
 
     q(t)   = [A sin(s), (A / 2) sin(2 s), z_0]                           (Gerono's lemniscate)
-    offset = nearest point of the horizontal ring of radius r_N around q - p,   v* = dq/dt
+    offset = nearest point of the horizontal ring of radius r_N around q - p,   v* = dq/dt,   a* = d2q/dt2
     reward = -|offset| - w |v* - v|
 
 From the paper: one moving target for all, a lemniscate, collisions kept off by the penalty. N
 drones cannot be at one point, and the paper's reward hardly depends on N; so the team is asked to
-be on a ring around the target that has room for it: r_N = max(0.5 m, spacing 0.7 m). Which place
+be on a ring around the target that has room for it: r_N = max(0.5 m, spacing 0.8 m). Which place
 on the ring is nobody's. Chosen too: A = 1.5 m, P = 8 s, z_0 = 1 m, w = 0.5; spawn on a grid.
 """
 
@@ -56,7 +56,7 @@ class Figure8(AbstractTask):
     @property
     def radius(self) -> float:
         """Radius of the ring around the target [m]."""
-        return ring_radius(self.n_drones, spacing=0.7, smallest=0.5)
+        return ring_radius(self.n_drones, spacing=0.8, smallest=0.5)
 
     def reset(self, key: PRNGKeyArray) -> tuple[Float[Array, "drones 3"], Float[Array, ""]]:
         spawn_key, phase_key = jax.random.split(key)
@@ -69,9 +69,12 @@ class Figure8(AbstractTask):
         a = self.amplitude
         center = jnp.stack([a * jnp.sin(s), 0.5 * a * jnp.sin(2.0 * s), s * 0 + self.altitude])
         vel = rate * a * jnp.stack([jnp.cos(s), jnp.cos(2.0 * s), s * 0])
+        acc = -(rate**2) * a * jnp.stack([jnp.sin(s), 2.0 * jnp.sin(2.0 * s), s * 0])
         pos = state.flight.pos
         return Target(
-            offset=ring_offset(pos, center, self.radius), vel=jnp.broadcast_to(vel, pos.shape)
+            offset=ring_offset(pos, center, self.radius),
+            vel=jnp.broadcast_to(vel, pos.shape),
+            acc=jnp.broadcast_to(acc, pos.shape),
         )
 
     def task_reward(

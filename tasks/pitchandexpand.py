@@ -4,7 +4,7 @@ With s = 2 pi t / P + s_0, s_0 ~ U(0, 2 pi), rho the distance from the centre, u
 away from it:
 
     r(t)   = r_N + A sin(s)
-    offset = (r - rho) u,   v* = dr/dt u
+    offset = (r - rho) u,   v* = dr/dt u,   a* = d2r/dt2 u
     reward = -|r - rho| + w (exp(-|v - v*|) - 1)
 
 From the paper: a spherical shell around a static origin, sinusoidal radius, the bounded velocity
@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from simulators.vehicle import CONTROL_DT
-from tasks.contract import AbstractTask, Target, TaskState, norm, spawn_grid
+from tasks.contract import AbstractTask, Target, TaskState, direction, spawn_grid
 
 
 class PitchAndExpand(AbstractTask):
@@ -61,11 +61,12 @@ class PitchAndExpand(AbstractTask):
         s = rate * CONTROL_DT * state.step + state.goal
         height = self.radius + self.amplitude + self.clearance
         relative = state.flight.pos - jnp.asarray([0.0, 0.0, height])
-        rho = norm(relative)[:, None]
-        away = relative / rho
+        away = direction(relative)
         radius = self.radius + self.amplitude * jnp.sin(s)
         return Target(
-            offset=(radius - rho) * away, vel=self.amplitude * rate * jnp.cos(s) * away
+            offset=radius * away - relative,
+            vel=self.amplitude * rate * jnp.cos(s) * away,
+            acc=-self.amplitude * rate**2 * jnp.sin(s) * away,
         )
 
     def task_reward(

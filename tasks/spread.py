@@ -1,11 +1,11 @@
 r"""Spread: each drone takes its own landmark on a randomly rotated formation circle.
 
     landmark_i = [R cos(2 pi i / N + phi), R sin(2 pi i / N + phi), z_0],  phi ~ U(0, 2 pi)
-    v*         = 0
+    v* = a*    = 0
     reward_i   = -d_i + w (1/N) sum_j (exp(-d_j^2 / (2 s^2)) - 1),  d = distance to the landmark
 
 From the paper: unique landmarks, random rotation per episode, reward for proximity and for full
-formation coverage as a team. Chosen here: R = max(1 m, spacing 0.7 m), z_0 = 1 m, w = 0.5,
+formation coverage as a team. Chosen here: R = max(1 m, spacing 0.8 m), z_0 = 1 m, w = 0.5,
 s = 0.3 m; spawn on a grid.
 """
 
@@ -43,7 +43,7 @@ class Spread(AbstractTask):
     @property
     def radius(self) -> float:
         """Radius of the formation circle [m]."""
-        return ring_radius(self.n_drones, spacing=0.7, smallest=1.0)
+        return ring_radius(self.n_drones, spacing=0.8, smallest=1.0)
 
     def reset(
         self, key: PRNGKeyArray
@@ -57,7 +57,8 @@ class Spread(AbstractTask):
 
     def target(self, state: TaskState) -> Target:
         pos = state.flight.pos
-        return Target(offset=state.goal - pos, vel=jnp.zeros_like(pos))
+        rest = jnp.zeros_like(pos)
+        return Target(offset=state.goal - pos, vel=rest, acc=rest)
 
     def task_reward(
         self, distance: Float[Array, " drones"], vel_error: Float[Array, " drones"]

@@ -1,7 +1,8 @@
 """Transport delay of the command: u_eff(t) = u(t - d), linear between integration steps.
 
-A buffer of fixed length holds the last commands; the delayed one is interpolated between the two
-entries around d / dt, so the output is differentiable in d everywhere but at whole steps.
+A buffer of fixed length holds the last commands and their ages; the delayed one is interpolated
+between the two entries around the age d, so the output is differentiable in d everywhere but at
+whole steps. Commands that follow each other faster than the buffer's step share its newest entry.
 """
 
 from typing import ClassVar
@@ -15,6 +16,8 @@ from simulators.flight import Flight
 
 LONGEST = 0.1
 """Longest delay that the buffer holds [s]."""
+
+Memory = tuple[Float[Array, "steps drones 4"], Float[Array, " steps"], Float[Array, ""]]
 
 
 class Delay(CommandEffect):
@@ -33,21 +36,21 @@ class Delay(CommandEffect):
     order: ClassVar[int] = 9
     version: ClassVar[str] = "1"
 
-    def init(self, n_drones: int, dt: float) -> tuple[Float[Array, "steps drones 4"], Array]:
-        """Past commands, newest first, and whether the buffer holds a first command yet."""
-        return jnp.zeros((round(LONGEST / dt) + 2, n_drones, 4)), jnp.asarray(0.0)
+    def init(self, n_drones: int, dt: float) -> Memory:
+        """Past commands, newest first, their ages [s], and whether there was a command yet."""
+        length = round(LONGEST / dt) + 2
+        age = jnp.arange(length) * (LONGEST / (length - 2))
+        return jnp.zeros((length, n_drones, 4)), age, jnp.asarray(0.0)
 
     def command(
-        self,
-        memory: tuple[Float[Array, "steps drones 4"], Array],
-        flight: Flight,
-        cmd: Float[Array, "drones 4"],
-        dt: float,
-    ) -> tuple[tuple[Float[Array, "steps drones 4"], Array], Float[Array, "drones 4"]]:
-        past, started = memory
-        past = jnp.where(started > 0, jnp.roll(past, 1, axis=0).at[0].set(cmd), cmd)
-        lag = self.seconds / dt
-        whole = jnp.clip(jnp.floor(lag).astype(int), 0, past.shape[0] - 2)
-        part = lag - whole
-        delayed = past[whole] * (1.0 - part) + past[whole + 1] * part
-        return (past, jnp.ones_like(started)), delayed
+        self, memory: Memory, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
+    ) -> tuple[Memory, Float[Array, "drones 4"]]:
+        past, age, started = memory
+        past, age = jnp.where(started > 0, past, cmd), age + dt
+        early = age[1] < 1.001 * LONGEST / (len(age) - 2)
+        past = jnp.concatenate([cmd[None], jnp.where(early, past[1:], past[:-1])])
+        age = jnp.concatenate([jnp.zeros(1), jnp.where(early, age[1:], age[:-1])])
+        older = jnp.clip(jnp.searchsorted(age, self.seconds, side="right"), 1, len(age) - 1)
+        part = (self.seconds - age[older - 1]) / (age[older] - age[older - 1])
+        delayed = past[older - 1] * (1.0 - part) + past[older] * part
+        return (past, age, jnp.ones_like(started)), delayed

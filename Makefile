@@ -1,0 +1,58 @@
+# Everything is installed into .venv; `make` alone says what there is to make.
+
+JOBS ?= 2
+BIN := .venv/bin
+READY := .venv/.ready
+
+# As in tests/conftest.py: one thread per process, so that processes and not threads share the cores.
+export TF_CPP_MIN_LOG_LEVEL ?= 3
+export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
+
+.PHONY: help run test lint bench clean
+
+help:
+	@echo "make run    install, then train and compare everything in the quick suite"
+	@echo "make test   install, then run the tests in JOBS=$(JOBS) processes"
+	@echo "make lint   install, then check style, types and layers"
+	@echo "make bench  install, then measure the speed of what is slow"
+	@echo "make clean  remove .venv, caches and the results of the quick suite"
+
+run: $(READY)
+	@echo "Running the quick suite: tables go to results/quick, documents to reports/quick."
+	@$(BIN)/bench run
+
+test: $(READY)
+	@echo "Running the tests in $(JOBS) processes."
+	@$(BIN)/python -m pytest -n $(JOBS) -p no:benchmark
+
+lint: $(READY)
+	@echo "Checking style, types and layers."
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/pyright
+	@$(BIN)/lint-imports
+
+bench: $(READY)
+	@echo "Measuring speed, one benchmark after another."
+	@$(BIN)/python -m pytest benchmarks --benchmark-only
+
+clean:
+	@echo "Removing .venv, caches and the results of the quick suite."
+	@rm -rf .venv *.egg-info .pytest_cache .ruff_cache .hypothesis .benchmarks .import_linter_cache
+	@rm -rf results/quick reports/quick
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Python 3.11, or else a newer python3; a python3.11 that is there but does not start is passed over.
+.venv/bin/python:
+	@echo "Creating a virtual environment in .venv."
+	@for python in python3.11 python3; do \
+		if $$python -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2> /dev/null; then \
+			exec $$python -m venv .venv; \
+		fi; \
+	done; \
+	echo "Python 3.11 or newer is needed, and neither python3.11 nor python3 is one." >&2; exit 1
+
+$(READY): pyproject.toml constraints.txt | .venv/bin/python
+	@echo "Installing fidelity-bench and what it needs into .venv (minutes the first time)."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $(READY)

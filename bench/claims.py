@@ -1,0 +1,85 @@
+"""The page that puts the paper's claims beside ours, as Markdown and as HTML."""
+
+from pathlib import Path
+
+from bench import markdown
+from bench.comparison import interval, summary, verdict
+from bench.leaderboard import number
+from bench.paper_claims import Claim, claims
+from bench.report import write_page
+from bench.statistics import difference, estimate, seed_values
+from bench.tables import Tables
+
+__all__ = ["Claim", "claims", "variants", "write_claims"]
+
+
+def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> None:
+    """Writes claims and variants as Markdown, and as HTML beside it.
+
+    Args:
+        tables: What the sweep found.
+        path_md: Where to write; the HTML gets the suffix `.html`.
+        notes: A Markdown file to append, e.g. why a claim fails.
+    """
+    path = Path(path_md)
+    text = "\n\n".join(_document(tables, notes)) + "\n"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    write_page(text, path.with_suffix(".html"), "The paper's claims beside ours")
+
+
+def _document(tables: Tables, notes: Path | None) -> list[str]:
+    found = claims(tables)
+    word = {True: "holds", False: "**does not hold**", None: "not tested"}
+    overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in found]
+    parts = [
+        "# The paper's claims beside ours",
+        'Claims of Mednikov and Gal, "Calibrate Once, Fly Any Team" (arXiv 2609.17265). '
+        "Hybrid is the one with the MLP ensemble unless said otherwise. Every number is computed "
+        "from the tables of the sweep: means over training seeds, default settings, deployed in "
+        "the undisturbed high-fidelity simulator; ± is one standard deviation over seeds; "
+        '"significant" means that the 95 % t-interval of the difference (paired by seed where the '
+        "seeds match, else Welch's) excludes 0. Crashes are onsets of contact, and contacts are "
+        "flags in this simulator: drones never push each other.",
+        _ended(tables),
+        markdown.table(("claim", "paper", "ours", "verdict"), overview, range(4)),
+    ]
+    for i, claim in enumerate(found, 1):
+        parts += [f"## {i}. {claim.title}", f"Paper: {claim.paper}. Ours: {claim.ours}."]
+        parts += [f"Counts as holding if {claim.rule}. Verdict: {word[claim.holds]}."]
+        if claim.lines:
+            parts.append(markdown.table(claim.headings, claim.lines))
+    headings, lines = variants(tables)
+    parts += ["## Settings that differ from the default"]
+    parts += [markdown.table(headings, lines, (0, 1)) if lines else "None was run."]
+    if notes is not None:
+        parts.append(Path(notes).read_text(encoding="utf-8").strip())
+    return parts
+
+
+def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Headings and lines of the table of non-default settings beside the default, by cell."""
+    headings = ("cell", "method", "default", "variant", "difference", "95 % t-interval", "verdict")
+    lines = []
+    for cell, found in seed_values(tables.results, "reward").items():
+        for entry in sorted(entry for entry in found if entry.variant):
+            base = found.get(entry._replace(variant=""), {})
+            apart = difference(found[entry], base)
+            lines.append(
+                (
+                    markdown.escape(cell.label),
+                    markdown.escape(entry.label),
+                    summary(estimate(base.values())),
+                    summary(estimate(found[entry].values())),
+                    number(apart.mean, 1),
+                    interval(apart),
+                    verdict(apart, "better", "worse"),
+                )
+            )
+    return headings, lines
+
+
+def _ended(tables: Tables) -> str:
+    counts = tables.runs["status"].value_counts().sort_index()
+    ended = ", ".join(f"{n} {status}" for status, n in counts.items())
+    return f"{len(tables.runs)} runs{f': {ended}' if ended else ''}."

@@ -1,0 +1,171 @@
+"""The command line: `bench run`, `bench list`, `bench leaderboard`, `bench report`.
+
+Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
+"""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import cyclopts
+
+from bench.errors import UsageError
+from simulators.registry import BrokenPluginError, UnknownPluginError
+
+USAGE_ERRORS = (UsageError, UnknownPluginError, BrokenPluginError)
+"""What ends a command with exit status 2 and one line on stderr."""
+
+app = cyclopts.App(
+    name="bench",
+    help="How should drone-swarm policies be trained across simulator fidelities?",
+    version_flags=[],
+)
+
+Repeatable = cyclopts.Parameter(negative=())
+
+
+@app.command
+def run(
+    suite: str = "quick",
+    /,
+    *,
+    task: Annotated[list[str] | None, Repeatable] = None,
+    team_size: Annotated[list[int] | None, Repeatable] = None,
+    method: Annotated[list[str] | None, Repeatable] = None,
+    residual: Annotated[list[str] | None, Repeatable] = None,
+    seeds: int | None = None,
+    out: Path | None = None,
+    jobs: int | None = None,
+) -> int:
+    """Train and evaluate what a suite asks for, then write tables, leaderboard and report.
+
+    Runs that are finished already are not repeated, so running again is resuming. Parents that a
+    method starts from are run too. Filters may be repeated, and need not be in the suite.
+
+    Parameters
+    ----------
+    suite
+        Name of a built-in suite (`bench list` shows them) or path of a TOML file.
+    task
+        Only this task.
+    team_size
+        Only this number of drones.
+    method
+        Only this method.
+    residual
+        Only methods with this residual, and those that --method names and that take none.
+    seeds
+        Run seeds 0 to SEEDS - 1.
+    out
+        Folder for everything; without it, tables go to results/SUITE, documents to reports/SUITE.
+    jobs
+        Number of worker processes; without it, one per core.
+    """
+    from bench.suite import load_suite
+
+    chosen = load_suite(suite).select(
+        task or (), team_size or (), method or (), residual or (), seeds
+    )
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+    tables_dir = out or Path("results") / chosen.name
+    documents_dir = out or Path("reports") / chosen.name
+    _check_folders(tables_dir, documents_dir)
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # leave it to the workers
+    from bench.plan import expand
+    from bench.sweep import sweep
+
+    return sweep(expand(chosen), tables_dir, documents_dir, jobs)
+
+
+@app.command(name="list")
+def list_() -> int:
+    """Show plug-ins with the package that each comes from, and the built-in suites."""
+    from rich.console import Console
+
+    from bench.listing import show_plugins, show_suites
+
+    console = Console()
+    show_plugins(console)
+    show_suites(console)
+    return 0
+
+
+@app.command
+def leaderboard(directory: Path, /, *, out: Path | None = None) -> int:
+    """Rebuild leaderboard.md from the tables in a folder, and show it.
+
+    Parameters
+    ----------
+    directory
+        Folder with results.parquet and its companions, such as results/quick.
+    out
+        Folder to write to; without it, reports/NAME for results/NAME, else DIRECTORY.
+    """
+    from rich.console import Console
+
+    from bench.sweep import rebuild_leaderboard
+    from bench.tables import Tables
+
+    rebuild_leaderboard(Tables.load(directory), out or documents_of(directory), Console())
+    return 0
+
+
+@app.command
+def report(directory: Path, /, *, out: Path | None = None) -> int:
+    """Rebuild report.html from the tables in a folder.
+
+    Parameters
+    ----------
+    directory
+        Folder with results.parquet and its companions, such as results/quick.
+    out
+        Folder to write to; without it, reports/NAME for results/NAME, else DIRECTORY.
+    """
+    from rich.console import Console
+
+    from bench.sweep import rebuild_report
+    from bench.tables import Tables
+
+    rebuild_report(Tables.load(directory), out or documents_of(directory), Console())
+    return 0
+
+
+def _check_folders(*directories: Path) -> None:
+    for directory in directories:
+        if directory.exists() and not directory.is_dir():
+            raise UsageError(f"{directory} is not a folder, so nothing can be written there.")
+
+
+def documents_of(tables_dir: Path) -> Path:
+    """Where the documents of a folder of tables are, as `bench run` lays them out."""
+    place = tables_dir.absolute()
+    if place.parent.name == "results":
+        return Path(os.path.relpath(place.parent.parent / "reports" / place.name))
+    return tables_dir
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit status of the command in `arguments`, by default those of this process.
+
+    0: all is well. 1: a run failed or could not be started. 2: what was asked for makes no sense;
+    one line on stderr says why, nothing was done. 130: interrupted.
+    """
+    try:
+        status = app(
+            sys.argv[1:] if arguments is None else arguments,
+            exit_on_error=False,
+            print_error=False,
+            result_action="return_value",
+        )
+    except (cyclopts.CycloptsError, *USAGE_ERRORS) as error:
+        print(f"bench: {' '.join(str(error).split())}", file=sys.stderr)  # noqa: T201
+        return 2
+    except OSError as error:
+        print(f"bench: {error}", file=sys.stderr)  # noqa: T201
+        return 1
+    except KeyboardInterrupt:
+        print("bench: interrupted.", file=sys.stderr)  # noqa: T201
+        return 130
+    return status or 0

@@ -1,0 +1,267 @@
+"""Expands a suite into runs: what each one is, what it needs, and the key it is stored under.
+
+A run's key is a hash of everything that determines its result: resolved settings of its method,
+task, residual and simulators (defaults included), their declared versions, the keys of its
+parents, and the numerics. Equal keys mean that a stored result can be used again.
+
+A parent, such as the LF baseline that a hot start begins from, is the run with the same task, task
+settings, team size and seed, and that method's default settings. It is planned even if the suite
+does not ask for it.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import inspect
+import sys
+from collections.abc import Mapping
+
+import jax
+import rfc8785
+
+from bench import settings
+from bench.errors import UsageError
+from bench.suite import Row, Suite
+from simulators import registry
+
+NOMINAL = "point_mass"
+"""Name of the low-fidelity simulator."""
+REALITY = "crazyflow"
+"""Name of the high-fidelity simulator, in which every policy is evaluated."""
+PACKAGES = ("fidelity-bench", "jax", "equinox", "optax", "crazyflow", "mujoco")
+"""Installed packages whose versions are recorded with a run; they are not part of its key."""
+
+
+class PlanError(UsageError):
+    """A suite that cannot be planned; the message is one line."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """One policy to train and evaluate."""
+
+    method: str
+    """Registered name."""
+    residual: str
+    """Registered name, empty for methods that take none."""
+    variant: str
+    """What differs from default settings, as canonical text; empty for nothing."""
+    task: str
+    """Registered name."""
+    team_size: int
+    """Number of drones."""
+    seed: int
+    """Seed of training and of the evaluation's initial states."""
+    overrides: Mapping[str, settings.Setting]
+    """Fields of the method that are not as by default."""
+    task_overrides: Mapping[str, settings.Setting]
+    """Fields of the task that are not as by default."""
+    parents: Mapping[str, str]
+    """Folder of each parent's run, by method."""
+    resolved: Mapping[str, settings.Setting]
+    """Everything that determines the result, as JSON; the key is its hash."""
+    sources: Mapping[str, str]
+    """Hash of the source file of each plug-in, to notice changes under an unchanged version."""
+    cost: float
+    """Rough training time, in units of an LF run per drone; orders the work."""
+
+    @property
+    def key(self) -> str:
+        """Hash of `resolved`."""
+        return hashlib.sha256(rfc8785.dumps(dict(self.resolved))).hexdigest()[:16]
+
+    @property
+    def label(self) -> str:
+        """Short text for people, e.g. "hybrid-mlp circle n3 s0"."""
+        method = f"{self.method}-{self.residual}" if self.residual else self.method
+        label = f"{method} {self.task} n{self.team_size} s{self.seed}"
+        return f"{label} ({self.variant})" if self.variant else label
+
+    @functools.cached_property
+    def name(self) -> str:
+        """Name of its folder."""
+        method = f"{self.method}-{self.residual}" if self.residual else self.method
+        return f"{method}-{self.task}-n{self.team_size}-s{self.seed}-{self.key[:10]}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a suite comes to."""
+
+    runs: list[Run]
+    """Every run once, parents before their children."""
+    broken: list[str]
+    """What was left out because a plug-in cannot be imported, one line each."""
+
+
+def expand(suite: Suite) -> Plan:
+    """All runs of a suite, with the parents that they need.
+
+    Raises:
+        PlanError: A row fits no method, or methods need each other.
+        SettingsError: A method or task does not have or accept a setting.
+        UnknownPluginError: A method needs a parent that is not registered.
+    """
+    runs: dict[str, Run] = {}
+    broken: dict[str, None] = {}
+    for row in suite.methods:
+        for task in suite.tasks if row.tasks is None else row.tasks:
+            for team_size in suite.team_sizes if row.team_sizes is None else row.team_sizes:
+                if task not in suite.tasks or team_size not in suite.team_sizes:
+                    continue  # a restricted row keeps within what the command line chose
+                for seed in range(suite.first_seed, suite.first_seed + suite.seeds):
+                    try:
+                        _add(runs, row, task, team_size, seed, ())
+                    except registry.BrokenPluginError as error:
+                        broken[str(error)] = None
+    if not runs:
+        reason = next(iter(broken), "its rows are restricted to other tasks or team sizes.")
+        raise PlanError(f"Suite '{suite.name}' has nothing to run: {reason}")
+    return Plan(list(runs.values()), list(broken))
+
+
+def _add(
+    runs: dict[str, Run], row: Row, task: str, team_size: int, seed: int, children: tuple[str, ...]
+) -> Run:
+    """The run of a row in one cell; it and its parents are put into `runs`."""
+    if row.method in children:
+        circle = " -> ".join((*children[children.index(row.method) :], row.method))
+        raise PlanError(f"These methods need each other as parents: {circle}.")
+    method_class = registry.load("method", row.method)
+    parents = {
+        parent: _add(
+            runs,
+            Row(parent, task_settings=row.task_settings),
+            task,
+            team_size,
+            seed,
+            (*children, row.method),
+        )
+        for parent in method_class.parents
+    }
+    run = _make_run(row, method_class, task, team_size, seed, parents)
+    return runs.setdefault(run.name, run)
+
+
+def _make_run(
+    row: Row,
+    method_class: type,
+    task: str,
+    team_size: int,
+    seed: int,
+    parents: Mapping[str, Run],
+) -> Run:
+    residual = _residual(row, method_class)
+    given = {"residual": residual} if residual else {}
+    where = f"Method '{row.method}'"
+    method = _describe(method_class, row.settings, where, **given)
+    default_method = _describe(method_class, {}, where, **given)
+    task_class, where = registry.load("task", task), f"Task '{task}'"
+    team = {"n_drones": team_size}
+    flown = _describe(task_class, row.task_settings, where, **team)
+    default_task = _describe(task_class, {}, where, **team)
+    plugins = {"method": row.method, "task": task} | ({"residual": residual} if residual else {})
+    found = {f"{kind} {name}": registry.load(kind, name) for kind, name in plugins.items()}
+    found |= {f"simulator {name}": registry.load("simulator", name) for name in (NOMINAL, REALITY)}
+    resolved = {
+        "method": row.method,
+        "residual": residual,
+        "settings": method,
+        "task": task,
+        "task_settings": flown,
+        "seed": seed,
+        "versions": {plugin: _version(plugin, cls) for plugin, cls in found.items()},
+        "defaults": {
+            plugin: _defaults(plugin, cls)
+            for plugin, cls in found.items()
+            if plugin.split()[0] in ("residual", "simulator")
+        },
+        "parents": {name: parent.key for name, parent in parents.items()},
+        "numerics": _numerics(),
+    }
+    return Run(
+        method=row.method,
+        residual=residual,
+        variant=settings.variant((method, default_method), (flown, default_task)),
+        task=task,
+        team_size=team_size,
+        seed=seed,
+        overrides=row.settings,
+        task_overrides=row.task_settings,
+        parents={name: parent.name for name, parent in parents.items()},
+        resolved=resolved,
+        sources={plugin: _source(cls) for plugin, cls in found.items()},
+        cost=_cost(method_class, team_size),
+    )
+
+
+def _describe(
+    cls: type, overrides: Mapping[str, settings.Setting], where: str, **given: settings.Setting
+) -> dict[str, settings.Setting]:
+    """All fields of a plug-in as JSON, with some overridden."""
+    return settings.describe_fields(settings.build(cls, overrides, where, **given), where)
+
+
+def _residual(row: Row, method_class: type) -> str:
+    """Name of the residual that a row trains with, empty if its method takes none."""
+    field = {f.name: f for f in dataclasses.fields(method_class)}.get("residual")
+    if field is None:
+        if row.residual:
+            raise PlanError(f"Method '{row.method}' takes no residual, got '{row.residual}'.")
+        return ""
+    if "residual" in row.settings:
+        raise PlanError(
+            f"Method '{row.method}': give `residual` beside `method`, not among the settings."
+        )
+    if not row.residual and not isinstance(field.default, str):
+        raise PlanError(
+            f"Method '{row.method}' needs a `residual`: {', '.join(registry.names('residual'))}."
+        )
+    return row.residual or str(field.default)
+
+
+def _version(plugin: str, cls: type) -> str:
+    """The version that a plug-in declares."""
+    if not isinstance(version := getattr(cls, "version", None), str):
+        raise PlanError(f"Plug-in '{plugin}' must have a class attribute `version`, a text.")
+    return version
+
+
+@functools.cache
+def _defaults(plugin: str, cls: type) -> dict[str, settings.Setting]:
+    """All fields of a plug-in as JSON."""
+    return _describe(cls, {}, f"Plug-in '{plugin}'")
+
+
+def _numerics() -> dict[str, settings.Setting]:
+    """What of JAX's configuration changes numbers."""
+    return {"x64": bool(jax.config.read("jax_enable_x64")), "backend": jax.default_backend()}
+
+
+@functools.cache
+def _source(cls: type) -> str:
+    """Hash of the source file of a class, empty if there is none."""
+    try:
+        source = inspect.getsource(sys.modules[cls.__module__])
+    except (OSError, TypeError, KeyError):
+        return ""  # a compiled plug-in
+    return hashlib.sha256(source.encode()).hexdigest()[:16]
+
+
+def packages() -> dict[str, str]:
+    """Versions of the installed packages that matter to a result."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue  # run from a folder that is not installed
+    return found
+
+
+def _cost(method_class: type, team_size: int) -> float:
+    """A guess from measured runs: HF training costs most, then what trains on top of a parent."""
+    if method_class.simulator == REALITY and not method_class.parents:
+        return 6.0 * (2 + team_size)
+    return (3.0 if method_class.parents else 1.0) * (2 + team_size)

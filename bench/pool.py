@@ -1,0 +1,127 @@
+"""One worker process: started with single-threaded XLA, given runs one at a time, watched.
+
+Every worker has a pipe of its own, so that the death of one says which run it cost and harms no
+other. Processes are spawned, because JAX does not survive a fork.
+"""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+
+from bench.plan import Run
+from bench.worker import serve
+
+RUNS_PER_PROCESS = 24
+"""Runs after which a process is replaced, so that compiled programs do not pile up in memory."""
+
+
+def environment() -> dict[str, str]:
+    """Environment variables of a worker; JAX's own variables, where set, keep their say."""
+    cache = Path.home() / ".cache" / "fidelity-bench" / "jax"
+    flags = os.environ.get("XLA_FLAGS", "")
+    if "xla_cpu_multi_thread_eigen" not in flags:
+        flags = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()
+    defaults = {
+        "JAX_COMPILATION_CACHE_DIR": str(cache),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+        "XLA_PYTHON_CLIENT_PREALLOCATE": "false",  # several workers may share an accelerator
+        "TF_CPP_MIN_LOG_LEVEL": "3",  # XLA's remarks on cached programs
+        "SCIPY_ARRAY_API": "1",
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+        "MKL_NUM_THREADS": "1",
+    }
+    return {k: os.environ.get(k, v) for k, v in defaults.items()} | {"XLA_FLAGS": flags}
+
+
+class Worker:
+    """A place for one process, which is started when it is first needed."""
+
+    def __init__(self, directory: Path, number: int) -> None:
+        self.directory = directory
+        self.number = number
+        self.run: Run | None = None
+        self._log = directory / "runs" / ".logs" / f"worker-{number}.log"
+        self._process: SpawnProcess | None = None
+        self._given = 0
+
+    def give(self, run: Run) -> None:
+        """Starts a run, in a new process if the old one has died or done enough."""
+        if self._process is not None and (
+            not self._process.is_alive() or self._given >= RUNS_PER_PROCESS
+        ):
+            self.stop()
+        if self._process is None:
+            self._start()
+        self._given += 1
+        self.run = run
+        with contextlib.suppress(OSError):  # a process that just died is noticed by `died`
+            self.connection.send(run)
+
+    def _start(self) -> None:
+        self._log.parent.mkdir(parents=True, exist_ok=True)
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self._process = context.Process(
+            target=serve, args=(theirs, self.directory, self._log), daemon=True
+        )
+        with _patched_environment(environment()), _interrupts_ignored():
+            self._process.start()
+        theirs.close()
+        self._given = 0
+
+    @property
+    def sentinel(self) -> int:
+        """A handle that becomes ready when the process ends."""
+        assert self._process is not None
+        return self._process.sentinel
+
+    def died(self) -> str:
+        """Why the process is gone, empty while it is there."""
+        if self._process is None or self._process.is_alive():
+            return ""
+        code = self._process.exitcode
+        if code is not None and code < 0:
+            name = signal.Signals(-code).name
+            more = " (out of memory?)" if name == "SIGKILL" else ""
+            return f"its worker process was ended by {name}{more}"
+        return f"its worker process ended with exit status {code}; see {self._log}"
+
+    def stop(self) -> None:
+        """Ends the process, whatever it is doing."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+            self._process.close()
+            self.connection.close()
+        self._process, self.run = None, None
+
+
+@contextlib.contextmanager
+def _patched_environment(changes: dict[str, str]) -> Iterator[None]:
+    """Inside, the environment that a spawned process inherits."""
+    before = dict(os.environ)
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+@contextlib.contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Inside, a process that starts ignores Ctrl-C from its first instruction on."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,99 @@
+"""Hybrid: trained in the point mass under a frozen residual, no policy ever flown in HF."""
+
+import time
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from methods.bptt import BPTT
+from methods.calibration import Attitude, Calibration, calibrate, pool_size
+from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.policy import Policy, make_policy
+from methods.residual_effect import ResidualEffect
+from methods.residuals.contract import AbstractResidualModel, Transitions
+from simulators import registry
+from simulators.contract import with_effects
+
+
+class Hybrid(AbstractMethod):
+    """The paper's method: calibrate on isolated drones, fit, freeze, train. Source: Sec. III."""
+
+    residual: str = eqx.field(static=True, default="mlp")
+    """Registered class of residual: `affine`, `sindy`, `mlp` or a plug-in's."""
+    attitude: Attitude = eqx.field(static=True, default="filtered")
+    """Which attitude the residual is fitted on; `methods/calibration.py` explains the two."""
+    flights: int | None = eqx.field(static=True, default=None)
+    """Calibration flights; None: the paper's pool of 60 (N + 1)."""
+    hover_weight: float = eqx.field(static=True, default=4.0)
+    """Extra weight of transitions at rest, in tasks that keep station; a choice."""
+    excitation: float = eqx.field(static=True, default=0.2)
+    """Amplitude of the dither on the calibration flights' actions [-]; 0 is the paper's."""
+    trainer: BPTT = eqx.field(default=BPTT())
+    """How the policy is trained."""
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple[str, ...]] = ("lf_baseline",)
+    simulator: ClassVar[str] = "point_mass"
+
+    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+        start = time.perf_counter()
+        flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
+        task, nominal = setup.task, setup.nominal
+        setup.progress("calibration flights", 0, 1, float("nan"))
+        calibration = calibrate(
+            task,
+            nominal,
+            setup.reality,
+            setup.parents["lf_baseline"].policy,
+            flight_key,
+            n_flights=self.flights or pool_size(task.n_drones),
+            attitude=self.attitude,
+            excitation=self.excitation,
+            hover_weight=self.hover_weight if task.station_keeping else 0.0,
+        )
+        setup.progress("residual fit", 0, 1, float("nan"))
+        model = registry.load("residual", self.residual)().fit(calibration.transitions, fit_key)
+        corrected = with_effects(nominal, [ResidualEffect(model, nominal.spec.mass)])
+        policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
+        training = self.trainer.train(
+            task, corrected, policy, train_key, setup.progress, "hybrid training"
+        )
+        return Trained(
+            policy=training.policy,
+            ledger=Ledger(
+                hf_fleet_seconds=calibration.fleet_seconds,
+                calibration_flights=calibration.flights,
+                calibration_crashes=calibration.crashes,
+                lf_collisions=training.crashes,
+                epochs=training.epochs,
+                skipped_updates=training.skipped,
+                train_seconds=time.perf_counter() - start,
+            ),
+            curves=training.curves,
+            status="diverged" if training.diverged else "ok",
+            residual=model,
+            notes={"training_reward": training.best_reward, **_fit_notes(calibration, model)},
+        )
+
+
+def _fit_notes(calibration: Calibration, model: AbstractResidualModel) -> dict[str, float]:
+    rms, left = _errors(calibration.transitions, model)
+    return {
+        "residual_target_rms": float(rms),
+        "residual_error_rms": float(left),
+        "pos_remainder_rms": calibration.pos_remainder,
+        "tracking_error": calibration.tracking_error,
+        "clipped_share": calibration.clipped_share,
+    }
+
+
+@eqx.filter_jit
+def _errors(
+    transitions: Transitions, model: AbstractResidualModel
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """RMS [m/s^2] of the target, and of what the model leaves of it."""
+    left = transitions.target - model(transitions.features)
+    return tuple(jnp.sqrt(jnp.mean(jnp.sum(x**2, -1))) for x in (transitions.target, left))

@@ -1,0 +1,44 @@
+"""LF baseline: trained in the nominal point mass, deployed as it is."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+from jaxtyping import PRNGKeyArray
+
+from methods.bptt import BPTT
+from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.policy import Policy, make_policy
+
+
+class LFBaseline(AbstractMethod):
+    """No residual, no high-fidelity flight. Source: paper, Sec. IV-C."""
+
+    trainer: BPTT = eqx.field(default=BPTT())
+    """How the policy is trained."""
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple[str, ...]] = ()
+    simulator: ClassVar[str] = "point_mass"
+
+    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+        policy_key, train_key = jax.random.split(key)
+        simulator = setup.nominal
+        policy = init or make_policy(
+            setup.task, simulator.spec, simulator.action_space, policy_key
+        )
+        training = self.trainer.train(
+            setup.task, simulator, policy, train_key, setup.progress, "LF training"
+        )
+        return Trained(
+            policy=training.policy,
+            ledger=Ledger(
+                lf_collisions=training.crashes,
+                epochs=training.epochs,
+                skipped_updates=training.skipped,
+                train_seconds=training.seconds,
+            ),
+            curves=training.curves,
+            status="diverged" if training.diverged else "ok",
+            notes={"training_reward": training.best_reward},
+        )

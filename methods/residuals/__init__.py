@@ -1,0 +1,1 @@
+"""Classes of residual: what is added to the point mass's acceleration."""

@@ -1,0 +1,85 @@
+r"""What a residual is: fitted once to calibration transitions, frozen, bounded.
+
+Features of one drone, in this order (paper, Sec. III-A):
+
+    position (3) [m], velocity (3) [m/s], roll, pitch, yaw [rad], nominal acceleration (3) [m/s^2]
+
+Target: (v' - v) / dt - a_nominal [m/s^2], which added to the nominal step reproduces the observed
+next velocity exactly. Every output passes 35 tanh(y / 35), the paper's bound; every feature is
+standardised and clipped to +-5 standard deviations in fit and use, because a policy in training
+leaves the calibration data.
+"""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+BOUND = 35.0
+"""Largest correction along each axis [m/s^2]; paper, Sec. III-A."""
+CLIP = 5.0
+"""Largest standardised feature [standard deviations]."""
+
+
+class Transitions(eqx.Module):
+    """Calibration data, one row a control step of one drone."""
+
+    features: Float[Array, "samples 12"]
+    """Features, see the top of this module."""
+    target: Float[Array, "samples 3"]
+    """Acceleration that the nominal simulator lacks, world frame [m/s^2]."""
+    weight: Float[Array, " samples"]
+    """Weight of each row in the loss [-]."""
+
+
+class Scale(eqx.Module):
+    """Standardises features."""
+
+    mean: Float[Array, " 12"]
+    """Mean of each feature."""
+    std: Float[Array, " 12"]
+    """Standard deviation of each feature, never zero."""
+
+    def __call__(self, features: Float[Array, "*n 12"]) -> Float[Array, "*n 12"]:
+        """Standardised and clipped features [-]."""
+        return jnp.clip((features - self.mean) / self.std, -CLIP, CLIP)
+
+    def clipped(self, features: Float[Array, "*n 12"]) -> Float[Array, "*n 12"]:
+        """Features clipped, in their own units."""
+        return self(features) * self.std + self.mean
+
+
+def make_scale(features: Float[Array, "samples 12"]) -> Scale:
+    """The scale of a data set; a constant feature (yaw) is left as it is."""
+    std = jnp.std(features, axis=0)
+    return Scale(jnp.mean(features, axis=0), jnp.where(std > 1e-6, std, 1.0))
+
+
+def bounded(acceleration: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+    """`acceleration` [m/s^2], smoothly limited to +-`BOUND`."""
+    return BOUND * jnp.tanh(acceleration / BOUND)
+
+
+class AbstractResidualModel(eqx.Module):
+    """A fitted, frozen residual."""
+
+    @abc.abstractmethod
+    def __call__(self, features: Float[Array, "drones 12"]) -> Float[Array, "drones 3"]:
+        """Correction of each drone's acceleration, world frame [m/s^2], within `BOUND`."""
+
+
+class AbstractResidual(eqx.Module):
+    """A class of residual. Fields are the settings of its fit."""
+
+    version: eqx.AbstractClassVar[str]
+    """Declared version; results are reused only while it stays the same."""
+
+    @abc.abstractmethod
+    def fit(
+        self,
+        transitions: Transitions,
+        key: PRNGKeyArray,
+        init: AbstractResidualModel | None = None,
+    ) -> AbstractResidualModel:
+        """The model that fits the transitions; `init` starts from an earlier fit of its class."""

@@ -1,0 +1,113 @@
+"""MLP residual: five bagged networks 12-128-128-3, averaged; the paper's default."""
+
+import functools
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from methods.residuals.contract import (
+    AbstractResidual,
+    AbstractResidualModel,
+    Scale,
+    Transitions,
+    bounded,
+    make_scale,
+)
+
+
+class MLPModel(AbstractResidualModel):
+    """correction = mean over members of bound(net(z)), z the standardised features."""
+
+    scale: Scale
+    """Standardises the features."""
+    nets: eqx.nn.MLP
+    """The members, stacked along a leading axis."""
+
+    def __call__(self, features: Float[Array, "drones 12"]) -> Float[Array, "drones 3"]:
+        return jnp.mean(_members(self.nets, self.scale(features)), axis=0)
+
+
+def _members(
+    nets: eqx.nn.MLP, z: Float[Array, "samples 12"]
+) -> Float[Array, "members samples 3"]:
+    return eqx.filter_vmap(lambda net: bounded(jax.vmap(net)(z)))(nets)
+
+
+class MLPEnsemble(AbstractResidual):
+    """Source: paper, Sec. III-A; Pan et al. (2026) for the bagged ensemble of accelerations."""
+
+    members: int = eqx.field(static=True, default=5)
+    """Size of the bagged ensemble."""
+    width: int = eqx.field(static=True, default=128)
+    """Width of both hidden layers."""
+    epochs: int = eqx.field(static=True, default=300)
+    """Full-batch updates."""
+    lr: float = eqx.field(static=True, default=5e-3)
+    """Adam's learning rate at the start, falling to zero as a cosine."""
+    max_samples: int = eqx.field(static=True, default=5000)
+    """Largest bootstrap resample of one member [rows]; more data do not improve the fit."""
+
+    version: ClassVar[str] = "1"
+
+    def fit(
+        self,
+        transitions: Transitions,
+        key: PRNGKeyArray,
+        init: AbstractResidualModel | None = None,
+    ) -> MLPModel:
+        draw_key, net_key = jax.random.split(key)
+        scale = make_scale(transitions.features)
+        n = len(transitions.target)
+        shape = (self.members, min(n, self.max_samples))
+        drawn = jax.random.randint(draw_key, shape, 0, n)
+        if isinstance(init, MLPModel):
+            scale, nets = init.scale, init.nets
+        else:
+            nets = _fresh(self.members, self.width, net_key)
+        z = scale(transitions.features)[drawn]
+        nets = _fit(self, nets, z, transitions.target[drawn], transitions.weight[drawn])
+        return MLPModel(scale=scale, nets=nets)
+
+
+def _fresh(members: int, width: int, key: PRNGKeyArray) -> eqx.nn.MLP:
+    def make(key: PRNGKeyArray) -> eqx.nn.MLP:
+        return eqx.nn.MLP(12, 3, width, 2, activation=jnp.tanh, key=key)
+
+    return eqx.filter_vmap(make)(jax.random.split(key, members))
+
+
+@functools.cache
+def _optimizer(lr: float, epochs: int) -> optax.GradientTransformation:
+    return optax.adam(optax.cosine_decay_schedule(lr, epochs))
+
+
+@eqx.filter_jit
+def _fit(
+    settings: MLPEnsemble,
+    nets: eqx.nn.MLP,
+    z: Float[Array, "members samples 12"],
+    target: Float[Array, "members samples 3"],
+    weight: Float[Array, "members samples"],
+) -> eqx.nn.MLP:
+    optimizer = _optimizer(settings.lr, settings.epochs)
+    params, static = eqx.partition(nets, eqx.is_inexact_array)
+
+    def loss(params: eqx.nn.MLP) -> Float[Array, ""]:
+        nets = eqx.combine(params, static)
+        predicted = eqx.filter_vmap(lambda net, z: bounded(jax.vmap(net)(z)))(nets, z)
+        squared = jnp.sum((predicted - target) ** 2, axis=-1)
+        # Summed over members, which are independent; averaged over samples.
+        return jnp.sum(jnp.mean(weight * squared, axis=-1) / jnp.mean(weight, axis=-1))
+
+    def update(carry: tuple, _: None) -> tuple[tuple, None]:
+        params, state = carry
+        updates, state = optimizer.update(jax.grad(loss)(params), state)
+        return (optax.apply_updates(params, updates), state), None
+
+    start = (params, optimizer.init(params))
+    (params, _), _ = jax.lax.scan(update, start, None, length=settings.epochs)
+    return eqx.combine(params, static)

@@ -1,0 +1,66 @@
+"""Fake plug-ins, installed for a test as any third party's would be."""
+
+import os
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from simulators import registry
+
+METHODS = {
+    "instant": "Instant",
+    "child": "Child",
+    "failing": "Failing",
+    "heir": "Heir",
+    "dying": "Dying",
+    "ouroboros": "Ouroboros",
+}
+
+
+@pytest.fixture(scope="session")
+def program_cache(tmp_path_factory):
+    """Compiled programs, shared by all tests of a session."""
+    return tmp_path_factory.mktemp("jax")
+
+
+@pytest.fixture
+def plugins(tmp_path, monkeypatch, program_cache):
+    """The methods of `fakes.py` and one broken one are registered, in child processes too."""
+    site = tmp_path / "site"
+    info = site / "fakes-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: fakes\nVersion: 1.0\n")
+    points = "".join(f"{name} = fakes:{cls}\n" for name, cls in METHODS.items())
+    points += "shattered = fakes_that_do_not_exist:Shattered\n"
+    (info / "entry_points.txt").write_text(f"[bench.methods]\n{points}")
+    here = str(Path(__file__).parent)
+    monkeypatch.syspath_prepend(here)
+    monkeypatch.syspath_prepend(str(site))
+    root = str(Path(__file__).parents[2])
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(site), here, root)))
+    monkeypatch.setenv("FAKES_CURE", str(tmp_path / "cure"))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(program_cache))
+    registry._entry_points.cache_clear()
+    registry.load.cache_clear()
+    yield site
+    monkeypatch.undo()
+    registry._entry_points.cache_clear()
+    registry.load.cache_clear()
+
+
+@pytest.fixture
+def write_suite(tmp_path):
+    """A function that writes a suite of one small cell and returns its path."""
+
+    def write(*rows, seeds=1, **changes):
+        keys = {"tasks": ["spread"], "team_sizes": [2], "seeds": seeds} | changes
+        lines = [f"{key} = {value!r}" for key, value in keys.items()]
+        for row in rows:
+            row = f'method = "{row}"' if "=" not in row else textwrap.dedent(row)
+            lines += ["[[methods]]", row, "task_settings.horizon = 5"]
+        path = tmp_path / "small.toml"
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    return write

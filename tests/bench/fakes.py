@@ -1,0 +1,120 @@
+"""Methods that train in no time, fail, or die: plug-ins for the tests of the harness."""
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from methods.contract import AbstractMethod, Ledger, Trained
+from methods.policy import make_policy
+
+
+class Inner(eqx.Module):
+    """Nested settings."""
+
+    epochs: int = eqx.field(static=True, default=3)
+    lr: float = eqx.field(static=True, default=0.5)
+
+
+class Instant(AbstractMethod):
+    """A fresh policy; `log` gets a line for each training."""
+
+    log: str = eqx.field(static=True, default="")
+    inner: Inner = Inner()
+    wait_for: str = eqx.field(static=True, default="")
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple[str, ...]] = ()
+    simulator: ClassVar[str] = "point_mass"
+
+    def train(self, setup, key, init=None):
+        _log(self.log, setup)
+        while self.wait_for and not Path(self.wait_for).exists():
+            time.sleep(0.05)
+        nominal = setup.nominal
+        policy = make_policy(setup.task, nominal.spec, nominal.action_space, key)
+        return _trained(policy, setup, self.inner.epochs)
+
+
+class Child(AbstractMethod):
+    """The policy of its parent `instant`, as it is."""
+
+    log: str = eqx.field(static=True, default="")
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple[str, ...]] = ("instant",)
+    simulator: ClassVar[str] = "crazyflow"
+
+    def train(self, setup, key, init=None):
+        _log(self.log, setup)
+        return _trained(setup.parents["instant"].policy, setup, 1)
+
+
+class Failing(AbstractMethod):
+    """Raises, unless the file that the environment names is there."""
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple[str, ...]] = ()
+    simulator: ClassVar[str] = "crazyflow"
+
+    def train(self, setup, key, init=None):
+        if not Path(os.environ["FAKES_CURE"]).exists():
+            raise RuntimeError("the propellers fell off")
+        nominal = setup.nominal
+        policy = make_policy(setup.task, nominal.spec, nominal.action_space, key)
+        return _trained(policy, setup, 1)
+
+
+class Heir(AbstractMethod):
+    """Starts from `failing`."""
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple[str, ...]] = ("failing",)
+    simulator: ClassVar[str] = "point_mass"
+
+    def train(self, setup, key, init=None):
+        return _trained(setup.parents["failing"].policy, setup, 1)
+
+
+class Dying(AbstractMethod):
+    """Kills its own process."""
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple[str, ...]] = ()
+    simulator: ClassVar[str] = "crazyflow"
+
+    def train(self, setup, key, init=None):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class Ouroboros(AbstractMethod):
+    """Its own parent."""
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple[str, ...]] = ("ouroboros",)
+    simulator: ClassVar[str] = "crazyflow"
+
+    def train(self, setup, key, init=None):
+        raise AssertionError("cannot be planned")
+
+
+def _log(path, setup):
+    if path:
+        with Path(path).open("a") as file:
+            file.write(f"n{setup.task.n_drones}\n")
+
+
+def _trained(policy, setup, epochs):
+    setup.progress("fake training", 1, epochs, -1.0)
+    column = np.zeros(epochs, np.float32)
+    return Trained(
+        policy=policy,
+        ledger=Ledger(epochs=epochs, hf_fleet_seconds=120.0, train_seconds=0.25),
+        curves=dict.fromkeys(("reward", "smooth_reward", "crashes", "grad_norm"), column),
+        notes={"leaves": float(len(jax.tree.leaves(eqx.filter(policy, eqx.is_array))))},
+    )

@@ -1,0 +1,190 @@
+"""Whole sweeps on worker processes, with methods that train in no time, fail or die."""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from bench.cli import main
+from bench.execute import _Schedule
+from bench.plan import expand
+from bench.progress import Display
+from bench.suite import Row, Suite
+from bench.tables import UNITS, Tables
+
+WAIT = 120.0
+"""Longest time for which a test waits for a process [s]."""
+
+
+def runs_of(directory):
+    """Status and cause of each run, by method and seed."""
+    runs = pd.read_parquet(directory / "runs.parquet").set_index(["method", "seed"])
+    return runs[["status", "cause"]].apply(tuple, axis=1).to_dict()
+
+
+def wait_until(condition):
+    start = time.monotonic()
+    while not condition():
+        assert time.monotonic() - start < WAIT
+        time.sleep(0.05)
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_failures_and_deaths_cost_only_their_runs_and_are_retried(
+    plugins, write_suite, tmp_path, capsys
+):
+    log = tmp_path / "trainings"
+    suite = write_suite(
+        f'method = "child"\nsettings.log = "{log}"', "failing", "heir", "dying", "shattered"
+    )
+    out = tmp_path / "out"
+    arguments = ["run", str(suite), "--out", str(out), "--jobs", "2"]
+    assert main(arguments) == 1
+    captured = capsys.readouterr()
+
+    runs = runs_of(out)
+    failed = next((out / "runs").glob("failing-*"))
+    assert runs["instant", 0] == runs["child", 0] == ("ok", "")
+    assert runs["failing", 0] == ("failed", "RuntimeError: the propellers fell off")
+    assert runs["heir", 0] == ("failed", f"parent {failed.name} failed")
+    assert runs["dying", 0][0] == "failed"
+    assert "ended by SIGKILL" in runs["dying", 0][1]
+    assert "the propellers fell off" in (failed / "traceback.txt").read_text()
+    assert "3 of 5 runs failed" in captured.err
+    assert "Left out: The method 'shattered'" in captured.err
+    assert captured.out.count("spread n2 s0 (horizon=5") >= 5
+    assert (out / "leaderboard.md").is_file()
+    assert (out / "report.html").is_file()
+    assert log.read_text().count("\n") == 1
+    check_tables(out)
+
+    (tmp_path / "cure").touch()
+    os.truncate(next((out / "runs").glob("child-*")) / "policy.npz", 100)
+    assert main([*arguments[:-1], "1"]) == 1  # one still dies, one is still broken
+    captured = capsys.readouterr()
+    runs = runs_of(out)
+    assert runs["failing", 0] == runs["heir", 0] == ("ok", "")
+    assert runs["dying", 0][0] == "failed"
+    assert runs["child", 0] == ("ok", "")
+    assert "policy.npz is not as it was written. It is now in runs/.quarantine" in captured.err
+    assert "Runs finished already: 1 of 5. To do: 4, on 1 worker." in captured.out
+    assert log.read_text().count("\n") == 2
+
+
+def check_tables(out):
+    """The tables hold what the fake methods reported."""
+    tables = Tables.load(out)
+    child = tables.results[tables.results["method"] == "child"].set_index("metric")
+    assert {*UNITS, "leaves"} == set(child.index)
+    assert child.loc["fleet_minutes", "value"] == 2.0
+    assert child.loc["epochs", "value"] == 1
+    assert child["variant"].iloc[0].startswith("horizon=5, log=")
+    parent = tables.results[tables.results["method"] == "instant"].set_index("metric")
+    # The child deploys its parent's policy with the same initial states.
+    assert child.loc["reward", "value"] == parent.loc["reward", "value"]
+    assert set(tables.results["method"]) == {"child", "instant"}
+    assert (tables.curves.groupby("run").size().sort_values() == [1, 3]).all()
+    assert set(tables.trajectories["drone"]) == {0, 1}
+    settings = json.loads(tables.runs.set_index("method").loc["instant", "settings"])
+    assert settings["method"]["inner"] == {"epochs": 3, "lr": 0.5}
+    assert settings["task"]["horizon"] == 5
+
+
+def test_ctrl_c_keeps_finished_runs_and_running_again_resumes(
+    plugins, write_suite, tmp_path, capsys
+):
+    log, gate, out = tmp_path / "trainings", tmp_path / "gate", tmp_path / "out"
+    suite = write_suite(
+        f'method = "instant"\nsettings.log = "{log}"',
+        f'method = "instant"\nsettings.log = "{log}"\nsettings.wait_for = "{gate}"',
+    )
+    command = [sys.executable, "-c", "import sys; from bench.cli import main; sys.exit(main())"]
+    arguments = ["run", str(suite), "--out", str(out), "--jobs", "1"]
+    with subprocess.Popen(
+        [*command, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        wait_until(lambda: log.exists() and log.read_text().count("\n") == 2)
+        listing = subprocess.run(
+            ["ps", "--no-headers", "-o", "pid", "--sid", str(process.pid)],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        pids = [int(pid) for pid in listing.stdout.split()]
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 130
+    assert "Interrupted: 1 of 2 runs are finished and kept." in errors
+    assert "Traceback" not in errors
+    assert len(pids) >= 2
+    wait_until(lambda: not any(alive(pid) for pid in pids))
+    assert len(list((out / "runs").glob("instant-*"))) == 1
+
+    gate.touch()
+    assert main(arguments) == 0
+    assert log.read_text().count("\n") == 3
+    assert "Runs finished already: 1 of 2. To do: 1, on 1 worker." in capsys.readouterr().out
+
+    first = Tables.load(out)
+    assert main(arguments) == 0
+    assert log.read_text().count("\n") == 3
+    assert "Runs finished already: 2 of 2. To do: nothing." in capsys.readouterr().out
+    pd.testing.assert_frame_equal(Tables.load(out).results, first.results)
+
+
+@pytest.mark.parametrize("seeds", [1, 3])
+def test_long_chains_start_first_and_parents_before_children(plugins, seeds):
+    rows = (Row("instant"), Row("child"), Row("failing"))
+    suite = Suite("test", "", ("spread",), (2, 4), seeds, rows)
+    schedule = _Schedule(expand(suite).runs, done=())
+    order = []
+    while (run := schedule.next()) is not None:
+        order.append((run.method, run.team_size))
+        assert schedule.end(run.name, "ok") == []
+    assert order == [
+        (method, size)
+        for method, size in [
+            ("failing", 4),
+            ("instant", 4),
+            ("failing", 2),
+            ("child", 4),
+            ("instant", 2),
+            ("child", 2),
+        ]
+        for _ in range(seeds)
+    ]
+    assert set(schedule.status.values()) == {"ok"}
+
+
+def test_the_display_of_a_terminal_shows_run_stage_epoch_return_and_time_left(plugins):
+    runs = expand(Suite("test", "", ("spread",), (2,), 2, (Row("instant"),))).runs
+    console = Console(file=io.StringIO(), width=120, force_terminal=True, color_system=None)
+    display = Display(runs, console)
+    display.started(0, runs[1])
+    display.progress(0, "HF training", 30, 120, -41.25)
+    display.finished(runs[0], "diverged", "", 61.0)
+    console.print(display._render())
+    lines = console.file.getvalue().splitlines()
+    assert lines[0] == "[1/2] instant spread n2 s0: diverged, 1 min 01 s"
+    assert lines[1].startswith("1/2 runs ")
+    assert lines[1].rstrip().endswith(" left")
+    words = " ".join(lines[2].split())
+    assert words.startswith("instant spread n2 s1 HF training 30/120 return -41.2 0 s left")

@@ -1,0 +1,169 @@
+import re
+
+import pytest
+
+from bench.plan import PlanError, expand
+from bench.settings import SettingsError, describe
+from bench.suite import Row, Suite
+
+
+def make_suite(*rows, tasks=("spread",), team_sizes=(2,), seeds=1):
+    return Suite("test", "", tasks, team_sizes, seeds, rows)
+
+
+def names(plan):
+    return [run.name for run in plan.runs]
+
+
+def only(*rows, **keys):
+    """The last run of a suite: that of its last row."""
+    return expand(make_suite(*rows, **keys)).runs[-1]
+
+
+def test_a_suite_is_the_product_of_its_lists(plugins):
+    suite = make_suite(Row("instant"), tasks=("spread", "circle"), team_sizes=(2, 4, 5), seeds=3)
+    runs = expand(suite).runs
+    cells = {(run.task, run.team_size, run.seed) for run in runs}
+    assert len(runs) == len(cells) == 2 * 3 * 3
+
+
+def test_seeds_count_from_the_first(plugins):
+    suite = Suite("test", "", ("spread",), (2,), 2, (Row("child"),), first_seed=1000)
+    seeds = [(run.method, run.seed) for run in expand(suite).runs]
+    assert seeds == [("instant", 1000), ("child", 1000), ("instant", 1001), ("child", 1001)]
+
+
+def test_a_row_can_be_restricted(plugins):
+    rows = (
+        Row("instant"),
+        Row("failing", tasks=("circle",)),
+        Row("dying", team_sizes=(4,)),
+    )
+    suite = make_suite(*rows, tasks=("spread", "circle"), team_sizes=(2, 4))
+    cells = {(run.method, run.task, run.team_size) for run in expand(suite).runs}
+    assert {c for c in cells if c[0] == "failing"} == {
+        ("failing", "circle", 2),
+        ("failing", "circle", 4),
+    }
+    assert {c for c in cells if c[0] == "dying"} == {("dying", "spread", 4), ("dying", "circle", 4)}
+    assert len(cells) == 4 + 2 + 2
+
+
+def test_a_parent_is_planned_once_before_its_child_in_the_same_cell(plugins):
+    row = Row("child", task_settings={"horizon": 7})
+    suite = make_suite(row, Row("child", settings={"log": "x"}, task_settings={"horizon": 7}))
+    parent, child, other = expand(suite).runs
+    assert (parent.method, child.method, other.method) == ("instant", "child", "child")
+    assert child.parents == other.parents == {"instant": parent.name}
+    assert parent.resolved["task_settings"] == child.resolved["task_settings"]
+    assert parent.resolved["task_settings"]["horizon"] == 7
+    assert (parent.task, parent.team_size, parent.seed) == (child.task, 2, 0)
+
+
+def test_folder_names_say_what_a_run_is(plugins):
+    assert re.fullmatch(r"instant-spread-n2-s0-[0-9a-f]{10}", only(Row("instant")).name)
+    hybrid = only(Row("hybrid", "affine"))
+    assert re.fullmatch(r"hybrid-affine-spread-n2-s0-[0-9a-f]{10}", hybrid.name)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"row": Row("instant", settings={"inner": {"lr": 0.25}})},
+        {"row": Row("instant", task_settings={"altitude": 1.5})},
+        {"team_sizes": (3,)},
+        {"tasks": ("circle",)},
+    ],
+)
+def test_a_key_changes_with_each_setting(plugins, changed):
+    keys = {"row": Row("instant")} | changed
+    assert only(keys.pop("row"), **keys).key != only(Row("instant")).key
+
+
+def test_a_key_changes_with_the_seed(plugins):
+    first, second = expand(make_suite(Row("instant"), seeds=2)).runs
+    assert first.key != second.key
+
+
+def test_a_key_does_not_change_when_a_default_is_spelled_out(plugins):
+    spelled = Row("instant", settings={"inner": {"epochs": 3}}, task_settings={"horizon": 500})
+    assert only(spelled).key == only(Row("instant")).key
+    assert only(spelled).variant == ""
+
+
+def test_a_key_changes_with_a_declared_version_and_reaches_the_children(plugins, monkeypatch):
+    before = names(expand(make_suite(Row("child"))))
+    import fakes
+
+    monkeypatch.setattr(fakes.Instant, "version", "2")
+    after = names(expand(make_suite(Row("child"))))
+    assert set(before).isdisjoint(after)
+    assert [name[:-10] for name in before] == [name[:-10] for name in after]
+
+
+def test_a_variant_names_what_differs_sorted(plugins):
+    row = Row(
+        "instant",
+        settings={"inner": {"lr": 0.25}, "log": "x"},
+        task_settings={"observe_attitude": True},
+    )
+    assert only(row).variant == "inner.lr=0.25, log=x, observe_attitude=true"
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        (
+            Row("instant", settings={"iner": {}}),
+            "Method 'instant' has no key 'iner'. Did you mean 'inner'?",
+        ),
+        (Row("instant", settings={"inner": {"epoch": 2}}), "Did you mean 'epochs'?"),
+        (Row("instant", settings={"inner": 2}), "must be a table of its settings, got 2"),
+        (
+            Row("instant", settings={"inner": {"epochs": 2.5}}),
+            "inner, epochs must be a whole number (such as 3), got 2.5",
+        ),
+        (Row("instant", settings={"inner": {"lr": "fast"}}), "must be a number"),
+        (Row("instant", settings={"log": 3}), "must be text"),
+        (
+            Row("instant", task_settings={"horizn": 3}),
+            "Task 'spread' has no key 'horizn'. Did you mean 'horizon'?",
+        ),
+        (Row("instant", task_settings={"n_drones": 3}), "has no key 'n_drones'"),
+        (
+            Row("instant", task_settings={"horizon": 0}),
+            "Task 'spread' does not accept these settings: `horizon` must be at least 1, got 0.",
+        ),
+    ],
+)
+def test_a_wrong_setting_is_named_in_one_line(plugins, row, message):
+    with pytest.raises(SettingsError, match=re.escape(message)) as caught:
+        only(row)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_residual_for_a_method_without_one_is_an_error(plugins):
+    with pytest.raises(PlanError, match="'instant' takes no residual, got 'mlp'"):
+        only(Row("instant", "mlp"))
+    with pytest.raises(PlanError, match="give `residual` beside `method`"):
+        only(Row("hybrid", settings={"residual": "mlp"}))
+
+
+def test_methods_that_need_each_other_are_an_error(plugins):
+    with pytest.raises(PlanError, match="ouroboros -> ouroboros"):
+        only(Row("ouroboros"))
+
+
+def test_a_broken_plugin_is_left_out_and_named(plugins):
+    plan = expand(make_suite(Row("shattered"), Row("instant"), seeds=2))
+    assert [run.method for run in plan.runs] == ["instant", "instant"]
+    assert len(plan.broken) == 1
+    assert "'shattered' of fakes 1.0 cannot be imported: ModuleNotFoundError" in plan.broken[0]
+    with pytest.raises(PlanError, match="nothing to run: The method 'shattered'"):
+        expand(make_suite(Row("shattered")))
+
+
+def test_what_cannot_be_written_down_is_no_setting():
+    assert describe({"a": (1, float("inf"))}, "here") == {"a": [1, "inf"]}
+    with pytest.raises(SettingsError, match="here, a holds a object"):
+        describe({"a": object()}, "here")

@@ -1,0 +1,179 @@
+"""The report: one file, nothing loaded, nothing executed that a name brings along."""
+
+import html.parser
+import json
+import re
+
+import numpy as np
+import pytest
+import tables_for_tests
+from tables_for_tests import Sheet
+
+from bench.figures import BUILT_IN, curve_drawings, styles, summary_drawings
+from bench.report import render_markdown, write_report
+from bench.statistics import Entry
+from bench.top_view import trajectory_drawings
+
+
+class Page(html.parser.HTMLParser):
+    """Collects tags with attributes, scripts by type, and the text outside scripts."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.scripts, self.text, self._script = [], [], "", None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self._script = dict(attrs) if tag == "script" else None
+
+    def handle_endtag(self, tag):
+        self._script = None
+
+    def handle_data(self, data):
+        if self._script is None:
+            self.text += data
+        else:
+            self.scripts.append((self._script.get("type", ""), data))
+
+
+@pytest.fixture(scope="module")
+def typical():
+    return tables_for_tests.typical()
+
+
+@pytest.fixture(scope="module")
+def page(typical, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(typical, path)
+    assert [p.name for p in path.parent.iterdir()] == ["report.html"]
+    return Page(path.read_text(encoding="utf-8"))
+
+
+def test_report_loads_nothing_from_elsewhere(page):
+    for tag, attributes in page.tags:
+        assert not {"src", "srcset", "data", "poster"} & set(attributes), tag
+        assert tag not in ("link", "iframe", "object", "embed", "base")
+        assert attributes.get("href", "#").startswith("#")
+    policy = next(a["content"] for t, a in page.tags if a.get("http-equiv"))
+    assert policy.startswith("default-src 'none'")
+    assert "http" not in policy
+
+
+def test_report_stays_small(typical, tmp_path):
+    write_report(typical, tmp_path / "report.html")
+    assert (tmp_path / "report.html").stat().st_size < 6e6
+
+
+def test_hostile_names_never_become_markup(page):
+    assert "<script>alert(1)</script>|x" in page.text
+    assert all(data.strip() != "alert(1)" for _, data in page.scripts)
+    figures = [json.loads(data) for kind, data in page.scripts if kind == "application/json"]
+    names = {trace.get("name") for figure in figures for trace in figure["data"]}
+    assert not any("<" in name for name in names if name)
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;|x" in names
+
+
+def test_every_plot_has_its_data_a_caption_and_a_text_for_the_blind(page):
+    plots = [attrs for tag, attrs in page.tags if attrs.get("class") == "plot"]
+    ids = [attrs["id"] for tag, attrs in page.tags if "id" in attrs]
+    assert len(plots) == 1 + 2 + 2  # summary, curves of two tasks, top views of two cells
+    assert len(ids) == len(set(ids))
+    for plot in plots:
+        assert plot["data-figure"] in ids
+        assert plot["role"] == "img"
+        assert plot["aria-label"]
+    assert sum(tag == "figcaption" for tag, _ in page.tags) == len(plots)
+
+
+def test_report_names_lost_runs_with_their_cause(page):
+    assert "out of memory" in page.text
+    assert re.search(r"2 ok, 1 failed \(seed 2\)", page.text)
+
+
+def test_report_says_that_contacts_are_flags(page):
+    assert "Contacts are flags in this simulator: drones never push each other." in page.text
+
+
+def test_plotly_is_inlined_once(page):
+    assert sum(len(data) > 1_000_000 for _, data in page.scripts) == 1
+
+
+def test_sortable_cells_carry_numbers(page):
+    orders = [a["data-order"] for tag, a in page.tags if tag == "td" and a.get("data-order")]
+    numbers = {float(text) for text in orders if re.fullmatch(r"-?[0-9.]+", text)}
+    assert {-140.0, -150.0, -200.0, -70.5, -80.0} <= numbers
+
+
+def test_report_of_no_rows_is_a_page_that_says_so(tmp_path):
+    write_report(tables_for_tests.empty(), tmp_path / "report.html")
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert page.text.count("There are no runs in these tables.") == 2
+    assert not [a for _, a in page.tags if a.get("class") == "plot"]
+    assert (tmp_path / "report.html").stat().st_size < 50_000
+
+
+def test_report_of_failed_runs_only_is_complete(tmp_path):
+    tables = Sheet().add(status="failed", cause="<b>boom</b>").tables()
+    write_report(tables, tmp_path / "report.html")
+    assert "<b>boom</b>" in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+
+
+def test_settings_that_are_no_json_do_not_break_the_page(tmp_path):
+    sheet = Sheet().add()
+    sheet.runs[0]["settings"] = "{not json"
+    write_report(sheet.tables(), tmp_path / "report.html")
+    assert "{not json" in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+
+
+def test_summary_shows_means_with_bands_and_leaves_gaps_for_missing_cells():
+    sheet = Sheet()
+    for size in (3, 7, 12):
+        sheet.add(team_size=size, rewards=(-10.0 * size, -12.0 * size))
+        if size != 7:
+            sheet.add("hf_scratch", team_size=size, rewards=(-5.0,))
+    (drawing,) = summary_drawings(sheet.tables())
+    lines = {t.name: t for t in drawing.plot.data if t.yaxis == "y3" and t.name}
+    np.testing.assert_allclose(lines["lf_baseline"].y, [-33.0, -77.0, -132.0])
+    np.testing.assert_array_equal(np.isnan(lines["hf_scratch"].y), [False, True, False])
+    bands = [t for t in drawing.plot.data if t.yaxis == "y3" and t.fill == "toself"]
+    half = np.std([30.0, 36.0], ddof=1)
+    assert bands[0].y[0] == pytest.approx(-33.0 + half)
+
+
+def test_variants_have_no_line_in_the_summary_but_a_row_in_the_table(typical, page):
+    (drawing,) = summary_drawings(typical)
+    assert not any("observe_attitude" in (t.name or "") for t in drawing.plot.data)
+    assert "hybrid (mlp), observe_attitude=true" in page.text
+
+
+def test_top_views_start_at_circles_and_end_at_stars(typical):
+    spread = trajectory_drawings(typical)[-1]
+    assert spread.title == "spread, N = 3"
+    markers = [t for t in spread.plot.data if t.mode == "markers" and t.xaxis == "x"]
+    starts, ends = markers
+    assert (starts.marker.symbol, ends.marker.symbol) == ("circle-open", "star")
+    np.testing.assert_allclose(starts.y, 0.0)
+    np.testing.assert_allclose(ends.y, 1.9, rtol=1e-6)
+    np.testing.assert_allclose(ends.x, [0.0, 1.0, 2.0])
+
+
+def test_curves_keep_the_mean_of_what_they_bin():
+    (drawing,) = curve_drawings(Sheet().add(drawn=True).tables())
+    y = drawing.plot.data[0].y[:-1]  # the last is the gap between seeds
+    assert len(y) == 30
+    assert np.mean(y) == pytest.approx(np.mean([-100.0 / (1 + i) for i in range(30)]), rel=1e-6)
+
+
+def test_built_in_methods_keep_their_colours(typical):
+    alone, among = styles(tables_for_tests.empty()), styles(typical)
+    assert all(alone[entry] == among[entry] for entry in BUILT_IN)
+    assert len({style.color for style in among.values()}) == len(among)
+    assert Entry("<script>alert(1)</script>|x") in among
+
+
+def test_markdown_shows_html_and_does_not_interpret_it():
+    found = render_markdown("<img src=x onerror=alert(1)> **bold** [x](javascript:alert(1))")
+    assert "<img" not in found
+    assert 'href="javascript' not in found
+    assert "<strong>bold</strong>" in found

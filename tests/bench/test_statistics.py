@@ -1,0 +1,125 @@
+"""Intervals and ties, with the seed as the unit of replication."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from bench.statistics import Cell, Entry, difference, estimate, ranks, seed_values
+from bench.tables import table
+
+A, B, C, D = (Entry(name) for name in "abcd")
+
+
+def by_seed(*values):
+    return dict(enumerate(values))
+
+
+def result_row(**changes):
+    row = {
+        "run": "r0",
+        "method": "a",
+        "residual": "",
+        "variant": "",
+        "task": "spread",
+        "team_size": 3,
+        "seed": 0,
+        "simulator": "crazyflow",
+        "trained_effects": "",
+        "deployed_effects": "",
+        "calibration_flights": 0,
+        "metric": "reward",
+        "value": -1.0,
+        "unit": "1",
+        "status": "ok",
+    }
+    return row | changes
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_interval_of_a_mean_equals_scipys(n):
+    values = np.random.default_rng(n).normal(-50.0, 4.0, n)
+    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
+    found = estimate(values)
+    assert (found.low, found.high) == pytest.approx(tuple(expected))
+    assert (found.mean, found.std) == pytest.approx((values.mean(), values.std(ddof=1)))
+
+
+def test_difference_over_the_same_seeds_is_paired():
+    a, b = np.random.default_rng(0).normal(size=(2, 5))
+    expected = stats.ttest_rel(a, b).confidence_interval(0.95)
+    found = difference(by_seed(*a), by_seed(*b))
+    assert (found.low, found.high) == pytest.approx(tuple(expected))
+
+
+def test_difference_pairs_by_seed_and_not_by_position():
+    found = difference({0: 1.0, 1: 2.0, 2: 3.0}, {2: 2.0, 0: 0.0, 1: 1.0})
+    assert (found.low, found.high) == (1.0, 1.0)
+
+
+def test_difference_over_other_seeds_is_welchs():
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(0.0, 1.0, 5), rng.normal(1.0, 4.0, 3)
+    expected = stats.ttest_ind(a, b, equal_var=False).confidence_interval(0.95)
+    found = difference(by_seed(*a), by_seed(*b))
+    assert (found.low, found.high) == pytest.approx(tuple(expected))
+
+
+def test_welch_without_any_spread_is_a_point():
+    found = difference(by_seed(1.0, 1.0), by_seed(3.0, 3.0, 3.0))
+    assert (found.low, found.high, found.excludes_zero) == (-2.0, -2.0, True)
+
+
+def test_one_seed_has_a_mean_and_no_interval():
+    found = estimate([2.0])
+    assert (found.mean, found.n, found.has_interval) == (2.0, 1, False)
+    assert math.isnan(found.std)
+    assert not difference(by_seed(1.0), by_seed(9.0)).excludes_zero
+
+
+def test_no_value_is_not_a_number():
+    assert math.isnan(estimate([]).mean)
+
+
+def test_what_cannot_be_told_from_the_best_shares_its_rank():
+    samples = {
+        A: by_seed(-10.0, -11.0, -12.0),
+        B: by_seed(-10.5, -10.9, -12.6),  # differences 0.5, -0.1, 0.6: the interval contains 0
+        C: by_seed(-20.0, -21.2, -22.1),
+        D: by_seed(-40.0, -41.5, -42.1),
+    }
+    assert ranks(samples) == {A: 1, B: 1, C: 3, D: 4}
+
+
+def test_one_seed_takes_no_rank_and_gives_none_away():
+    samples = {A: by_seed(-1.0), B: by_seed(-10.0, -11.0), C: by_seed(-20.0, -21.5)}
+    assert ranks(samples) == {A: None, B: 1, C: 2}
+
+
+def test_failed_and_diverged_runs_are_no_values():
+    statuses = ("ok", "budget", "failed", "diverged")
+    rows = [
+        result_row(run=f"r{i}", seed=i, status=status, value=-float(i))
+        for i, status in enumerate(statuses)
+    ]
+    found = seed_values(table("results", rows), "reward")
+    assert found == {Cell("spread", 3): {A: {0: 0.0, 1: -1.0}}}
+
+
+def test_values_that_are_not_finite_are_left_out():
+    rows = [result_row(value=math.nan), result_row(run="r1", seed=1, value=-math.inf)]
+    assert seed_values(table("results", rows), "reward") == {}
+
+
+def test_worlds_are_cells_of_their_own():
+    rows = [result_row(), result_row(deployed_effects="wind(1.5)", value=-2.0)]
+    found = seed_values(table("results", rows), "reward")
+    assert list(found) == [Cell("spread", 3), Cell("spread", 3, "crazyflow", "wind(1.5)")]
+
+
+def test_two_runs_for_one_seed_are_an_error():
+    rows = pd.DataFrame([result_row(), result_row(run="r1")])
+    with pytest.raises(ValueError, match="'r0' and 'r1' both report a on spread, N = 3, seed 0"):
+        seed_values(rows, "reward")

@@ -1,0 +1,132 @@
+import dataclasses
+import re
+
+import pytest
+
+from bench.suite import Row, Suite, SuiteError, built_in, load_suite
+from simulators.registry import UnknownPluginError
+
+GOOD = """
+name = "mine"
+description = "One line."
+tasks = ["spread"]
+team_sizes = [3]
+seeds = 2
+[[methods]]
+method = "hybrid"
+residual = "mlp"
+settings.trainer.epochs = 7
+"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(text):
+        path = tmp_path / "file.toml"
+        path.write_text(text)
+        return load_suite(str(path))
+
+    return load
+
+
+def small():
+    rows = (Row("lf_baseline"), Row("hybrid", "affine"), Row("hybrid", "mlp"))
+    return Suite("small", "", ("spread", "circle"), (3, 12), 2, rows)
+
+
+def methods_of(suite):
+    return [(row.method, row.residual) for row in suite.methods]
+
+
+def test_a_suite_is_read_as_it_is_written(load):
+    suite = load(GOOD)
+    assert dataclasses.astuple(suite)[:5] == ("mine", "One line.", ("spread",), (3,), 2)
+    assert suite.methods == (Row("hybrid", "mlp", {"trainer": {"epochs": 7}}),)
+
+
+def test_a_suite_without_a_name_is_called_as_its_file(load):
+    assert load(GOOD.replace('name = "mine"', "")).name == "file"
+
+
+def test_built_in_suites_are_what_the_documentation_promises():
+    sizes = {
+        name: (len(s.tasks), s.team_sizes, s.seeds, len(s.methods))
+        for name, s in ((name, load_suite(name)) for name in built_in()[:3])
+    }
+    assert sizes == {
+        "quick": (2, (3,), 1, 6),
+        "pilot": (4, (3, 12), 3, 6),
+        "paper": (4, (3, 5, 7, 9, 12, 18), 5, 6),
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("team_sizes", "team_size", "has no key 'team_size'. Did you mean 'team_sizes'? Allowed:"),
+        ("residual", "residul", "method 1 has no key 'residul'. Did you mean 'residual'?"),
+        ("seeds = 2", "", "lacks the key 'seeds'"),
+        ("seeds = 2", "seeds = 0", "`seeds` must be at least 1, got 0"),
+        ("seeds = 2", "seeds = true", "`seeds` must be a whole number, got True"),
+        ("[3]", "[1]", "team size must be at least 2, got 1"),
+        ("[3]", '["3"]', "`team_sizes` must be a whole number, got '3'"),
+        ("[3]", "[]", "`team_sizes` must not be empty"),
+        ('"mine"', '"../mine"', "names a folder, got '../mine'"),
+        ("[[methods]]", "[methods]", "`methods` must be a list"),
+        ("seeds = 2", "seeds = ", "cannot be read"),
+    ],
+)
+def test_a_mistake_in_a_suite_is_named_in_one_line(load, old, new, message):
+    with pytest.raises(SuiteError, match=re.escape(message)) as caught:
+        load(GOOD.replace(old, new))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("spread", "spraed", "No task is registered as 'spraed'. Did you mean 'spread'?"),
+        ("hybrid", "hybird", "No method is registered as 'hybird'. Did you mean 'hybrid'?"),
+        ("mlp", "mpl", "No residual is registered as 'mpl'. Did you mean 'mlp'?"),
+    ],
+)
+def test_an_unknown_plugin_is_named_with_the_nearest(load, old, new, message):
+    with pytest.raises(UnknownPluginError, match=re.escape(message)):
+        load(GOOD.replace(f'"{old}"', f'"{new}"'))
+
+
+def test_an_unknown_suite_is_named_with_the_nearest():
+    with pytest.raises(SuiteError, match=r"'quik'\. Did you mean 'quick'"):
+        load_suite("quik")
+    with pytest.raises(SuiteError, match=r"no suite file 'nowhere\.toml'"):
+        load_suite("nowhere.toml")
+
+
+def test_filters_replace_the_lists_of_the_suite():
+    chosen = small().select(tasks=["figure8"], team_sizes=[5, 5], seeds=7)
+    assert (chosen.tasks, chosen.team_sizes, chosen.seeds) == (("figure8",), (5,), 7)
+    assert methods_of(chosen) == methods_of(small())
+
+
+def test_a_method_outside_the_suite_gets_a_row_with_defaults():
+    chosen = small().select(methods=["hf_scratch", "lf_baseline"])
+    assert methods_of(chosen) == [("lf_baseline", ""), ("hf_scratch", "")]
+
+
+def test_a_residual_filter_keeps_rows_with_it():
+    assert methods_of(small().select(residuals=["mlp"])) == [("hybrid", "mlp")]
+    both = small().select(methods=["lf_baseline", "hybrid"], residuals=["mlp"])
+    assert methods_of(both) == [("lf_baseline", ""), ("hybrid", "mlp")]
+    assert methods_of(small().select(residuals=["sindy"])) == [("hybrid", "sindy")]
+
+
+def test_filters_are_checked_as_a_file_is():
+    with pytest.raises(SuiteError, match="at least 2, got 1"):
+        small().select(team_sizes=[1])
+    with pytest.raises(SuiteError, match="at least 1, got 0"):
+        small().select(seeds=0)
+    with pytest.raises(UnknownPluginError, match="Did you mean 'circle'"):
+        small().select(tasks=["cirle"])
+    alone = dataclasses.replace(small(), methods=(Row("lf_baseline"),))
+    with pytest.raises(SuiteError, match="Nothing of suite 'small' is left"):
+        alone.select(residuals=["mlp"])

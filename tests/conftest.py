@@ -1,0 +1,36 @@
+"""Checks shapes and types in all tests; set up before JAX or anything of ours is imported."""
+
+import os
+import socket
+
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+os.environ.setdefault("SCIPY_ARRAY_API", "1")  # crazyflow wants it before SciPy is imported
+
+import jaxtyping
+
+jaxtyping.install_import_hook(["simulators", "tasks", "methods"], "beartype.beartype")
+
+import jax
+import pytest
+
+
+@pytest.fixture
+def key():
+    """A fixed JAX key."""
+    return jax.random.key(0)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_network():
+    """Connections to other machines fail."""
+    connect = socket.socket.connect
+
+    def local_only(self, address):
+        if isinstance(address, tuple) and address[0] not in ("127.0.0.1", "::1", "localhost"):
+            raise OSError(f"Tests must not use the network, but one connects to {address}.")
+        return connect(self, address)
+
+    socket.socket.connect = local_only
+    yield
+    socket.socket.connect = connect

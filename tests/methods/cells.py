@@ -1,0 +1,99 @@
+"""Tiny cells that several test modules share: one toy task, methods with a few epochs."""
+
+import dataclasses
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from methods.bptt import BPTT
+from methods.contract import Ledger, Setup, Trained, silent
+from methods.policy import Policy, make_policy
+from simulators import registry
+from simulators.point_mass import PointMass
+from simulators.vehicle import VEHICLES, ActionSpace
+from tasks.contract import AbstractTask, Target
+
+SPEC = VEHICLES["cf21B_500"]
+METHODS = registry.load_all("method")
+RESIDUALS = registry.load_all("residual")
+FLIGHTS = 4
+TINY = BPTT(epochs=3, lr=3e-3, n_worlds=1, patience=None, smoothing=1, final_lr=1.0)
+# Whatever setting of these a method has is replaced; the rest of its defaults stay.
+SMALL = {"trainer": TINY, "epochs_base": 3, "epochs_per_drone": 0.0, "flights": FLIGHTS}
+
+
+class Hold(AbstractTask):
+    """Every drone starts at rest at a point and should be `goal` beside it, at rest."""
+
+    n_drones: int = eqx.field(static=True, default=3)
+    horizon: int = eqx.field(static=True, default=15)
+    n_neighbors: int = eqx.field(static=True, default=1)
+    observe_attitude: bool = eqx.field(static=True, default=False)
+    altitude: float = eqx.field(static=True, default=1.0)
+    goal: tuple = eqx.field(static=True, default=(0.0, 0.0, 0.0))
+    spacing: tuple = eqx.field(static=True, default=(0.25, 3.0))
+    jitter: float = eqx.field(static=True, default=0.0)
+    vel_weight: float = eqx.field(static=True, default=0.5)
+    weight: float = eqx.field(static=True, default=1.0)
+
+    version: ClassVar[str] = "1"
+    station_keeping: ClassVar[bool] = True
+
+    def reset(self, key):
+        """The first two are `spacing[0]` apart, the others `spacing[1]` from their neighbour."""
+        near, far = self.spacing
+        x = jnp.asarray([0.0, *(near + far * i for i in range(self.n_drones - 1))])
+        pos = jnp.zeros((self.n_drones, 3)).at[:, 0].set(x).at[:, 2].set(self.altitude)
+        noise = jax.random.uniform(key, (self.n_drones, 2), minval=-1.0)
+        pos = pos.at[:, :2].add(self.jitter * noise)
+        return pos, pos + jnp.asarray(self.goal)
+
+    def target(self, state):
+        rest = jnp.zeros_like(state.flight.pos)
+        return Target(offset=state.goal - state.flight.pos, vel=rest, acc=rest)
+
+    def task_reward(self, distance, vel_error):
+        return self.weight * (-distance - self.vel_weight * vel_error)
+
+
+class Apart(eqx.Module):
+    """Deploys a constant thrust over hover, level; nothing is learned."""
+
+    excess: float = 0.0
+
+    def __call__(self, state):
+        n = len(state.flight.pos)
+        thrust = ActionSpace().hover(SPEC.mass) + self.excess
+        return jnp.zeros((n, 3)).at[:, 2].set(thrust)
+
+
+def fresh(task, seed=0):
+    """A fresh policy."""
+    return make_policy(task, SPEC, ActionSpace(), jax.random.key(seed))
+
+
+def leaning(task, tilt=0.8, thrust=0.5):
+    """A policy that always asks for nearly the same action."""
+    bias = jnp.arctanh(jnp.asarray([tilt, -tilt, thrust]))
+    return eqx.tree_at(lambda p: p.net.layers[-1].bias, fresh(task), bias)
+
+
+def small(name, **settings):
+    """A method that trains in no time."""
+    cls = METHODS[name]
+    fields = {field.name for field in dataclasses.fields(cls)}
+    return cls(**{k: v for k, v in SMALL.items() if k in fields}, **settings)
+
+
+def setup(task, reality, policy, progress=silent):
+    """A cell whose parents all have the same policy."""
+    trained = Trained(policy=policy, ledger=Ledger(), curves={})
+    parents = {name: trained for cls in METHODS.values() for name in cls.parents}
+    return Setup(task, PointMass(), reality, parents, progress)
+
+
+def same(a: Policy, b: Policy):
+    """Whether two pytrees are equal bit for bit."""
+    return bool(eqx.tree_equal(eqx.filter(a, eqx.is_array), eqx.filter(b, eqx.is_array)))

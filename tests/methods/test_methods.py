@@ -1,0 +1,173 @@
+"""One contract suite over every registered method, on a cell of three drones and 0.3 s."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cells import FLIGHTS, METHODS, RESIDUALS, TINY, Hold, fresh, leaning, same, setup, small
+
+from methods.contract import Setup
+from methods.evaluate import fly
+from methods.policy import PolicyController
+from methods.residual_effect import ResidualEffect
+from simulators.contract import with_effects
+from simulators.crazyflow import Crazyflow
+
+TASK = Hold()
+KEY = jax.random.key(7)
+PARENT, INIT = fresh(TASK, 1), leaning(TASK)
+ROWS = [
+    (name, residual)
+    for name in METHODS
+    for residual in (sorted(RESIDUALS) if name == "hybrid" else [""])
+]
+HF = [row for row in ROWS if METHODS[row[0]].simulator == "crazyflow"]
+LF = [row for row in ROWS if METHODS[row[0]].simulator == "point_mass"]
+
+
+def make(row):
+    name, residual = row
+    return small(name, **({"residual": residual} if residual else {}))
+
+
+@pytest.fixture(scope="module")
+def cell():
+    return setup(TASK, Crazyflow(), PARENT)
+
+
+@pytest.fixture(scope="module")
+def train(cell):
+    """Trains a row once per start and key, unless told to do it again."""
+    kept = {}
+
+    def run(row, init=None, key=KEY, cell=cell, again=0):
+        name = (row, id(init), int(jax.random.key_data(key)[-1]), id(cell), again)
+        if name not in kept:
+            kept[name] = make(row).train(cell, key, init)
+        return kept[name]
+
+    return run
+
+
+def first_return(trained, policy, cell, row):
+    """Return of `policy` in the simulator in which a row is trained."""
+    simulator = cell.reality if row in HF else cell.nominal
+    if trained.residual is not None:
+        effect = ResidualEffect(trained.residual, cell.nominal.spec.mass)
+        simulator = with_effects(cell.nominal, [effect])
+    record = fly(TASK, simulator, PolicyController(TASK, policy), jax.random.split(KEY, 1))
+    return float(np.asarray(record.reward).sum(axis=1).mean())
+
+
+@pytest.mark.parametrize("row", ROWS, ids="".join)
+def test_a_method_trains_a_finite_policy_of_the_cells_shape(train, row):
+    trained = train(row)
+    weights, expected = (
+        jax.tree.leaves(eqx.filter(policy, eqx.is_array)) for policy in (trained.policy, PARENT)
+    )
+    assert [leaf.shape for leaf in weights] == [leaf.shape for leaf in expected]
+    assert all(np.isfinite(leaf).all() for leaf in weights)
+    assert trained.policy(jnp.zeros((3, TASK.obs_size))).shape == (3, 3)
+    assert len(set(trained.curves["reward"])) == TINY.epochs  # every update changed it
+    assert trained.notes["training_reward"] == pytest.approx(trained.curves["smooth_reward"].max())
+
+
+@pytest.mark.parametrize("row", ROWS, ids="".join)
+def test_the_same_key_gives_the_same_result_and_another_key_another(train, row):
+    first, second = train(row), train(row, again=1)
+    assert same(first.policy, second.policy)
+    for name, curve in first.curves.items():
+        np.testing.assert_array_equal(curve, second.curves[name])
+    for field in dataclasses.fields(first.ledger):
+        if field.name != "train_seconds":
+            assert getattr(first.ledger, field.name) == getattr(second.ledger, field.name)
+    if METHODS[row[0]].parents != ("lf_baseline",) or row in LF:
+        assert not same(first.policy, train(row, key=jax.random.key(8)).policy)
+
+
+@pytest.mark.parametrize("row", ROWS, ids="".join)
+def test_the_first_epoch_flies_init(train, cell, row):
+    trained = train(row, init=INIT)
+    assert trained.curves["reward"][0] == pytest.approx(
+        first_return(trained, INIT, cell, row), rel=1e-5
+    )
+    assert abs(trained.curves["reward"][0] - train(row).curves["reward"][0]) > 0.01
+
+
+@pytest.mark.parametrize("row", ROWS, ids="".join)
+def test_every_step_of_high_fidelity_flight_is_billed(train, row):
+    ledger = train(row).ledger
+    episode = TASK.horizon * 0.02
+    if row in HF:
+        expected = TINY.epochs * TINY.worlds(TASK.n_drones) * episode * TASK.n_drones
+    else:
+        expected = episode * ledger.calibration_flights
+    assert ledger.hf_fleet_seconds == pytest.approx(expected, rel=1e-9)
+    assert ledger.calibration_flights == (FLIGHTS if row[0] == "hybrid" else 0)
+    assert ledger.epochs == TINY.epochs
+    assert ledger.skipped_updates == 0
+    assert ledger.train_seconds > 0
+
+
+@pytest.mark.parametrize("row", ROWS, ids="".join)
+def test_crashes_of_training_are_billed_where_they_happen(train, row):
+    """The first two drones start 0.25 m apart: two crashes an episode, contact at every step."""
+    trained = train(row)
+    crashes = TINY.epochs * TINY.worlds(TASK.n_drones) * 2
+    assert trained.curves["crashes"].sum() == crashes
+    assert trained.ledger.training_crashes == (crashes if row in HF else 0)
+    assert trained.ledger.lf_collisions == (0 if row in HF else crashes)
+    assert trained.ledger.training_crash_step_rate == (1.0 if row in HF else 0.0)
+    assert trained.ledger.calibration_crashes == 0  # one isolated drone cannot
+
+
+@pytest.mark.parametrize("row", HF, ids="".join)
+def test_a_high_fidelity_run_that_its_budget_ended_says_so(train, row):
+    assert train(row).status == "budget"
+
+
+@pytest.mark.parametrize("row", LF, ids="".join)
+def test_a_low_fidelity_run_that_ends_well_is_ok(train, row):
+    assert train(row).status == "ok"
+
+
+def test_hot_start_begins_with_its_parents_policy(train, cell):
+    row = ("hf_hotstart", "")
+    trained = train(row)
+    assert trained.curves["reward"][0] == pytest.approx(
+        first_return(trained, PARENT, cell, row), rel=1e-5
+    )
+
+
+def test_hybrid_calibrates_on_its_parents_flights(train, cell):
+    row = ("hybrid", "affine")
+    other = dataclasses.replace(cell.parents["lf_baseline"], policy=INIT)
+    swapped = dataclasses.replace(cell, parents={"lf_baseline": other})
+    assert not same(train(row).residual, train(row, cell=swapped).residual)
+
+
+@pytest.mark.parametrize("name", [n for n in METHODS if METHODS[n].parents])
+def test_a_missing_parent_is_not_replaced_in_silence(cell, name):
+    with pytest.raises(KeyError, match="lf_baseline"):
+        small(name).train(Setup(TASK, cell.nominal, cell.reality), KEY)
+
+
+@pytest.mark.parametrize("row", ROWS, ids="".join)
+def test_progress_is_told_of_every_epoch(cell, row):
+    heard = []
+    told = dataclasses.replace(cell, progress=lambda *message: heard.append(message))
+    trained = make(row).train(told, KEY)
+    epochs = [message for message in heard if message[2] == TINY.epochs]
+    assert [message[1] for message in epochs] == [1, 2, 3]
+    np.testing.assert_allclose([message[3] for message in epochs], trained.curves["reward"])
+
+
+@pytest.mark.parametrize("name", sorted(METHODS))
+def test_declared_parents_and_simulators_are_registered(name):
+    cls = METHODS[name]
+    assert set(cls.parents) <= set(METHODS) - {name}
+    assert cls.simulator in ("point_mass", "crazyflow")
+    assert cls.version

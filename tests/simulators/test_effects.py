@@ -1,0 +1,189 @@
+"""The contract of every registered effect, in every simulator that has its doors."""
+
+import itertools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+from flying import (
+    EFFECTS,
+    HOVER,
+    KEY,
+    SIMULATORS,
+    attached,
+    doors_of,
+    fly,
+    fly_from_rest,
+    hold,
+    hovering,
+    positions,
+    random_cmds,
+    x64,
+)
+
+from simulators.contract import MissingDoorError, with_effects
+from simulators.effects import chain
+from simulators.effects.contract import DOORS
+
+PAIRS = [
+    (s, e) for s, e in itertools.product(SIMULATORS, EFFECTS) if doors_of(SIMULATORS[s], EFFECTS[e])
+]
+# Values inside the bounds at which every effect acts smoothly: the delay lies between two whole
+# steps of both simulators, and the floor lies above crazyflow's own, under a drone that sinks.
+INTERIOR = {
+    "attitude_loop": {"natural_freq": 15.0, "damping": 0.7},
+    "delay": {"seconds": 0.033},
+    "drag": {"c": 1.3},
+    "floor": {"height": 0.04},
+    "mass": {"e": 0.2},
+    "wind": {"x": 1.1, "y": -0.7, "z": 0.4},
+}
+N, STEPS = 3, 50
+
+
+def flight_of(simulator):
+    return fly_from_rest(simulator, positions(N), random_cmds(0, STEPS, N, yaw=0.3))
+
+
+def assert_identical(a, b):
+    jax.tree.map(np.testing.assert_array_equal, a, b)
+
+
+@pytest.mark.parametrize(("simulator", "effect"), PAIRS)
+def test_a_neutral_effect_is_nominal_bit_for_bit(simulator, effect):
+    nominal = SIMULATORS[simulator]()
+    neutral = {name: p.neutral for name, p in EFFECTS[effect].parameters.items()}
+    assert_identical(flight_of(attached(nominal, **{effect: neutral})), flight_of(nominal))
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_all_neutral_effects_together_are_nominal_bit_for_bit(simulator):
+    """As constants of the program this time, where the compiler may fold them."""
+    nominal = SIMULATORS[simulator]()
+    every = with_effects(nominal, [EFFECTS[e]() for s, e in PAIRS if s == simulator])
+    pos, cmds = positions(N), random_cmds(0, STEPS, N, yaw=0.3)
+    folded = jax.jit(lambda cmds: fly(every, every.reset(pos, KEY), cmds))(cmds)
+    assert_identical(folded, flight_of(nominal))
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_the_default_of_every_parameter_is_neutral(effect):
+    made = EFFECTS[effect]()
+    fields = {name: float(value) for name, value in vars(made).items()}
+    assert fields == {name: p.neutral for name, p in made.parameters.items()}
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_every_parameter_states_unit_source_and_ordered_bounds(effect):
+    for parameter in EFFECTS[effect].parameters.values():
+        assert parameter.unit
+        assert parameter.source
+        assert parameter.low < parameter.high
+    assert EFFECTS[effect].door in DOORS
+
+
+@pytest.mark.parametrize(("simulator", "effect"), PAIRS)
+def test_an_effect_keeps_the_structure_and_types_of_the_state(simulator, effect):
+    made = attached(SIMULATORS[simulator](), **{effect: INTERIOR[effect]})
+    state = jax.eval_shape(lambda: made.reset(positions(N), KEY))
+    after = jax.eval_shape(lambda s: made.step_cmd(s, jnp.ones((N, 4)), 0.02), state)
+    restored = jax.eval_shape(lambda: hovering(made, positions(N)))
+    assert jax.tree.structure(state) == jax.tree.structure(after) == jax.tree.structure(restored)
+    for other in (after, restored):
+        assert [x.shape for x in jax.tree.leaves(state)] == [x.shape for x in jax.tree.leaves(other)]
+        assert [x.dtype for x in jax.tree.leaves(state)] == [x.dtype for x in jax.tree.leaves(other)]
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_the_order_of_the_list_does_not_matter(simulator):
+    effects = [EFFECTS[e](**INTERIOR[e]) for s, e in PAIRS if s == simulator]
+    nominal = SIMULATORS[simulator]()
+    forward, backward = with_effects(nominal, effects), with_effects(nominal, effects[::-1])
+    one_by_one = nominal
+    for effect in effects:
+        one_by_one = with_effects(one_by_one, [effect])
+    assert eqx.tree_equal(forward, backward)
+    assert eqx.tree_equal(forward, one_by_one)
+    doors = [DOORS.index(effect.door) for effect in forward.effects]
+    assert doors == sorted(doors)
+
+
+def test_the_canonical_text_does_not_depend_on_the_order():
+    effects = [EFFECTS["wind"](x=1.5), EFFECTS["drag"](c=2.0)]
+    text = "Drag(c=2); Wind(x=1.5, y=0, z=0)"
+    assert chain.canonical(tuple(effects)) == chain.canonical(tuple(effects[::-1])) == text
+    assert chain.canonical(()) == ""
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_derivatives_of_the_final_position_equal_finite_differences(simulator):
+    """All effects act at once; drone 0 sinks onto the effect's floor, the others fly."""
+    with x64():
+        names = [e for s, e in PAIRS if s == simulator]
+        pos = positions(N).at[0, 2].set(0.06)
+        cmds = random_cmds(0, 20, N).at[:, 0].multiply(jnp.asarray([1.0, 1.0, 1.0, 0.5]))
+        flat, unravel = ravel_pytree({e: INTERIOR[e] for e in names})
+
+        def final(parameters):
+            made = attached(SIMULATORS[simulator](), **unravel(parameters))
+            return fly_from_rest(made, pos, cmds).pos[-1]
+
+        # One program for values and derivatives: at the point itself, then h to either side.
+        unit, h = jnp.eye(len(flat)), 1e-6
+        points = jnp.concatenate([flat + step * unit for step in (0.0, h, -h)])
+        tangents = jnp.concatenate([unit, unit, unit])
+        both = jax.jit(jax.vmap(lambda p, t: jax.jvp(final, (p,), (t,))))(points, tangents)
+        (_, plus, minus), (exact, _, _) = (jnp.split(x, 3) for x in both)
+        numeric = (plus - minus) / (2 * h)
+        assert exact.dtype == jnp.float64
+        # Central differences err by h^2 and by rounding / h, both near 1e-9 here.
+        np.testing.assert_allclose(exact, numeric, rtol=1e-5, atol=1e-7)
+        assert (jnp.abs(exact).max(axis=(1, 2)) > 1e-4).all()
+
+
+def test_a_delay_shifts_the_commands_by_whole_steps():
+    """The history of the restored flight is a hover, which is what arrives first."""
+    cmds = random_cmds(0, STEPS, N)
+    shifted = jnp.concatenate([hold([0, 0, 0, HOVER], 3, N), cmds[:-3]])
+    nominal = SIMULATORS["point_mass"]()
+    delayed = attached(nominal, delay={"seconds": 0.06})
+    state = hovering(nominal, positions(N))
+    flown = fly(delayed, hovering(delayed, positions(N)), cmds)
+    np.testing.assert_allclose(flown.pos, fly(nominal, state, shifted).pos, atol=1e-5)
+    assert jnp.abs(flown.pos - fly(nominal, state, cmds).pos).max() > 0.01
+
+
+@pytest.mark.parametrize("duration", [0.004, 0.01, 0.02])
+def test_a_delay_lasts_as_long_whatever_the_step(duration):
+    """A thrust step in the point mass arrives 0.04 s later, to within one step."""
+    simulator = attached(SIMULATORS["point_mass"](), delay={"seconds": 0.04})
+    steps = round(0.1 / duration)
+    cmds = hold([0, 0, 0, 1.2 * HOVER], steps)
+    thrust = fly(simulator, hovering(simulator, positions(1)), cmds, duration).thrust[:, 0]
+    middle = float(jnp.interp(1.1 * HOVER, thrust, duration * jnp.arange(1, steps + 1)))
+    # u(t - d) with the command of a step acting from the step's start to its end.
+    assert middle == pytest.approx(0.04 + duration, abs=0.011)
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_the_plants_thrust_gain_reaches_thrust_and_acceleration(simulator):
+    made = with_effects(SIMULATORS[simulator](), [StrongRotors()])
+    flight = fly(made, hovering(made, positions(1)), hold([0, 0, 0, HOVER], 10))
+    np.testing.assert_allclose(flight.thrust, 1.1 * HOVER, rtol=1e-4)
+    np.testing.assert_allclose(flight.vel[-1, 0, 2], 0.981 * 0.2, rtol=0.06)
+
+
+class StrongRotors(EFFECTS["mass"]):
+    """Rotors that give 10 % more thrust than believed; reuses the plant door of `Mass`."""
+
+    def plant(self, memory, flight, vehicle, dt):
+        return None, eqx.tree_at(lambda v: v.thrust_gain, vehicle, 1.1 * vehicle.thrust_gain)
+
+
+def test_a_missing_door_names_the_simulators_that_have_it():
+    message = "AttitudeLoop .* 'response', .* 'crazyflow' does not have.* have it: point_mass"
+    with pytest.raises(MissingDoorError, match=message):
+        attached(SIMULATORS["crazyflow"](), attitude_loop={})

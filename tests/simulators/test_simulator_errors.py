@@ -1,0 +1,84 @@
+"""Errors say what was received and what is allowed."""
+
+import importlib.metadata
+
+import jax.numpy as jnp
+import pytest
+from flying import KEY, SIMULATORS, positions
+
+from simulators import registry
+
+CMD = jnp.asarray([[0.0, 0.0, 0.0, 0.4]])
+
+
+def step(name, duration):
+    simulator = SIMULATORS[name]()
+    return simulator.step_cmd(simulator.reset(positions(1), KEY), CMD, duration)
+
+
+@pytest.mark.parametrize("duration", [0.003, 0.0, -0.02, 0.0005])
+def test_crazyflow_refuses_a_duration_between_physics_steps(duration):
+    message = rf"`duration` must be a positive multiple of 0.002 s, got {duration}\."
+    with pytest.raises(ValueError, match=message):
+        step("crazyflow", duration)
+
+
+@pytest.mark.parametrize("duration", [0.0, -0.02])
+def test_the_point_mass_refuses_a_duration_that_is_not_positive(duration):
+    with pytest.raises(ValueError, match=rf"`duration` must be above 0 s, got {duration}\."):
+        step("point_mass", duration)
+
+
+@pytest.mark.parametrize("duration", [0.004, 0.02, 0.033])
+def test_the_point_mass_steps_by_any_positive_duration(duration):
+    assert float(step("point_mass", duration).t) == pytest.approx(duration)
+
+
+def test_crazyflow_steps_by_any_multiple_of_its_physics_step():
+    assert int(step("crazyflow", 0.006).steps) == 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "message"),
+    [
+        ("task", "sprad", r"No task is registered as 'sprad'\. Did you mean 'spread'\? Registered: "),
+        ("simulator", "pointmass", r"Did you mean 'point_mass'\? Registered: crazyflow, point_mass"),
+        ("effect", "xyz", r"No effect is registered as 'xyz'\. Registered: attitude_loop, "),
+    ],
+)
+def test_an_unknown_plugin_is_answered_with_the_nearest_name(kind, name, message):
+    with pytest.raises(registry.UnknownPluginError, match=message):
+        registry.load(kind, name)
+
+
+@pytest.fixture
+def broken_effect(monkeypatch):
+    """An entry point beside the real ones whose module does not exist."""
+    real = registry._entry_points("effect")
+    broken = importlib.metadata.EntryPoint("ghost", "no_such_module:Ghost", "bench.effects")
+    monkeypatch.setattr(registry, "_entry_points", lambda kind: {**real, "ghost": broken})
+    registry.load.cache_clear()
+    yield
+    registry.load.cache_clear()
+
+
+@pytest.mark.usefixtures("broken_effect")
+def test_a_broken_plugin_says_which_one_and_why():
+    message = (
+        r"The effect 'ghost' of unknown cannot be imported: ModuleNotFoundError: "
+        r"No module named 'no_such_module'"
+    )
+    with pytest.raises(registry.BrokenPluginError, match=message):
+        registry.load("effect", "ghost")
+
+
+@pytest.mark.usefixtures("broken_effect")
+def test_a_broken_plugin_is_named_in_a_warning_and_stops_nobody_else():
+    with pytest.warns(UserWarning, match="The effect 'ghost' .* cannot be imported"):
+        found = registry.load_all("effect")
+    assert "ghost" not in found
+    assert {"drag", "mass", "wind"} <= set(found)
+
+
+def test_built_in_plugins_come_from_this_package():
+    assert registry.distribution("simulator", "crazyflow").startswith("fidelity-bench ")
