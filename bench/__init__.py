@@ -1,0 +1,1 @@
+"""The harness: command line, suites, plan, execution, store, statistics, reports."""

@@ -1,4 +1,4 @@
-"""The command line: `bench run`, `bench list`, `bench leaderboard`, `bench report`.
+"""The command line: `bench run`, `list`, `leaderboard`, `report`, `claims`.
 
 Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
 """
@@ -129,6 +129,31 @@ def report(directory: Path, /, *, out: Path | None = None) -> int:
     from bench.tables import Tables
 
     rebuild_report(Tables.load(directory), out or documents_of(directory), Console())
+    return 0
+
+
+@app.command
+def claims(directory: Path, /, *, out: Path | None = None, notes: Path | None = None) -> int:
+    """Put the paper's claims beside what the tables in a folder say, as Markdown and HTML.
+
+    Parameters
+    ----------
+    directory
+        Folder with results.parquet and its companions, such as results/pilot.
+    out
+        Markdown file to write; without it, reports/NAME.md for results/NAME, else claims.md in
+        DIRECTORY.
+    notes
+        Markdown file to append, such as reports/pilot_notes.md.
+    """
+    from bench.claims import write_claims
+    from bench.tables import Tables
+
+    documents = documents_of(directory)
+    default = directory / "claims.md" if documents == directory else documents.with_suffix(".md")
+    path = out or default
+    write_claims(Tables.load(directory), path, notes)
+    print(f"Claims: {path}")  # noqa: T201
     return 0
 
 

@@ -110,7 +110,8 @@ def expand(suite: Suite) -> Plan:
             for team_size in suite.team_sizes if row.team_sizes is None else row.team_sizes:
                 if task not in suite.tasks or team_size not in suite.team_sizes:
                     continue  # a restricted row keeps within what the command line chose
-                for seed in range(suite.first_seed, suite.first_seed + suite.seeds):
+                n_seeds = min(suite.seeds, row.seeds or suite.seeds)
+                for seed in range(suite.first_seed, suite.first_seed + n_seeds):
                     try:
                         _add(runs, row, task, team_size, seed, ())
                     except registry.BrokenPluginError as error:

@@ -14,6 +14,7 @@
     task_settings.observe_attitude = true
     tasks = ["circle"]                 # this row only on these
     team_sizes = [12]
+    seeds = 1
 
 An unknown key is an error. Plug-in names are checked without importing any plug-in.
 """
@@ -55,6 +56,8 @@ class Row:
     """Tasks to which the row is restricted; None: all of the suite."""
     team_sizes: tuple[int, ...] | None = None
     """Team sizes to which the row is restricted; None: all of the suite."""
+    seeds: int | None = None
+    """Number of seeds to which the row is restricted; None: all of the suite."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,6 +99,8 @@ class Suite:
             if row.residual:
                 _check("residual", row.residual)
             _check_names(row.tasks or (), row.team_sizes or ())
+            if row.seeds is not None and row.seeds < 1:
+                raise SuiteError(f"{where}: `seeds` of a row must be at least 1, got {row.seeds}.")
 
     def select(
         self,
@@ -189,6 +194,7 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
                 task_settings=_typed(place, row, "task_settings", dict, {}),
                 tasks=_list(place, row, "tasks", str) if "tasks" in row else None,
                 team_sizes=_list(place, row, "team_sizes", int) if "team_sizes" in row else None,
+                seeds=_typed(place, row, "seeds", int) if "seeds" in row else None,
             )
         )
     return Suite(

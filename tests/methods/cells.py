@@ -6,6 +6,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from methods.bptt import BPTT
 from methods.contract import Ledger, Setup, Trained, silent
@@ -58,15 +59,41 @@ class Hold(AbstractTask):
         return self.weight * (-distance - self.vel_weight * vel_error)
 
 
-class Apart(eqx.Module):
-    """Deploys a constant thrust over hover, level; nothing is learned."""
+class OpenLoop(eqx.Module):
+    """Deploys actions by step, whatever happens."""
 
-    excess: float = 0.0
+    actions: jax.Array  # (time, drones, 3)
 
     def __call__(self, state):
-        n = len(state.flight.pos)
-        thrust = ActionSpace().hover(SPEC.mass) + self.excess
-        return jnp.zeros((n, 3)).at[:, 2].set(thrust)
+        return self.actions[state.step]
+
+
+def lift(task, excess):
+    """Level flight at `excess` over the thrust action of hover."""
+    hover = ActionSpace().hover(SPEC.mass)
+    actions = jnp.zeros((task.horizon, task.n_drones, 3))
+    return OpenLoop(actions.at[:, :, 2].set(hover + excess))
+
+
+CLIMB = Hold(n_drones=2, goal=(0.0, 0.0, 100.0), vel_weight=0.0, spacing=(3.0, 3.0))
+"""Return = height gained, but for a constant: its slope by the height is `weight`."""
+
+
+def climb_gradient(task, decay, limit=np.inf):
+    """Derivative of the return by each step's thrust action in the nominal point mass.
+
+    Height and velocity (z, v) follow a linear recursion, so the adjoint (z, v)-derivative is one
+    too, backwards: l_k = (w, 0) + clip(decay A^T l_{k+1}), gradient_k = B l_{k+1}.
+    """
+    h = 0.02
+    step = np.array([[1.0, h], [0.0, 1.0]])
+    push = 0.5 * ActionSpace().thrust_max / SPEC.mass * h * np.array([h, 1.0])
+    slope = np.array([task.weight, 0.0])
+    adjoint, gradient = slope, []
+    for _ in range(task.horizon):
+        gradient.append(push @ adjoint)
+        adjoint = slope + np.clip(decay * step.T @ adjoint, -limit, limit)
+    return np.array(gradient[::-1])
 
 
 def fresh(task, seed=0):

@@ -9,6 +9,7 @@ from flying import KEY, SIMULATORS, TASKS, fly, hovering, positions, random_cmds
 
 from simulators.flight import Flight
 from simulators.rotation import quat_to_rpy, rpy_to_quat
+from tasks.contact import in_contact
 from tasks.contract import TaskState
 
 SIZES = [2, 3, 5, 18]
@@ -16,13 +17,14 @@ every_task = pytest.mark.parametrize("name", TASKS)
 every_size = pytest.mark.parametrize("n_drones", SIZES)
 
 
+@eqx.filter_jit
 def random_state(task, seed=0):
     """A team in flight, nobody near a tie of distances or the singular middle of a task."""
     keys = jax.random.split(jax.random.key(seed), 4)
     n = task.n_drones
     turn, out, up = jax.random.uniform(keys[2], (3, n), maxval=2.0)
     angle = jnp.pi * turn
-    pos = jnp.stack([(1 + out) * jnp.cos(angle), (1 + out) * jnp.sin(angle), up], axis=-1)
+    pos = jnp.stack([(2 + out) * jnp.cos(angle), (2 + out) * jnp.sin(angle), up], axis=-1)
     rpy = jax.random.uniform(keys[1], (n, 3), minval=-0.3, maxval=0.3)
     flight = Flight(
         t=jnp.asarray(2.0),
@@ -41,10 +43,13 @@ def random_state(task, seed=0):
 def test_every_quantity_has_one_row_per_drone(name, n_drones, observe_attitude):
     task = TASKS[name](n_drones=n_drones, observe_attitude=observe_attitude)
     state = random_state(task)
-    assert task.observe(state).shape == (n_drones, task.obs_size)
-    assert task.target(state).offset.shape == task.target(state).vel.shape == (n_drones, 3)
-    assert task.error(state).shape == (n_drones,)
-    assert [r.shape for r in task.rewards(state)] == [(n_drones,)] * 2
+    shape = lambda fn: jax.tree.map(lambda x: x.shape, jax.eval_shape(fn, state))  # noqa: E731
+    assert shape(task.observe) == (n_drones, task.obs_size)
+    assert shape(lambda s: vars(task.target(s))) == dict.fromkeys(
+        ("offset", "vel", "acc"), (n_drones, 3)
+    )
+    assert shape(task.error) == (n_drones,)
+    assert shape(task.rewards) == ((n_drones,), (n_drones,))
     assert task.obs_size == TASKS[name]().obs_size + 2 * observe_attitude
 
 
@@ -77,21 +82,25 @@ def test_the_same_key_gives_the_same_episode_and_another_key_another(name):
 
 
 @every_task
-def test_renumbering_the_drones_renumbers_observations_rewards_and_errors(name):
+@pytest.mark.parametrize("crowding", [1.0, 0.1])
+def test_renumbering_the_drones_renumbers_observations_rewards_and_errors(name, crowding):
+    """Apart, and so close together that they touch."""
     task = TASKS[name](n_drones=5)
     state, order = random_state(task), jnp.asarray([3, 0, 4, 2, 1])
+    state = eqx.tree_at(lambda s: s.flight.pos, state, crowding * state.flight.pos)
     flight = jax.tree.map(lambda x: x[order] if x.ndim else x, state.flight)
     goal = state.goal[order] if name == "spread" else state.goal
     renumbered = TaskState(flight, goal, state.step)
     for fn in (task.observe, task.error, lambda s: jnp.stack(task.rewards(s), -1)):
         np.testing.assert_allclose(fn(renumbered), fn(state)[order], rtol=1e-4, atol=1e-5)
+    assert bool(in_contact(state.flight.pos, state.flight.t).any()) == (crowding < 1)
 
 
 @every_task
 @every_size
 def test_teams_spawn_on_the_ground_out_of_contact(name, n_drones):
     task = TASKS[name](n_drones=n_drones)
-    pos = jax.vmap(lambda k: task.reset(k)[0])(jax.random.split(KEY, 100))
+    pos = jax.jit(jax.vmap(lambda k: task.reset(k)[0]))(jax.random.split(KEY, 100))
     apart = jnp.linalg.norm(pos[:, :, None] - pos[:, None], axis=-1)
     apart = apart + 10.0 * jnp.eye(n_drones)
     assert pos.shape == (100, n_drones, 3)

@@ -1,0 +1,106 @@
+"""The recipes of CONTRIBUTING.md: their code is run as it stands there."""
+
+import importlib.util
+import re
+import tomllib
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from methods.bptt import BPTT
+from methods.contract import Setup
+from methods.residuals.contract import Transitions
+from simulators import registry
+from simulators.contract import with_effects
+from simulators.crazyflow import Crazyflow
+from simulators.point_mass import PointMass
+from simulators.vehicle import GRAVITY
+from tasks.circle import Circle
+from tasks.rollout import episode
+
+PAGE = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+CODE = {
+    text.split("\n", 1)[0].removeprefix("# "): text for kind, text in BLOCKS if kind == "python"
+}
+
+
+@pytest.fixture
+def registered(tmp_path):
+    """A function: the class that a recipe writes and registers for a kind of plug-in."""
+
+    def load(kind):
+        (points,) = (
+            group
+            for language, text in BLOCKS
+            if language == "toml"
+            for name, group in tomllib.loads(text)["project"]["entry-points"].items()
+            if name == registry.GROUPS[kind]
+        )
+        ((_, target),) = points.items()
+        module_name, class_name = target.split(":")
+        path = tmp_path / "recipe.py"
+        path.write_text(CODE[module_name.replace(".", "/") + ".py"], encoding="utf-8")
+        spec = importlib.util.spec_from_file_location(f"recipe_{kind}", path)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return getattr(module, class_name)
+
+    return load
+
+
+def test_every_recipe_is_tested():
+    assert len(CODE) == 4
+
+
+def test_the_method_returns_the_best_of_its_trainings_and_bills_all(registered, key):
+    method = registered("method")(trainer=BPTT(epochs=2, smoothing=1, n_worlds=1), restarts=3)
+    setup = Setup(Circle(n_drones=2, horizon=5), PointMass(), PointMass())
+    trained = method.train(setup, key)
+    assert trained.ledger.epochs == 6
+    assert trained.notes["training_reward"] == pytest.approx(trained.curves["smooth_reward"].max())
+    assert registered("method")().restarts == 2
+
+
+def test_the_task_pays_most_on_the_line(registered, key):
+    task = registered("task")(n_drones=4, horizon=20)
+    assert task.task_reward(jnp.zeros(4), jnp.zeros(4)) == pytest.approx(0.0)
+    pos, goal = task.reset(key)
+    simulator = PointMass()
+    flown = episode(task, simulator, lambda state: jnp.zeros((4, 3)), key)
+    assert pos.shape == (4, 3)
+    assert goal is None
+    assert -20.0 * 10.0 < flown.reward < 0.0
+
+
+@pytest.mark.parametrize("simulator", [PointMass(), Crazyflow()], ids=lambda s: s.name)
+def test_the_effect_pulls_to_the_origin_and_is_nominal_without_stiffness(
+    registered, simulator, key
+):
+    tether = registered("effect")
+    pos = jnp.asarray([[2.0, 0.0, 5.0]])
+    cmd = jnp.asarray([[0.0, 0.0, 0.0, simulator.spec.mass * GRAVITY]])
+
+    def after(simulator):
+        return simulator.flight(simulator.step_cmd(simulator.reset(pos, key), cmd, 0.02))
+
+    nominal, neutral = after(simulator), after(with_effects(simulator, [tether()]))
+    jax.tree.map(np.testing.assert_array_equal, nominal, neutral)
+    pulled = after(with_effects(simulator, [tether(k=0.05)]))
+    expected = -0.05 * 2.0 / simulator.spec.mass * 0.02
+    assert float(pulled.vel[0, 0] - nominal.vel[0, 0]) == pytest.approx(expected, rel=0.05)
+
+
+def test_the_residual_is_the_weighted_mean_within_its_bound(registered, key):
+    target = jnp.asarray([[1.0, 0.0, -2.0], [4.0, 0.0, 900.0]])
+    weight = jnp.asarray([3.0, 1.0])
+    model = registered("residual")().fit(Transitions(jnp.zeros((2, 12)), target, weight), key)
+    out = model(jnp.zeros((5, 12)))
+    assert out.shape == (5, 3)
+    np.testing.assert_allclose(model.acc, [1.75, 0.0, 223.5], rtol=1e-5)
+    np.testing.assert_allclose(
+        out[0], 35.0 * np.tanh(np.array([1.75, 0.0, 223.5]) / 35.0), rtol=1e-5
+    )

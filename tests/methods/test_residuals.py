@@ -1,0 +1,166 @@
+"""One contract suite over every registered residual, and what each class must be able to fit."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cells import RESIDUALS, same
+
+from methods.residuals.affine import Affine
+from methods.residuals.contract import BOUND, Transitions, make_scale
+from methods.residuals.mlp import MLPEnsemble
+from methods.residuals.sindy import TERMS, Sindy
+from simulators.vehicle import GRAVITY
+
+KEY = jax.random.key(5)
+SIZE = np.array([2, 2, 2, 1.5, 1.5, 1.5, 0.4, 0.4, 0, 6, 6, 6])
+"""Half the range of each feature: m, m/s, rad (yaw is always zero), m/s^2."""
+
+
+def sample(n, seed=0):
+    """Features that fill their range."""
+    return jnp.asarray(np.random.default_rng(seed).uniform(-1, 1, (n, 12)) * SIZE, jnp.float32)
+
+
+def transitions(x, y, weight=None):
+    weight = np.ones(len(x)) if weight is None else weight
+    return Transitions(x, jnp.asarray(y, jnp.float32), jnp.asarray(weight, jnp.float32))
+
+
+def bound(y):
+    return BOUND * np.tanh(np.asarray(y) / BOUND)
+
+
+def some_physics(x):
+    """A little of everything, the same for all classes."""
+    return np.asarray(-0.4 * x[:, 3:6] + 0.1 * x[:, 9:] + jnp.asarray([0.0, 0.3, -0.5]))
+
+
+@pytest.fixture(scope="module", params=sorted(RESIDUALS))
+def name(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def fitted(name):
+    x = sample(150)
+    return RESIDUALS[name]().fit(transitions(x, some_physics(x)), KEY)
+
+
+def test_a_linear_law_is_learned(name, fitted):
+    x = sample(200, seed=1)
+    error = fitted(x) - some_physics(x)
+    assert float(jnp.std(error)) < 0.25 * some_physics(x).std()
+
+
+@pytest.mark.parametrize("size", [1e2, 1e6, 1e30, np.inf])
+def test_corrections_stay_bounded_for_absurd_features(fitted, size):
+    signs = np.sign(np.random.default_rng(2).uniform(-1, 1, (64, 12)))
+    y = np.asarray(fitted(jnp.asarray(size * signs, jnp.float32)))
+    assert y.shape == (64, 3)
+    assert (np.abs(y) <= BOUND).all()
+
+
+def test_a_huge_target_cannot_exceed_the_bound(name):
+    x = sample(150)
+    model = RESIDUALS[name]().fit(transitions(x, 1e3 * some_physics(x)), KEY)
+    y = np.asarray(model(x))
+    assert (np.abs(y) <= BOUND).all()
+    assert np.abs(y).max() > 0.5 * BOUND
+
+
+def test_each_drone_is_corrected_by_itself(fitted):
+    x = sample(6, seed=3)
+    alone = jnp.concatenate([fitted(row[None]) for row in x])
+    np.testing.assert_allclose(fitted(x), alone, atol=1e-5)
+    np.testing.assert_allclose(fitted(x[::-1]), fitted(x)[::-1], atol=1e-5)
+
+
+def test_the_same_key_gives_the_same_fit(name, fitted):
+    x = sample(150)
+    assert same(fitted, RESIDUALS[name]().fit(transitions(x, some_physics(x)), KEY))
+
+
+def test_a_fit_can_start_from_an_earlier_one(name, fitted):
+    x = sample(150)
+    model = RESIDUALS[name]().fit(transitions(x, some_physics(x)), KEY, init=fitted)
+    before, after = (np.mean((m(x) - some_physics(x)) ** 2) for m in (fitted, model))
+    assert after <= 1.05 * before
+
+
+def test_heavier_rows_pull_the_fit_towards_them(name):
+    """Each of 20 places is seen at +1 and at -1 m/s^2, 20 times: the mean follows the weights."""
+    places = jnp.tile(sample(20), (40, 1))
+    sign = np.repeat([1.0, -1.0], 400)
+    y = np.repeat(sign[:, None], 3, axis=1)
+    means = []
+    for weight in (1.0, 4.0):
+        rows = transitions(places, y, np.where(sign > 0, weight, 1.0))
+        means.append(float(jnp.mean(RESIDUALS[name]().fit(rows, KEY)(places))))
+    assert means == pytest.approx([0.0, 3.0 / 5.0], abs=0.1)
+
+
+def test_an_affine_target_is_recovered_exactly():
+    rng = np.random.default_rng(4)
+    weight, x, fresh = rng.normal(size=(12, 3)) / 10, sample(300), sample(100, seed=6)
+    model = Affine().fit(transitions(x, np.asarray(x) @ weight + [1.0, 0.0, -2.0]), KEY)
+    expected = bound(np.asarray(fresh) @ weight + [1.0, 0.0, -2.0])
+    np.testing.assert_allclose(model(fresh), expected, atol=1e-4)
+
+
+def test_a_sparse_law_is_recovered_with_its_coefficients():
+    """-0.5 v + 0.1 f_z e_z with f = nominal acceleration + g, and nothing else."""
+    x = sample(400)
+    force = np.asarray(x[:, 9:] + jnp.asarray([0.0, 0.0, GRAVITY]))
+    y = -0.5 * np.asarray(x[:, 3:6])
+    y[:, 2] += 0.1 * force[:, 2]
+    model = Sindy().fit(transitions(x, y), KEY)
+    expected = np.zeros((len(TERMS), 3))
+    expected[[TERMS.index("v_x"), TERMS.index("v_y"), TERMS.index("v_z")], [0, 1, 2]] = -0.5
+    expected[TERMS.index("f_z"), 2] = 0.1
+    np.testing.assert_allclose(model.coefficients, expected, atol=2e-3)
+    assert (np.asarray(model.coefficients)[expected == 0.0] == 0.0).all()
+
+
+def test_quadratic_drag_is_told_from_linear_drag():
+    x = sample(400)
+    vel = np.asarray(x[:, 3:6])
+    model = Sindy().fit(
+        transitions(x, -0.3 * np.linalg.norm(vel, axis=1, keepdims=True) * vel), KEY
+    )
+    found = {term: np.asarray(row) for term, row in zip(TERMS, model.coefficients, strict=True)}
+    assert found["s v_x"][0] == pytest.approx(-0.3, abs=0.01)
+    assert found["v_x"][0] == pytest.approx(0.0, abs=0.01)
+
+
+def smooth(x):
+    """No class but a network can have this."""
+    a, b = x[:, 3], x[:, 6] * 3.0
+    return np.stack([np.sin(2 * a), a * b, np.tanh(a - b)], axis=-1)
+
+
+def test_a_smooth_nonlinear_law_is_fitted_by_the_networks_alone():
+    x, fresh = sample(800), np.asarray(sample(200, seed=7))
+    errors = {}
+    for fit in (MLPEnsemble(members=2, epochs=300, lr=5e-3, max_samples=5000), Affine()):
+        model = fit.fit(transitions(x, smooth(np.asarray(x))), KEY)
+        wrong = np.asarray(model(jnp.asarray(fresh))) - smooth(fresh)
+        errors[type(fit)] = np.sqrt(np.mean(wrong**2)) / smooth(fresh).std()
+    assert errors[MLPEnsemble] < 0.25
+    assert errors[MLPEnsemble] < 0.5 * errors[Affine]
+
+
+def test_features_are_clipped_at_five_standard_deviations():
+    x = sample(150)
+    scale = make_scale(x)
+    far = jnp.full((1, 12), 1e4)
+    np.testing.assert_allclose(scale(far)[0, :8], 5.0)
+    np.testing.assert_allclose(scale.clipped(x), x, atol=1e-5)
+    assert float(scale.std[8]) == 1.0  # yaw is constant
+
+
+def test_a_residual_is_a_pytree_of_arrays(fitted):
+    leaves = jax.tree.leaves(eqx.filter(fitted, eqx.is_inexact_array))
+    assert all(np.isfinite(leaf).all() for leaf in leaves)
+    assert sum(leaf.size for leaf in leaves) > 12
