@@ -39,7 +39,7 @@ bench: $(READY)
 clean:
 	@echo "Removing .venv, caches and the results of the quick suite."
 	@rm -rf .venv *.egg-info .pytest_cache .ruff_cache .hypothesis .benchmarks .import_linter_cache
-	@rm -rf results/quick reports/quick
+	@rm -rf results/quick reports/quick examples/plugin/build examples/plugin/*.egg-info
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Python 3.11, or else a newer python3; a python3.11 that is there but does not start is passed over.

@@ -27,7 +27,7 @@ def execute(
         done: Names of parents that are in the store already.
     """
     schedule = _Schedule(runs, done)
-    workers = [Worker(store.directory, number) for number in range(jobs)]
+    workers = [Worker(store.directory, number, jobs) for number in range(jobs)]
     try:
         while True:
             for worker in workers:

@@ -39,12 +39,25 @@ def environment() -> dict[str, str]:
     return {k: os.environ.get(k, v) for k, v in defaults.items()} | {"XLA_FLAGS": flags}
 
 
+def share_of_cores(number: int, jobs: int) -> list[int]:
+    """Cores for one of `jobs` workers, empty where cores cannot be chosen or do not suffice.
+
+    XLA starts a thread per core that it may use, and they wait for each other by spinning: two
+    workers that may both use two cores take each other's time.
+    """
+    if not hasattr(os, "sched_getaffinity"):
+        return []  # macOS, Windows
+    cores = sorted(os.sched_getaffinity(0))
+    return cores[number::jobs] if jobs <= len(cores) else []
+
+
 class Worker:
     """A place for one process, which is started when it is first needed."""
 
-    def __init__(self, directory: Path, number: int) -> None:
+    def __init__(self, directory: Path, number: int, jobs: int) -> None:
         self.directory = directory
         self.number = number
+        self._cores = share_of_cores(number, jobs)
         self.run: Run | None = None
         self._log = directory / "runs" / ".logs" / f"worker-{number}.log"
         self._process: SpawnProcess | None = None
@@ -70,7 +83,7 @@ class Worker:
         self._process = context.Process(
             target=serve, args=(theirs, self.directory, self._log), daemon=True
         )
-        with _patched_environment(environment()), _interrupts_ignored():
+        with _patched_environment(environment()), _on_cores(self._cores), _interrupts_ignored():
             self._process.start()
         theirs.close()
         self._given = 0
@@ -112,6 +125,20 @@ def _patched_environment(changes: dict[str, str]) -> Iterator[None]:
     finally:
         os.environ.clear()
         os.environ.update(before)
+
+
+@contextlib.contextmanager
+def _on_cores(cores: list[int]) -> Iterator[None]:
+    """Inside, a process that starts may use only these cores; any if the list is empty."""
+    if not cores:
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
 
 
 @contextlib.contextmanager

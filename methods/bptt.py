@@ -81,15 +81,16 @@ class BPTT(eqx.Module):
         start = time.perf_counter()
         opt_state = _optimizer(self).init(eqx.filter(policy, eqx.is_inexact_array))
         history, best, best_policy = [], -np.inf, policy
-        milestone, milestone_epoch = -np.inf, 0
+        window = min(self.smoothing, self.epochs)
+        milestone, milestone_epoch = -np.inf, window - 1
         for epoch in range(self.epochs):
             epoch_key = jax.random.fold_in(key, epoch)
             updated, opt_state, row = _epoch(
                 self, task, simulator, policy, opt_state, epoch_key
             )
             history.append(jax.tree.map(float, row))
-            recent = [r["smooth_reward"] for r in history[-self.smoothing :]]
-            if len(recent) == self.smoothing and np.mean(recent) > best:
+            recent = [r["smooth_reward"] for r in history[-window:]]
+            if len(recent) == window and np.mean(recent) > best:
                 best, best_policy = float(np.mean(recent)), policy
                 if not best - milestone < self.min_improvement * abs(milestone):
                     milestone, milestone_epoch = best, epoch

@@ -1,7 +1,7 @@
 """Hybrid: trained in the point mass under a frozen residual, no policy ever flown in HF."""
 
 import time
-from typing import ClassVar
+from typing import ClassVar, get_args
 
 import equinox as eqx
 import jax
@@ -37,6 +37,13 @@ class Hybrid(AbstractMethod):
     version: ClassVar[str] = "1"
     parents: ClassVar[tuple[str, ...]] = ("lf_baseline",)
     simulator: ClassVar[str] = "point_mass"
+
+    def __check_init__(self) -> None:
+        if self.attitude not in get_args(Attitude):
+            allowed = " or ".join(f"'{name}'" for name in get_args(Attitude))
+            raise ValueError(f"`attitude` must be {allowed}, got '{self.attitude}'.")
+        if self.flights is not None and self.flights < 1:
+            raise ValueError(f"`flights` must be at least 1 or None, got {self.flights}.")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         start = time.perf_counter()

@@ -11,8 +11,8 @@ import jaxtyping
 
 jaxtyping.install_import_hook(["simulators", "tasks", "methods"], "beartype.beartype")
 
-import jax
-import pytest
+import jax  # noqa: E402 - after the settings and the hook above
+import pytest  # noqa: E402
 
 
 @pytest.fixture

@@ -19,12 +19,15 @@ from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
 from simulators.vehicle import GRAVITY
 from tasks.circle import Circle
+from tasks.contract import TaskState
 from tasks.rollout import episode
 
 PAGE = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 CODE = {
-    text.split("\n", 1)[0].removeprefix("# "): text for kind, text in BLOCKS if kind == "python"
+    text.split("\n", 1)[0].removeprefix("# "): text
+    for language, text in BLOCKS
+    if language == "python"
 }
 
 
@@ -65,15 +68,16 @@ def test_the_method_returns_the_best_of_its_trainings_and_bills_all(registered, 
     assert registered("method")().restarts == 2
 
 
-def test_the_task_pays_most_on_the_line(registered, key):
-    task = registered("task")(n_drones=4, horizon=20)
-    assert task.task_reward(jnp.zeros(4), jnp.zeros(4)) == pytest.approx(0.0)
-    pos, goal = task.reset(key)
+def test_the_task_asks_for_the_line_and_can_be_flown(registered, key):
+    task = registered("task")(n_drones=2, horizon=20)
     simulator = PointMass()
-    flown = episode(task, simulator, lambda state: jnp.zeros((4, 3)), key)
-    assert pos.shape == (4, 3)
-    assert goal is None
-    assert -20.0 * 10.0 < flown.reward < 0.0
+    pos, goal = task.reset(key)
+    away = jnp.asarray([[3.0, 1.0, 0.5], [-2.0, -0.5, 2.0]])
+    state = TaskState(simulator.flight(simulator.reset(away, key)), goal, jnp.asarray(0))
+    np.testing.assert_allclose(task.target(state).offset, [[0, -1, 0.5], [0, 0.5, -1]])
+    np.testing.assert_allclose(task.error(state), np.sqrt(1.25), rtol=1e-5)
+    assert pos.shape == (2, 3)
+    assert np.isfinite(episode(task, simulator, lambda _: jnp.zeros((2, 3)), key).reward)
 
 
 @pytest.mark.parametrize("simulator", [PointMass(), Crazyflow()], ids=lambda s: s.name)
@@ -100,7 +104,6 @@ def test_the_residual_is_the_weighted_mean_within_its_bound(registered, key):
     model = registered("residual")().fit(Transitions(jnp.zeros((2, 12)), target, weight), key)
     out = model(jnp.zeros((5, 12)))
     assert out.shape == (5, 3)
-    np.testing.assert_allclose(model.acc, [1.75, 0.0, 223.5], rtol=1e-5)
-    np.testing.assert_allclose(
-        out[0], 35.0 * np.tanh(np.array([1.75, 0.0, 223.5]) / 35.0), rtol=1e-5
-    )
+    mean = np.array([1.75, 0.0, 223.5])
+    np.testing.assert_allclose(model.acc, mean, rtol=1e-5)
+    np.testing.assert_allclose(out[0], 35.0 * np.tanh(mean / 35.0), rtol=1e-5)

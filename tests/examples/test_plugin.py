@@ -45,7 +45,7 @@ def site(tmp_path_factory):
     shutil.copytree(SOURCE, source, ignore=shutil.ignore_patterns("build", "*.egg-info"))
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     options = ["--no-index", "--no-deps", "--no-build-isolation", "--target", str(site)]
-    subprocess.run([*pip, *options, str(source)], check=True, timeout=120)
+    subprocess.run([*pip, *options, str(source)], check=True, timeout=600)
     info = site / "shattered-2.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: shattered\nVersion: 2.0\n")
@@ -81,7 +81,7 @@ def bench(site, *arguments):
         capture_output=True,
         text=True,
         check=False,
-        timeout=240,
+        timeout=600,
         env=os.environ | {"PYTHONPATH": paths, "COLUMNS": "200"},
     )
 

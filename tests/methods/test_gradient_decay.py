@@ -42,6 +42,4 @@ def test_the_cotangent_of_the_carried_state_is_clipped():
 
 def test_plain_back_propagation_is_not_clipped():
     task = dataclasses.replace(CLIMB, weight=1e4)
-    np.testing.assert_allclose(
-        gradient(task, 1.0)[:, 0, 2], climb_gradient(task, 1.0), rtol=1e-4
-    )
+    np.testing.assert_allclose(gradient(task, 1.0)[:, 0, 2], climb_gradient(task, 1.0), rtol=1e-4)

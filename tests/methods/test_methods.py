@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cells import FLIGHTS, METHODS, RESIDUALS, TINY, Hold, fresh, leaning, same, setup, small
+from jaxtyping import TypeCheckError
 
 from methods.contract import Setup
 from methods.evaluate import fly
@@ -163,6 +164,17 @@ def test_progress_is_told_of_every_epoch(cell, row):
     epochs = [message for message in heard if message[2] == TINY.epochs]
     assert [message[1] for message in epochs] == [1, 2, 3]
     np.testing.assert_allclose([message[3] for message in epochs], trained.curves["reward"])
+
+
+def test_a_hybrid_without_calibration_flights_is_refused():
+    with pytest.raises(ValueError, match="`flights` must be at least 1 or None, got 0"):
+        METHODS["hybrid"](flights=0)
+
+
+def test_an_unknown_reading_of_the_attitude_is_refused():
+    """By the class, or before that by the type checks that run in tests."""
+    with pytest.raises((ValueError, TypeCheckError), match=r"filtered.*measured"):
+        METHODS["hybrid"](attitude="guessed")
 
 
 @pytest.mark.parametrize("name", sorted(METHODS))

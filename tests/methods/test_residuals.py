@@ -90,9 +90,9 @@ def test_a_fit_can_start_from_an_earlier_one(name, fitted):
 
 
 def test_heavier_rows_pull_the_fit_towards_them(name):
-    """Each of 20 places is seen at +1 and at -1 m/s^2, 20 times: the mean follows the weights."""
-    places = jnp.tile(sample(20), (40, 1))
-    sign = np.repeat([1.0, -1.0], 400)
+    """Each of 5 places is seen at +1 and at -1 m/s^2, 15 times: the mean follows the weights."""
+    places = jnp.tile(sample(5), (30, 1))
+    sign = np.repeat([1.0, -1.0], 75)
     y = np.repeat(sign[:, None], 3, axis=1)
     means = []
     for weight in (1.0, 4.0):
@@ -141,9 +141,9 @@ def smooth(x):
 
 
 def test_a_smooth_nonlinear_law_is_fitted_by_the_networks_alone():
-    x, fresh = sample(800), np.asarray(sample(200, seed=7))
+    x, fresh = sample(500), np.asarray(sample(200, seed=7))
     errors = {}
-    for fit in (MLPEnsemble(members=2, epochs=300, lr=5e-3, max_samples=5000), Affine()):
+    for fit in (MLPEnsemble(members=2, width=64, epochs=300, lr=5e-3, max_samples=5000), Affine()):
         model = fit.fit(transitions(x, smooth(np.asarray(x))), KEY)
         wrong = np.asarray(model(jnp.asarray(fresh))) - smooth(fresh)
         errors[type(fit)] = np.sqrt(np.mean(wrong**2)) / smooth(fresh).std()

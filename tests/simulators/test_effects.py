@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.flatten_util import ravel_pytree
 from flying import (
     EFFECTS,
     HOVER,
@@ -23,6 +22,7 @@ from flying import (
     random_cmds,
     x64,
 )
+from jax.flatten_util import ravel_pytree
 
 from simulators.contract import MissingDoorError, with_effects
 from simulators.effects import chain
@@ -93,8 +93,12 @@ def test_an_effect_keeps_the_structure_and_types_of_the_state(simulator, effect)
     restored = jax.eval_shape(lambda: hovering(made, positions(N)))
     assert jax.tree.structure(state) == jax.tree.structure(after) == jax.tree.structure(restored)
     for other in (after, restored):
-        assert [x.shape for x in jax.tree.leaves(state)] == [x.shape for x in jax.tree.leaves(other)]
-        assert [x.dtype for x in jax.tree.leaves(state)] == [x.dtype for x in jax.tree.leaves(other)]
+        assert [x.shape for x in jax.tree.leaves(state)] == [
+            x.shape for x in jax.tree.leaves(other)
+        ]
+        assert [x.dtype for x in jax.tree.leaves(state)] == [
+            x.dtype for x in jax.tree.leaves(other)
+        ]
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)

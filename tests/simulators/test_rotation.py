@@ -15,7 +15,9 @@ TRUE = Rotation.from_euler("xyz", RPY)
 
 def test_quaternions_of_angles_equal_scipys():
     quat, expected = np.asarray(rpy_to_quat(jnp.asarray(RPY))), TRUE.as_quat()
-    np.testing.assert_allclose(quat * np.sign(np.sum(quat * expected, -1))[:, None], expected, atol=1e-6)
+    np.testing.assert_allclose(
+        quat * np.sign(np.sum(quat * expected, -1))[:, None], expected, atol=1e-6
+    )
 
 
 def test_angles_survive_the_way_through_quaternions():

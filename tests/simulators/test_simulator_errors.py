@@ -41,8 +41,16 @@ def test_crazyflow_steps_by_any_multiple_of_its_physics_step():
 @pytest.mark.parametrize(
     ("kind", "name", "message"),
     [
-        ("task", "sprad", r"No task is registered as 'sprad'\. Did you mean 'spread'\? Registered: "),
-        ("simulator", "pointmass", r"Did you mean 'point_mass'\? Registered: crazyflow, point_mass"),
+        (
+            "task",
+            "sprad",
+            r"No task is registered as 'sprad'\. Did you mean 'spread'\? Registered: ",
+        ),
+        (
+            "simulator",
+            "pointmass",
+            r"Did you mean 'point_mass'\? Registered: crazyflow, point_mass",
+        ),
         ("effect", "xyz", r"No effect is registered as 'xyz'\. Registered: attitude_loop, "),
     ],
 )

@@ -118,7 +118,9 @@ def test_a_step_is_the_command_of_its_action_held_for_20_ms(name):
     state = hovering(simulator, positions(N))
     action = jnp.asarray([[0.3, -0.2, 0.1], [0.0, 0.5, -0.1], [-1.0, 1.0, 0.4]])
     stepped = eqx.filter_jit(lambda s: simulator.step(s, action))(state)
-    cmd = jnp.stack([0.5 * action[:, 0], 0.5 * action[:, 1], jnp.zeros(N), 0.4 * action[:, 2] + 0.4])
+    cmd = jnp.stack(
+        [0.5 * action[:, 0], 0.5 * action[:, 1], jnp.zeros(N), 0.4 * action[:, 2] + 0.4]
+    )
     held = fly(simulator, state, cmd.T[None])
     assert_same(simulator.flight(stepped), jax.tree.map(lambda x: x[0], held), **ROUNDING)
 

@@ -19,7 +19,9 @@ def reference(t):
 
     def pos(t):
         phase = t + jnp.arange(N)
-        return jnp.stack([jnp.cos(phase), jnp.sin(phase), 3.0 + 0.2 * jnp.sin(2 * t + 0 * phase)], -1)
+        return jnp.stack(
+            [jnp.cos(phase), jnp.sin(phase), 3.0 + 0.2 * jnp.sin(2 * t + 0 * phase)], -1
+        )
 
     vel = lambda t: jax.jvp(pos, (t,), (jnp.ones_like(t),))[1]  # noqa: E731
     return pos(t), *jax.jvp(vel, (t,), (jnp.ones_like(t),))

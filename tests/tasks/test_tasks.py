@@ -18,9 +18,9 @@ every_size = pytest.mark.parametrize("n_drones", SIZES)
 
 
 @eqx.filter_jit
-def random_state(task, seed=0):
+def random_state(task, key=KEY):
     """A team in flight, nobody near a tie of distances or the singular middle of a task."""
-    keys = jax.random.split(jax.random.key(seed), 4)
+    keys = jax.random.split(key, 4)
     n = task.n_drones
     turn, out, up = jax.random.uniform(keys[2], (3, n), maxval=2.0)
     angle = jnp.pi * turn
@@ -35,6 +35,16 @@ def random_state(task, seed=0):
         thrust=jnp.full(n, 0.4),
     )
     return TaskState(flight, task.reset(keys[0])[1], jnp.asarray(100))
+
+
+@eqx.filter_jit
+def everything(task, state):
+    """Observations, both rewards and errors."""
+    return task.observe(state), task.rewards(state), task.error(state)
+
+
+def assert_close(a, b):
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-4, atol=1e-5), a, b)
 
 
 @every_task
@@ -57,20 +67,18 @@ def test_every_quantity_has_one_row_per_drone(name, n_drones, observe_attitude):
 def test_jit_equals_eager(name):
     task = TASKS[name](n_drones=5)
     state = random_state(task)
-    for fn in (task.observe, task.rewards, task.error):
-        jitted = eqx.filter_jit(fn)(state)
-        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5), jitted, fn(state))
+    eager = task.observe(state), task.rewards(state), task.error(state)
+    assert_close(everything(task, state), eager)
 
 
 @every_task
 def test_vmap_over_worlds_equals_a_loop(name):
     task = TASKS[name](n_drones=5)
-    states = [random_state(task, seed) for seed in range(3)]
+    states = [random_state(task, jax.random.key(seed)) for seed in range(3)]
     stacked = jax.tree.map(lambda *x: jnp.stack(x), *states)
-    obs, rewards = jax.vmap(task.observe)(stacked), jax.vmap(task.rewards)(stacked)
+    batched = eqx.filter_jit(eqx.filter_vmap(everything, in_axes=(None, 0)))(task, stacked)
     for i, state in enumerate(states):
-        np.testing.assert_allclose(obs[i], task.observe(state), rtol=1e-5, atol=1e-6)
-        np.testing.assert_allclose(rewards[0][i], task.rewards(state)[0], rtol=1e-5)
+        assert_close(jax.tree.map(lambda x, i=i: x[i], batched), everything(task, state))
 
 
 @every_task
@@ -91,8 +99,8 @@ def test_renumbering_the_drones_renumbers_observations_rewards_and_errors(name, 
     flight = jax.tree.map(lambda x: x[order] if x.ndim else x, state.flight)
     goal = state.goal[order] if name == "spread" else state.goal
     renumbered = TaskState(flight, goal, state.step)
-    for fn in (task.observe, task.error, lambda s: jnp.stack(task.rewards(s), -1)):
-        np.testing.assert_allclose(fn(renumbered), fn(state)[order], rtol=1e-4, atol=1e-5)
+    expected = jax.tree.map(lambda x: x[order], everything(task, state))
+    assert_close(everything(task, renumbered), expected)
     assert bool(in_contact(state.flight.pos, state.flight.t).any()) == (crowding < 1)
 
 
@@ -208,11 +216,9 @@ def test_observations_do_not_depend_on_the_simulator(name):
     flown = fly(high, hovering(high, positions(3)), random_cmds(0, 50, 3))
     record = jax.tree.map(lambda x: x[-1], flown)
     same = low.flight(restore(low, record, random_cmds(0, 50, 3)))
-    goal = task.reset(KEY)[1]
-    seen = [task.observe(TaskState(f, goal, jnp.asarray(50))) for f in (record, same)]
-    np.testing.assert_allclose(seen[0], seen[1], atol=1e-5)
-    rewards = [task.rewards(TaskState(f, goal, jnp.asarray(50))) for f in (record, same)]
-    np.testing.assert_allclose(rewards[0], rewards[1], atol=1e-5)
+    state = random_state(task)
+    seen = [everything(task, eqx.tree_at(lambda s: s.flight, state, f)) for f in (record, same)]
+    assert_close(seen[0], seen[1])
 
 
 @every_task

@@ -1,0 +1,236 @@
+"""The trainer: tiny tasks with a known optimum, what is skipped, when it ends, what it keeps."""
+
+import dataclasses
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cells import SPEC, TINY, Hold, fresh, same, setup
+from scipy.optimize import linprog
+
+from methods.bptt import BPTT
+from methods.contract import silent
+from methods.hf_hotstart import HFHotStart
+from methods.lf_baseline import LFBaseline
+from methods.policy import PolicyController
+from simulators.contract import with_effects
+from simulators.effects.contract import WrenchEffect
+from simulators.point_mass import PointMass
+from simulators.vehicle import GRAVITY, ActionSpace
+from tasks.rollout import episode
+
+KEY = jax.random.key(21)
+H, NORM = 0.02, 1e-3
+"""Control step [s]; what the tasks' smooth norm makes of zero."""
+
+
+def train(task, settings, simulator=None, policy=None, progress=silent):
+    simulator, policy = simulator or PointMass(), policy or fresh(task)
+    return settings.train(task, simulator, policy, KEY, progress, "test")
+
+
+def returns(task, policy, key, simulator=None):
+    """Training return of a policy, mean over drones."""
+    controller = PolicyController(task, policy)
+    flown = eqx.filter_jit(episode)(task, simulator or PointMass(), controller, key)
+    return float(flown.smooth_reward) / task.n_drones
+
+
+# --- A ladder of tasks with a known optimum -------------------------------------------------
+
+
+def best_climb(height, horizon):
+    """The largest -sum |z - height| of a drone that starts at rest at zero: a linear program.
+
+    Variables: thrust u_k, distance d_k >= |z_k - height|; z and v follow from u.
+    """
+    most = ActionSpace().thrust_max / SPEC.mass
+    steps = np.arange(1, horizon + 1)
+    # z_k = h^2 sum_{j < k} (k - j) (u_j - g)
+    lever = H**2 * np.maximum(steps[:, None] - np.arange(horizon)[None, :], 0)
+    fallen = lever.sum(axis=1) * GRAVITY
+    eye = np.eye(horizon)
+    solved = linprog(
+        np.concatenate([np.zeros(horizon), np.ones(horizon)]),
+        A_ub=np.block([[lever, -eye], [-lever, -eye]]),
+        b_ub=np.concatenate([height + fallen, -height - fallen]),
+        bounds=[(0.0, most)] * horizon + [(0.0, None)] * horizon,
+    )
+    assert solved.success
+    return -solved.fun
+
+
+def test_holding_a_place_is_learned_to_the_optimum():
+    """Stay at rest at the start: the optimum is zero, but for the norm's 1e-3 m."""
+    task = Hold(n_drones=2, horizon=40, spacing=(3.0, 3.0))
+    settings = BPTT(epochs=150, lr=3e-3, n_worlds=1, smoothing=5, patience=None)
+    before = returns(task, fresh(task), KEY)
+    after = returns(task, train(task, settings).policy, KEY)
+    best = -40 * NORM * 1.5
+    assert before < -3.0
+    assert best - 0.15 < after <= best
+
+
+def test_reaching_a_height_is_learned_to_near_the_optimum():
+    """0.4 m in 0.8 s, full thrust and braking: the bound of the linear program."""
+    task = Hold(n_drones=2, horizon=40, spacing=(3.0, 3.0), goal=(0.0, 0.0, 0.4), vel_weight=0.0)
+    settings = BPTT(epochs=250, lr=5e-3, n_worlds=1, smoothing=5, patience=None)
+    best = best_climb(0.4, 40)
+    after = returns(task, train(task, settings).policy, KEY)
+    assert 1.15 * best < after < best
+
+
+# --- Updates that are not finite ------------------------------------------------------------
+
+
+class Spike(WrenchEffect):
+    """No force at all, but a derivative that is not a number where the first drone is beyond."""
+
+    beyond: jax.Array
+
+    parameters: ClassVar[dict] = {}
+    door: ClassVar[str] = "wrench"
+    needs: ClassVar[tuple] = ()
+    order: ClassVar[int] = 0
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones, dt):
+        return None
+
+    def wrench(self, memory, flight, vehicle, dt):
+        here = (flight.pos[0, 0] > self.beyond) & (flight.t > 0.1)
+        broken = jnp.sqrt(jnp.where(here, 0.0 * flight.vel**2, 1.0))
+        return None, jnp.where(here, broken, 0.0), jnp.zeros_like(flight.vel)
+
+
+SPIKED = Hold(n_drones=2, horizon=10, spacing=(3.0, 3.0), jitter=0.5)
+SKIPPING = dataclasses.replace(TINY, epochs=8)
+
+
+def spiked(beyond):
+    return with_effects(PointMass(), [Spike(jnp.asarray(beyond))])
+
+
+def test_the_spike_changes_no_flight():
+    policy = fresh(SPIKED)
+    assert returns(SPIKED, policy, KEY, spiked(-9.0)) == returns(SPIKED, policy, KEY, spiked(9.0))
+
+
+def test_updates_that_are_not_finite_are_left_out_and_the_policy_stays():
+    policy = fresh(SPIKED)
+    training = train(SPIKED, SKIPPING, spiked(-9.0), policy)
+    assert training.skipped == training.epochs == SKIPPING.epochs
+    assert same(training.policy, policy)
+    assert training.diverged
+    # The return varies with the spawn alone: nothing was learned, nothing was broken.
+    for epoch, found in enumerate(training.curves["smooth_reward"]):
+        key = jax.random.split(jax.random.fold_in(KEY, epoch), 1)[0]
+        assert found == pytest.approx(returns(SPIKED, policy, key), rel=1e-5)
+
+
+def test_only_the_broken_updates_are_left_out():
+    training = train(SPIKED, SKIPPING, spiked(0.0))
+    start = []
+    for epoch in range(SKIPPING.epochs):
+        key = jax.random.split(jax.random.fold_in(KEY, epoch), 1)[0]
+        start.append(float(SPIKED.reset(jax.random.split(key)[0])[0][0, 0]))
+    broken = np.array(start) > 0.0
+    assert np.abs(start).min() > 0.02  # clear cases only: drones drift by millimetres
+    assert 1 < broken.sum() < SKIPPING.epochs - 1
+    np.testing.assert_array_equal(training.curves["skipped"], broken)
+    np.testing.assert_array_equal(np.isfinite(training.curves["grad_norm"]), ~broken)
+    leaves = jax.tree.leaves(eqx.filter(training.policy, eqx.is_array))
+    assert all(np.isfinite(leaf).all() for leaf in leaves)
+
+
+def test_skipped_updates_reach_the_ledger_and_the_status():
+    cell = setup(SPIKED, spiked(-9.0), fresh(SPIKED))
+    trained = HFHotStart(trainer=SKIPPING).train(cell, KEY)
+    assert trained.ledger.skipped_updates == SKIPPING.epochs
+    assert trained.status == "diverged"
+    assert same(trained.policy, cell.parents["lf_baseline"].policy)
+
+
+# --- Ending and choosing --------------------------------------------------------------------
+
+HOLD = Hold(n_drones=2, horizon=40, spacing=(3.0, 3.0))
+WILD = BPTT(epochs=40, lr=0.3, final_lr=1.0, n_worlds=1, smoothing=3, patience=None)
+
+
+@pytest.fixture(scope="module")
+def wild():
+    """A run at a hundred times a sensible learning rate."""
+    return LFBaseline(trainer=WILD).train(setup(HOLD, PointMass(), fresh(HOLD)), KEY, fresh(HOLD))
+
+
+def test_a_run_that_ends_far_below_its_best_is_called_diverged(wild):
+    reward = wild.curves["smooth_reward"]
+    assert reward[-10:].mean() < 2 * reward.max()
+    assert wild.status == "diverged"
+
+
+def test_the_policy_of_the_best_average_is_kept_and_not_the_last(wild):
+    reward = wild.curves["smooth_reward"].astype(float)
+    average = np.convolve(reward, np.ones(WILD.smoothing) / WILD.smoothing, mode="valid")
+    best = int(np.argmax(average)) + WILD.smoothing - 1
+    assert best < len(reward) - 1
+    assert wild.notes["training_reward"] == pytest.approx(average.max(), rel=1e-6)
+    assert returns(HOLD, wild.policy, KEY) == pytest.approx(reward[best], rel=1e-4)
+
+
+STILL = BPTT(epochs=30, lr=0.0, n_worlds=1, smoothing=3, patience=5)
+
+
+def test_training_ends_when_patience_runs_out():
+    """Nothing is learned, so the first full average stays the best: 2 + 5 epochs and one more."""
+    policy = fresh(HOLD)
+    training = train(HOLD, STILL, policy=policy)
+    assert training.epochs == (STILL.smoothing - 1) + STILL.patience + 1
+    assert training.stopped_early
+    assert same(training.policy, policy)
+    cell = setup(HOLD, PointMass(), policy)
+    trained = HFHotStart(trainer=STILL).train(cell, KEY)
+    assert trained.status == "ok"
+    assert trained.ledger.hf_fleet_seconds == pytest.approx(training.epochs * 40 * H * 2)
+
+
+def test_small_improvements_do_not_keep_a_run_alive_and_large_ones_do():
+    """A slow, steady run: it improves at every epoch, but never by 100 % of what it has."""
+    steady = BPTT(epochs=20, lr=1e-4, n_worlds=1, smoothing=3, patience=5, min_improvement=0.0)
+    picky = dataclasses.replace(steady, min_improvement=1.0)
+    assert not train(HOLD, steady).stopped_early
+    assert train(HOLD, picky).epochs == (picky.smoothing - 1) + picky.patience + 1
+
+
+def test_a_run_shorter_than_the_average_still_keeps_its_best_policy():
+    short = BPTT(epochs=3, lr=3e-3, n_worlds=1, smoothing=10, patience=None)
+    training = train(HOLD, short)
+    assert np.isfinite(training.best_reward)
+    assert training.best_reward == pytest.approx(training.curves["smooth_reward"].mean(), rel=1e-6)
+
+
+def test_impatience_waits_for_the_first_average():
+    hasty = BPTT(epochs=30, lr=3e-3, n_worlds=1, smoothing=10, patience=2)
+    training = train(HOLD, hasty)
+    assert training.epochs >= hasty.smoothing
+    assert np.isfinite(training.best_reward)
+
+
+def test_large_teams_fly_fewer_episodes():
+    settings = BPTT(n_worlds=16, max_drones=96)
+    assert [settings.worlds(n) for n in (2, 6, 7, 18, 200)] == [16, 16, 13, 5, 1]
+
+
+@pytest.mark.parametrize("name", ["epochs", "n_worlds", "max_drones", "smoothing"])
+def test_counts_below_one_are_refused(name):
+    with pytest.raises(ValueError, match=f"`{name}` must be at least 1, got 0"):
+        BPTT(**{name: 0})
+
+
+@pytest.mark.parametrize("decay", [0.0, 1.5])
+def test_a_decay_outside_its_range_is_refused(decay):
+    with pytest.raises(ValueError, match=r"`decay` must lie in \(0, 1\]"):
+        BPTT(decay=decay)
