@@ -6,9 +6,16 @@ from bench import markdown
 from bench.comparison import interval, summary, verdict
 from bench.leaderboard import number
 from bench.paper_claims import Claim, claims
+from bench.pictures import data_uri, write_summary
 from bench.report import write_page
 from bench.statistics import difference, estimate, seed_values
 from bench.tables import Tables
+
+PICTURE = (
+    "High-fidelity flight and crashes in training, and the deployed return, against team size; "
+    "means over seeds with one standard deviation"
+)
+"""What the figure shows."""
 
 __all__ = ["Claim", "claims", "variants", "write_claims"]
 
@@ -18,17 +25,24 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
 
     Args:
         tables: What the sweep found.
-        path_md: Where to write; the HTML gets the suffix `.html`.
+        path_md: Where to write; the HTML gets the suffix `.html`, the figure `_summary.png`.
         notes: A Markdown file to append, e.g. why a claim fails.
     """
     path = Path(path_md)
-    text = "\n\n".join(_document(tables, notes)) + "\n"
+    picture = path.with_name(f"{path.stem}_summary.png")
+    drawn = write_summary(tables, picture)
+
+    def text(link: str) -> str:
+        figure = [f"![{PICTURE}]({link})", f"*{PICTURE}.*"] if drawn else []
+        return "\n\n".join(_document(tables, notes, figure)) + "\n"
+
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
-    write_page(text, path.with_suffix(".html"), "The paper's claims beside ours")
+    path.write_text(text(picture.name), encoding="utf-8")
+    page = text(data_uri(picture) if drawn else "")
+    write_page(page, path.with_suffix(".html"), "The paper's claims beside ours")
 
 
-def _document(tables: Tables, notes: Path | None) -> list[str]:
+def _document(tables: Tables, notes: Path | None, figure: list[str]) -> list[str]:
     found = claims(tables)
     word = {True: "holds", False: "**does not hold**", None: "not tested"}
     overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in found]
@@ -42,6 +56,7 @@ def _document(tables: Tables, notes: Path | None) -> list[str]:
         "seeds match, else Welch's) excludes 0. Crashes are onsets of contact, and contacts are "
         "flags in this simulator: drones never push each other.",
         _ended(tables),
+        *figure,
         markdown.table(("claim", "paper", "ours", "verdict"), overview, range(4)),
     ]
     for i, claim in enumerate(found, 1):

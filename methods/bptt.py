@@ -1,7 +1,7 @@
 r"""Back-propagation through time: the one trainer of every configuration.
 
-Each epoch flies up to `n_worlds` full episodes with one policy, differentiates their mean return per
-step through the simulator, and takes one Adam step (no critic, no advantage; paper, Sec. II-B).
+Each epoch flies up to `n_worlds` full episodes with one policy, differentiates their mean return
+per step through the simulator, and takes one Adam step (no critic, no advantage; paper, Sec. II-B).
 The learning rate falls as a cosine to `final_lr` of its start. The gradient is decayed along the
 carried state (`tasks/rollout.py`) and clipped by its global norm. An update whose gradient is not
 finite is left out and counted.
@@ -85,9 +85,7 @@ class BPTT(eqx.Module):
         milestone, milestone_epoch = -np.inf, window - 1
         for epoch in range(self.epochs):
             epoch_key = jax.random.fold_in(key, epoch)
-            updated, opt_state, row = _epoch(
-                self, task, simulator, policy, opt_state, epoch_key
-            )
+            updated, opt_state, row = _epoch(self, task, simulator, policy, opt_state, epoch_key)
             history.append(jax.tree.map(float, row))
             recent = [r["smooth_reward"] for r in history[-window:]]
             if len(recent) == window and np.mean(recent) > best:

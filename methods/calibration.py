@@ -122,9 +122,7 @@ def calibrate(
     """
     role = jnp.arange(n_flights) % task.n_drones
     keys = jax.random.split(key, n_flights)
-    references, flights = _fly(
-        task, nominal, reality, policy, attitude, excitation, keys, role
-    )
+    references, flights = _fly(task, nominal, reality, policy, attitude, excitation, keys, role)
     before, after = flights.before, flights.after
 
     seen = eqx.tree_at(

@@ -89,8 +89,5 @@ class AbstractMethod(eqx.Module):
     """Name of the simulator in which the policy is trained."""
 
     @abc.abstractmethod
-    def train(
-        self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None
-    ) -> Trained:
+    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         """A trained policy; `init` replaces the fresh or parent's policy to start from."""
-

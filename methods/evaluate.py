@@ -77,4 +77,3 @@ def fly(
 ) -> Record:
     """Records of one episode a key, with a leading episode axis."""
     return jax.vmap(lambda key: record(task, simulator, controller, key))(keys)
-

@@ -103,4 +103,5 @@ def _errors(
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """RMS [m/s^2] of the target, and of what the model leaves of it."""
     left = transitions.target - model(transitions.features)
-    return tuple(jnp.sqrt(jnp.mean(jnp.sum(x**2, -1))) for x in (transitions.target, left))
+    rms = lambda x: jnp.sqrt(jnp.mean(jnp.sum(x**2, axis=-1)))  # noqa: E731
+    return rms(transitions.target), rms(left)

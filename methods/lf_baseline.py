@@ -24,9 +24,7 @@ class LFBaseline(AbstractMethod):
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         policy_key, train_key = jax.random.split(key)
         simulator = setup.nominal
-        policy = init or make_policy(
-            setup.task, simulator.spec, simulator.action_space, policy_key
-        )
+        policy = init or make_policy(setup.task, simulator.spec, simulator.action_space, policy_key)
         training = self.trainer.train(
             setup.task, simulator, policy, train_key, setup.progress, "LF training"
         )

@@ -26,6 +26,7 @@ import contextlib
 import functools
 import io
 import warnings
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -51,10 +52,13 @@ from simulators.vehicle import CONTROL_DT, VEHICLES, ActionSpace, Vehicle, Vehic
 with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
     import mujoco
     from crazyflow.control import Control
+    from crazyflow.drones import Drone
     from crazyflow.dynamics import Dynamics
     from crazyflow.sim import Sim
-    from crazyflow.sim.data import SimData
     from crazyflow.sim.pipeline import append_fn, insert_fn_before
+
+SimData = Any
+"""crazyflow's structs are flax dataclasses, whose `replace` type checkers do not know."""
 
 
 class CrazyflowState(eqx.Module):
@@ -114,8 +118,10 @@ class Crazyflow(AbstractSimulator):
     def restore(
         self, flight: Flight, cmd_history: Float[Array, "time drones 4"], key: PRNGKeyArray
     ) -> CrazyflowState:
-        """Rotors start steady at the first command and follow the others; the attitude
-        controller's integral starts at zero, which roll and pitch do not use.
+        """The state at a measured flight, rotors warmed up by the commands before.
+
+        Rotors start steady at the first command and follow the others; the attitude controller's
+        integral starts at zero, which roll and pitch do not use.
         """
         n_drones, dt = len(flight.pos), 1.0 / self.freq
         repeats = round(CONTROL_DT * self.freq)
@@ -185,17 +191,15 @@ class Crazyflow(AbstractSimulator):
     def _vehicle(self) -> Vehicle:
         return self.spec.vehicle(drag=True)
 
-    def _physics_step(
-        self, state: CrazyflowState, cmd: Float[Array, "drones 4"]
-    ) -> CrazyflowState:
+    def _physics_step(self, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -> CrazyflowState:
         template = _template(self.spec.name, self.freq)
         data = _pack(template.data, state, cmd)
         for fn in self._pipeline(template.pipeline):
             data = fn(data)
         return _unpack(data, state.steps + 1)
 
-    def _pipeline(self, stages: dict[str, Callable]) -> list[Callable[[SimData], SimData]]:
-        """crazyflow's stages with the effects' stages among them."""
+    def _pipeline(self, stages: OrderedDict[str, Callable]) -> list[Callable[[SimData], SimData]]:
+        """Stages of crazyflow with the effects' stages among them."""
         pipeline = stages.copy()
         if chain.has(self.effects, CommandEffect):
             insert_fn_before(pipeline, "attitude_controller", self._command, "effects_command")
@@ -229,9 +233,7 @@ class Crazyflow(AbstractSimulator):
         memory, vehicle = data.plugins["effects"]
         vehicle = self._vehicle() if vehicle is None else vehicle
         flight = self._now(data)
-        memory, force, torque = chain.wrench(
-            self.effects, memory, flight, vehicle, 1.0 / self.freq
-        )
+        memory, force, torque = chain.wrench(self.effects, memory, flight, vehicle, 1.0 / self.freq)
         # Thrust acts at the geometric centre, which lies at minus the offset seen from the
         # centre of mass: torque = -offset x thrust, turned into the world frame.
         up = jnp.zeros_like(flight.pos).at[:, 2].set(flight.thrust)
@@ -263,7 +265,7 @@ class _Template(eqx.Module):
 
 
 def _template(drone: str, freq: int) -> _Template:
-    """crazyflow's constants and pipeline for one drone; states are put in by `_pack`."""
+    """Constants and pipeline for one drone; states are put in by `_pack`."""
     return _templates(drone, freq, jax.dtypes.canonicalize_dtype(float).name)
 
 
@@ -271,14 +273,14 @@ def _template(drone: str, freq: int) -> _Template:
 def _templates(drone: str, freq: int, dtype: str) -> _Template:
     # MuJoCo warns of an empty prefix in every scene of crazyflow, to Python and, without a handler
     # of its own, to a file in the working directory.
-    handler = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda message: None)
+    handler = mujoco.get_mju_user_warning()  # pyright: ignore[reportAttributeAccessIssue]
+    mujoco.set_mju_user_warning(lambda message: None)  # pyright: ignore[reportAttributeAccessIssue]
     with jax.ensure_compile_time_eval(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Attaching a spec with an empty prefix")
         sim = Sim(
             n_worlds=1,
             n_drones=1,
-            drone=drone,
+            drone=Drone(drone),
             dynamics=Dynamics.first_principles,
             control=Control.attitude,
             freq=freq,
@@ -286,7 +288,7 @@ def _templates(drone: str, freq: int, dtype: str) -> _Template:
             force_torque_freq=freq,
             device=jax.default_backend(),
         )
-        mujoco.set_mju_user_warning(handler)
+        mujoco.set_mju_user_warning(handler)  # pyright: ignore[reportAttributeAccessIssue]
         # Arrays of crazyflow are float32 even in x64, and its gains are placed on one device.
         data = jax.tree.map(
             lambda x: jnp.asarray(x, dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
@@ -296,7 +298,7 @@ def _templates(drone: str, freq: int, dtype: str) -> _Template:
 
 
 def _pack(data: SimData, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -> SimData:
-    """crazyflow's data for one world in the given state, `cmd` staged for the controller."""
+    """Data of crazyflow for one world in the given state, `cmd` staged for the controller."""
     zeros = jnp.zeros_like(state.pos)[None]
     idle = jnp.zeros((1, len(state.pos), 4), state.pos.dtype)
     # crazyflow's rotation by a vector has no derivative where the vector is exactly zero.
@@ -321,15 +323,11 @@ def _pack(data: SimData, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -
         prev_ang_vel=state.prev_ang_vel[None],
     )
     force_torque = data.controls.force_torque.replace(cmd=idle, staged_cmd=idle, steps=due)
-    controls = data.controls.replace(
-        attitude=attitude, force_torque=force_torque, rotor_vel=idle
-    )
+    controls = data.controls.replace(attitude=attitude, force_torque=force_torque, rotor_vel=idle)
     core = data.core.replace(steps=state.steps[None, None], n_drones=len(state.pos))
     plugins = {"effects": (state.memory, None)}
     params = data.params.replace(mass=_opaque(data.params.mass))
-    return data.replace(
-        states=states, controls=controls, core=core, params=params, plugins=plugins
-    )
+    return data.replace(states=states, controls=controls, core=core, params=params, plugins=plugins)
 
 
 def _unpack(data: SimData, steps: Int[Array, ""]) -> CrazyflowState:
@@ -348,7 +346,7 @@ def _unpack(data: SimData, steps: Int[Array, ""]) -> CrazyflowState:
 
 
 def _scaled_params(data: SimData, vehicle: Vehicle) -> Any:
-    """crazyflow's dynamics parameters of a vehicle; the controller's are not touched."""
+    """Dynamics parameters of a vehicle; the controller's are not touched."""
     params = data.params
     return params.replace(
         mass=_opaque(jnp.broadcast_to(vehicle.mass, params.mass.shape)),

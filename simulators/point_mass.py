@@ -146,9 +146,7 @@ class PointMass(AbstractSimulator):
 
         force = _thrust_vector(rpy, thrust)
         if effects:
-            flight = eqx.tree_at(
-                lambda f: (f.quat, f.thrust), flight, (rpy_to_quat(rpy), thrust)
-            )
+            flight = eqx.tree_at(lambda f: (f.quat, f.thrust), flight, (rpy_to_quat(rpy), thrust))
             memory, extra, _ = chain.wrench(effects, memory, flight, vehicle, h)
             force = force + extra
         if chain.has(effects, PlantEffect):

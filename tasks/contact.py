@@ -37,9 +37,7 @@ def distances(pos: Float[Array, "drones 3"]) -> Float[Array, "drones drones"]:
     return jnp.sqrt(squared + 1e-6) + jnp.diag(jnp.full(len(pos), jnp.inf))
 
 
-def in_contact(
-    pos: Float[Array, "drones 3"], t: Float[Array, ""]
-) -> Bool[Array, " drones"]:
+def in_contact(pos: Float[Array, "drones 3"], t: Float[Array, ""]) -> Bool[Array, " drones"]:
     """Which drones touch another or, after the grace time, the floor; `t` since reset [s]."""
     squared = jnp.sum((pos[:, None] - pos[None]) ** 2, axis=-1)
     near = (squared < CONTACT_DISTANCE**2) & ~jnp.eye(len(pos), dtype=bool)

@@ -113,9 +113,7 @@ class AbstractTask(eqx.Module):
         """Distance of each drone to where it should be [m]."""
         return norm(self.target(state).offset)
 
-    def rewards(
-        self, state: TaskState
-    ) -> tuple[Float[Array, " drones"], Float[Array, " drones"]]:
+    def rewards(self, state: TaskState) -> tuple[Float[Array, " drones"], Float[Array, " drones"]]:
         """Reward of one step, per drone: as reported (exact), and as trained on (smooth)."""
         target = self.target(state)
         vel_error = norm(target.vel - state.flight.vel)

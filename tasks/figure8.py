@@ -3,7 +3,8 @@ r"""Figure8: the whole team accompanies one target that moves along a lemniscate
 With phase s = 2 pi t / P + s_0, s_0 ~ U(0, 2 pi):
 
     q(t)   = [A sin(s), (A / 2) sin(2 s), z_0]                           (Gerono's lemniscate)
-    offset = nearest point of the horizontal ring of radius r_N around q - p,   v* = dq/dt,   a* = d2q/dt2
+    offset = nearest point of the horizontal ring of radius r_N around q - p
+    v*     = dq/dt,   a* = d2q/dt2
     reward = -|offset| - w |v* - v|
 
 From the paper: one moving target for all, a lemniscate, collisions kept off by the penalty. N

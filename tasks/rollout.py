@@ -149,9 +149,7 @@ def record(
     return jax.lax.scan(step, state, jnp.arange(task.horizon))[1]
 
 
-def _start(
-    task: AbstractTask, simulator: AbstractSimulator, key: PRNGKeyArray
-) -> tuple[Any, Any]:
+def _start(task: AbstractTask, simulator: AbstractSimulator, key: PRNGKeyArray) -> tuple[Any, Any]:
     task_key, simulator_key = jax.random.split(key)
     pos, goal = task.reset(task_key)
     return simulator.reset(pos, simulator_key), goal

@@ -45,9 +45,7 @@ class Spread(AbstractTask):
         """Radius of the formation circle [m]."""
         return ring_radius(self.n_drones, spacing=0.8, smallest=1.0)
 
-    def reset(
-        self, key: PRNGKeyArray
-    ) -> tuple[Float[Array, "drones 3"], Float[Array, "drones 3"]]:
+    def reset(self, key: PRNGKeyArray) -> tuple[Float[Array, "drones 3"], Float[Array, "drones 3"]]:
         spawn_key, turn_key = jax.random.split(key)
         turn = jax.random.uniform(turn_key, maxval=2.0 * jnp.pi)
         angle = 2.0 * jnp.pi * jnp.arange(self.n_drones) / self.n_drones + turn

@@ -31,9 +31,7 @@ class MLPModel(AbstractResidualModel):
         return jnp.mean(_members(self.nets, self.scale(features)), axis=0)
 
 
-def _members(
-    nets: eqx.nn.MLP, z: Float[Array, "samples 12"]
-) -> Float[Array, "members samples 3"]:
+def _members(nets: eqx.nn.MLP, z: Float[Array, "samples 12"]) -> Float[Array, "members samples 3"]:
     return eqx.filter_vmap(lambda net: bounded(jax.vmap(net)(z)))(nets)
 
 

@@ -41,9 +41,7 @@ def library(features: Float[Array, "*n 12"]) -> Float[Array, "*n terms"]:
     size = jnp.linalg.norm(force, axis=-1, keepdims=True)
     speed = jnp.linalg.norm(vel, axis=-1, keepdims=True)
     tilt = jnp.sin(rpy[..., :2])
-    return jnp.concatenate(
-        [jnp.ones_like(size), force, size, tilt, vel, speed * vel], axis=-1
-    )
+    return jnp.concatenate([jnp.ones_like(size), force, size, tilt, vel, speed * vel], axis=-1)
 
 
 class SindyModel(AbstractResidualModel):

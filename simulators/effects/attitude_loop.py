@@ -24,8 +24,10 @@ Memory = tuple[Float[Array, "drones 2"], Float[Array, "drones 2"]]
 
 
 class AttitudeLoop(ResponseEffect):
-    """Attitude dynamics of a controlled rigid body. Source: crazyflow's identified second-order
-    models (cf21B 12.5 rad/s, damping 0.65; L250 22 rad/s, 0.75).
+    """Attitude dynamics of a controlled rigid body.
+
+    Source: crazyflow's identified second-order models (cf21B 12.5 rad/s, damping 0.65; L250
+    22 rad/s, 0.75).
     """
 
     natural_freq: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=float("inf"))

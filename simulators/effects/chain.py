@@ -73,9 +73,7 @@ def respond(
     return memories, rpy_thrust
 
 
-def at(
-    effects: Effects, memories: Memories, rpy_thrust: Float[Array, "drones 4"]
-) -> Memories:
+def at(effects: Effects, memories: Memories, rpy_thrust: Float[Array, "drones 4"]) -> Memories:
     """Memories with every response effect steady at `rpy_thrust`."""
     for i, effect in enumerate(effects):
         if isinstance(effect, ResponseEffect):

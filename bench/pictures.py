@@ -1,0 +1,81 @@
+"""The summary figure as a picture file, for pages that cannot run a script."""
+
+import base64
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import seaborn
+
+from bench.figures import BUILT_IN, COLORS
+from bench.statistics import COUNTED, entry_of
+from bench.tables import Tables
+
+ROWS = {
+    "fleet_minutes": "HF flight in training\n[fleet-minutes]",
+    "training_crashes": "HF training crashes",
+    "reward": "deployed return",
+}
+"""Metrics from top to bottom, as in the paper's summary figure, and their axis labels."""
+
+
+def write_summary(tables: Tables, path: Path) -> bool:
+    """Writes a PNG: cost and deployed return against team size, a column a task.
+
+    Means over seeds with one standard deviation; default settings; failed and diverged runs are
+    left out. Nothing is written, and False returned, where there is nothing to draw.
+    """
+    results = tables.results
+    shown = results[
+        results["metric"].isin(ROWS) & results["status"].isin(COUNTED) & (results["variant"] == "")
+    ]
+    if shown.empty:
+        return False
+    entries = [entry_of(row) for row in shown.to_dict("records")]
+    shown = shown.assign(method=[entry.label for entry in entries])
+    known = [entry for entry in BUILT_IN if entry in set(entries)]
+    order = [e.label for e in known] + sorted({e.label for e in entries if e not in BUILT_IN})
+    colors = {label: COLORS[i % len(COLORS)] for i, label in enumerate(order)}
+    colors |= {e.label: COLORS[BUILT_IN.index(e)] for e in known}
+    with plt.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
+        grid = seaborn.relplot(
+            shown,
+            x="team_size",
+            y="value",
+            row="metric",
+            row_order=list(ROWS),
+            col="task",
+            hue="method",
+            hue_order=order,
+            palette=colors,
+            style="method",
+            style_order=order,
+            kind="line",
+            markers=True,
+            dashes=False,
+            errorbar="sd",
+            err_style="bars",
+            height=2.1,
+            aspect=1.25,
+            facet_kws={"sharey": False, "margin_titles": False},
+        )
+        grid.set_titles("{col_name}")
+        grid.set(xticks=sorted(shown["team_size"].unique()))
+        for label, row in zip(ROWS.values(), grid.axes, strict=True):
+            row[0].set_ylabel(label)
+        for axes in grid.axes[:2].flat:
+            axes.set_yscale("symlog", linthresh=10)
+            axes.set_ylim(bottom=0)
+        for axes in grid.axes[1:].flat:
+            axes.set_title("")
+        grid.set_axis_labels("team size N", None)
+        if grid.legend is not None:
+            grid.legend.set_title("")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        grid.savefig(path, dpi=110)
+        plt.close(grid.figure)
+    return True
+
+
+def data_uri(path: Path) -> str:
+    """A PNG file as a link that needs no file."""
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
