@@ -16,6 +16,8 @@ ROWS = {
     "reward": "deployed return",
 }
 """Metrics from top to bottom, as in the paper's summary figure, and their axis labels."""
+COSTS = ("fleet_minutes", "training_crashes")
+"""Rows with a logarithmic axis from 10 on, the same for all tasks."""
 
 
 def write_summary(tables: Tables, path: Path) -> bool:
@@ -62,9 +64,11 @@ def write_summary(tables: Tables, path: Path) -> bool:
         grid.set(xticks=sorted(shown["team_size"].unique()))
         for label, row in zip(ROWS.values(), grid.axes, strict=True):
             row[0].set_ylabel(label)
-        for axes in grid.axes[:2].flat:
-            axes.set_yscale("symlog", linthresh=10)
-            axes.set_ylim(bottom=0)
+        for metric, row in zip(COSTS, grid.axes, strict=False):
+            top = 2.0 * max(10.0, shown.loc[shown["metric"] == metric, "value"].max())
+            for axes in row:
+                axes.set_yscale("symlog", linthresh=10)
+                axes.set_ylim(0, top)
         for axes in grid.axes[1:].flat:
             axes.set_title("")
         grid.set_axis_labels("team size N", None)

@@ -120,6 +120,8 @@ def test_ctrl_c_keeps_finished_runs_and_running_again_resumes(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # A test run in the background ignores Ctrl-C, and so would what it starts.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         wait_until(lambda: log.exists() and log.read_text().count("\n") == 2)
         listing = subprocess.run(
