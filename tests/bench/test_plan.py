@@ -39,6 +39,9 @@ def test_a_row_can_be_restricted(plugins):
         Row("failing", tasks=("circle",)),
         Row("dying", team_sizes=(4,)),
     )
+    few = expand(make_suite(Row("instant"), Row("failing", seeds=1), seeds=3)).runs
+    assert [run.seed for run in few if run.method == "failing"] == [0]
+    assert [run.seed for run in few if run.method == "instant"] == [0, 1, 2]
     suite = make_suite(*rows, tasks=("spread", "circle"), team_sizes=(2, 4))
     cells = {(run.method, run.task, run.team_size) for run in expand(suite).runs}
     assert {c for c in cells if c[0] == "failing"} == {

@@ -49,15 +49,23 @@ def test_a_suite_without_a_name_is_called_as_its_file(load):
 
 
 def test_built_in_suites_are_what_the_documentation_promises():
+    suites = {name: load_suite(name) for name in built_in()[:3]}
+    rows = {
+        name: [row for row in suite.methods if not row.settings and not row.task_settings]
+        for name, suite in suites.items()
+    }
     sizes = {
-        name: (len(s.tasks), s.team_sizes, s.seeds, len(s.methods))
-        for name, s in ((name, load_suite(name)) for name in built_in()[:3])
+        name: (len(s.tasks), s.team_sizes, s.seeds, len(rows[name])) for name, s in suites.items()
     }
     assert sizes == {
         "quick": (2, (3,), 1, 6),
         "pilot": (4, (3, 12), 3, 6),
         "paper": (4, (3, 5, 7, 9, 12, 18), 5, 6),
     }
+    ablations = [row for row in suites["pilot"].methods if row not in rows["pilot"]]
+    assert ablations
+    assert {row.seeds for row in ablations} == {1}
+    assert load_suite("tuning").first_seed == 1000  # seeds that no result uses
 
 
 @pytest.mark.parametrize(
