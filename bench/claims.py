@@ -78,7 +78,9 @@ def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     lines = []
     for cell, found in seed_values(tables.results, "reward").items():
         for entry in sorted(entry for entry in found if entry.variant):
-            base = found.get(entry._replace(variant=""), {})
+            default = found.get(entry._replace(variant=""), {})
+            # Only the seeds that both have: a row of few seeds is compared with the same few.
+            base = {seed: value for seed, value in default.items() if seed in found[entry]}
             apart = difference(found[entry], base)
             lines.append(
                 (

@@ -112,7 +112,10 @@ def test_ctrl_c_keeps_finished_runs_and_running_again_resumes(
         f'method = "instant"\nsettings.log = "{log}"',
         f'method = "instant"\nsettings.log = "{log}"\nsettings.wait_for = "{gate}"',
     )
-    command = [sys.executable, "-c", "import sys; from bench.cli import main; sys.exit(main())"]
+    # Tests run in the background ignore Ctrl-C, and so would what they start.
+    attentive = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{attentive}; import sys; from bench.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", code]
     arguments = ["run", str(suite), "--out", str(out), "--jobs", "1"]
     with subprocess.Popen(
         [*command, *arguments],
@@ -120,8 +123,6 @@ def test_ctrl_c_keeps_finished_runs_and_running_again_resumes(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        # A test run in the background ignores Ctrl-C, and so would what it starts.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         wait_until(lambda: log.exists() and log.read_text().count("\n") == 2)
         listing = subprocess.run(
