@@ -9,10 +9,12 @@ to step passes only a share g of its gradient,
 
 so a reward reaches back about 1 / (1 - g) steps. Zhang et al. (2024), "Back to Newton's Laws",
 decay gradients too. Plain 500-step back-propagation (g = 1) trains without blow-ups on these
-tasks, but ends worse in most cells (`reports/pilot.md`, `trainer.decay=1.0`). What still grows is limited: the cotangent of each number of the
-carried state is clipped to +-`COTANGENT_LIMIT`, about ten times what a well-behaved episode has
-(a reward slope of 1 per metre, felt for 1 / (1 - g) = 50 steps), for which the loss must be the
-plain sum of rewards; its scale is put right afterwards.
+tasks, but ends worse in most cells (`reports/pilot.md`, `trainer.decay=1.0`).
+
+What still grows is limited: the cotangent of each number of the carried state is clipped to
++-`COTANGENT_LIMIT`, about ten times what a well-behaved episode has (a reward slope of 1 per
+metre, felt for 1 / (1 - g) = 50 steps), for which the loss must be the plain sum of rewards; its
+scale is put right afterwards.
 """
 
 import functools
