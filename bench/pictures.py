@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import seaborn
 
 from bench.figures import BUILT_IN, COLORS
-from bench.statistics import COUNTED, entry_of
+from bench.statistics import COUNTED, entry_of, records
 from bench.tables import Tables
 
 ROWS = {
@@ -27,12 +27,12 @@ def write_summary(tables: Tables, path: Path) -> bool:
     left out. Nothing is written, and False returned, where there is nothing to draw.
     """
     results = tables.results
-    shown = results[
+    shown = results.loc[
         results["metric"].isin(ROWS) & results["status"].isin(COUNTED) & (results["variant"] == "")
     ]
     if shown.empty:
         return False
-    entries = [entry_of(row) for row in shown.to_dict("records")]
+    entries = [entry_of(row) for row in records(shown)]
     shown = shown.assign(method=[entry.label for entry in entries])
     known = [entry for entry in BUILT_IN if entry in set(entries)]
     order = [e.label for e in known] + sorted({e.label for e in entries if e not in BUILT_IN})
