@@ -34,7 +34,7 @@ from simulators.contract import AbstractSimulator
 from simulators.flight import Flight
 from simulators.tracking import PDTracker
 from simulators.vehicle import CONTROL_DT
-from tasks.contact import in_contact
+from tasks.contact import in_contact, onsets
 from tasks.contract import AbstractTask
 from tasks.rollout import record
 
@@ -134,13 +134,12 @@ def calibrate(
     speed = jnp.linalg.norm(before.vel.reshape(-1, 3), axis=-1)
     weight = 1.0 + hover_weight * jnp.exp(-0.5 * (speed / HOVER_SPEED) ** 2)
     remainder = after.pos - before.pos - CONTROL_DT * after.vel
-    onset = flights.contact[:, 1:] & ~flights.contact[:, :-1]
     error = jnp.linalg.norm(before.pos[:, :, 0] - references.pos, axis=-1)
     return Calibration(
         transitions=Transitions(features=x, target=change - x[:, 9:], weight=weight),
         flights=n_flights,
         fleet_seconds=n_flights * task.horizon * CONTROL_DT,
-        crashes=int(jnp.sum(onset)) + int(jnp.sum(flights.contact[:, 0])),
+        crashes=int(jnp.sum(onsets(flights.contact))),
         clipped_share=float(jnp.mean(flights.clipped)),
         tracking_error=float(jnp.mean(error)),
         pos_remainder=float(np.sqrt(np.mean(np.sum(np.asarray(remainder) ** 2, axis=-1)))),

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Key
 
 from simulators.contract import AbstractSimulator
 from simulators.vehicle import CONTROL_DT
+from tasks.contact import onsets
 from tasks.contract import AbstractTask
 from tasks.rollout import Controller, Record, record
 
@@ -54,11 +55,10 @@ def evaluate(
     """Deploys `controller`, a pytree; one world after another, batched for speed only."""
     flown = fly(task, simulator, controller, evaluation_keys(seed, n_episodes))
     contact = np.asarray(flown.contact)
-    before = np.concatenate([np.zeros_like(contact[:, :1]), contact[:, :-1]], axis=1)
     settled = int(min(task.horizon, round(SETTLED / CONTROL_DT)))
     return Evaluation(
         rewards=np.asarray(flown.reward).sum(axis=1).mean(axis=1),
-        crashes=float((contact & ~before).sum(axis=(1, 2)).mean()),
+        crashes=float(np.asarray(onsets(flown.contact)).sum(axis=(1, 2)).mean()),
         crash_step_rate=float(contact.any(axis=2).mean()),
         position_error=float(np.median(np.asarray(flown.error)[:, -settled:])),
         trajectory={

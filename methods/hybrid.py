@@ -49,6 +49,7 @@ class Hybrid(AbstractMethod):
         start = time.perf_counter()
         flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
         task, nominal = setup.task, setup.nominal
+        residual = registry.load("residual", self.residual)()
         setup.progress("calibration flights", 0, 1, float("nan"))
         calibration = calibrate(
             task,
@@ -62,7 +63,7 @@ class Hybrid(AbstractMethod):
             hover_weight=self.hover_weight if task.station_keeping else 0.0,
         )
         setup.progress("residual fit", 0, 1, float("nan"))
-        model = registry.load("residual", self.residual)().fit(calibration.transitions, fit_key)
+        model = residual.fit(calibration.transitions, fit_key)
         corrected = with_effects(nominal, [ResidualEffect(model, nominal.spec.mass)])
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
         training = self.trainer.train(

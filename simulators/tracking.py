@@ -21,7 +21,7 @@ class PDTracker(eqx.Module):
     """Source: Mellinger and Kumar (2011) as used in the paper, Sec. II-D."""
 
     kp: float = 6.0
-    """Position gain [1/s^2]; untuned, mean error 0.04 to 0.11 m on the LF references."""
+    """Position gain [1/s^2]; untuned, mean error 0.05 to 0.13 m on the pilot's LF references."""
     kd: float = 4.0
     """Velocity gain [1/s]."""
     mass: float = VEHICLES["cf21B_500"].mass

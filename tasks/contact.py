@@ -45,6 +45,12 @@ def in_contact(pos: Float[Array, "drones 3"], t: Float[Array, ""]) -> Bool[Array
     return jnp.any(near, axis=-1) | ((pos[:, 2] <= 0.0) & (t > GRACE + 1e-3))
 
 
+def onsets(contact: Bool[Array, "*n time drones"]) -> Bool[Array, "*n time drones"]:
+    """Where a contact begins: the crashes of flights that start without one."""
+    before = jnp.concatenate([jnp.zeros_like(contact[..., :1, :]), contact[..., :-1, :]], axis=-2)
+    return contact & ~before
+
+
 def penalty(distance: Float[Array, "drones drones"]) -> Float[Array, " drones"]:
     """The exact penalty of one step, at least 0; no gradient."""
     return PENALTY * jnp.sum(distance < CONTACT_DISTANCE, axis=-1).astype(distance.dtype)

@@ -47,7 +47,7 @@ class MLPEnsemble(AbstractResidual):
     lr: float = eqx.field(static=True, default=5e-3)
     """Adam's learning rate at the start, falling to zero as a cosine."""
     max_samples: int = eqx.field(static=True, default=5000)
-    """Largest bootstrap resample of one member [rows]; more data do not improve the fit."""
+    """Largest bootstrap resample of one member [rows]; a choice that bounds the fit's time."""
 
     version: ClassVar[str] = "1"
 

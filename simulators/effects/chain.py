@@ -7,7 +7,6 @@ no extra work.
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -140,8 +139,3 @@ def canonical(effects: Effects) -> str:
         values = (f"{p}={float(getattr(effect, p)):g}" for p in type(effect).parameters)
         texts.append(f"{name}({', '.join(values)})")
     return "; ".join(sorted(texts))
-
-
-def is_static(effects: Effects) -> bool:
-    """Whether no effect carries a memory."""
-    return not jax.tree.leaves(eqx.filter(init(effects, 1, 0.02), eqx.is_array))
