@@ -1,4 +1,4 @@
-"""The command line: `bench run`, `list`, `leaderboard`, `report`, `claims`.
+"""The command line: `bench run`, `list`, `leaderboard`, `report`, `claims`, `diagnose`.
 
 Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
 """
@@ -155,6 +155,42 @@ def claims(directory: Path, /, *, out: Path | None = None, notes: Path | None = 
     write_claims(Tables.load(directory), path, notes)
     print(f"Claims: {path}")  # noqa: T201
     return 0
+
+
+@app.command
+def diagnose(
+    flights: Path,
+    /,
+    *,
+    simulator: str = "crazyflow",
+    reference: Path | None = None,
+    out: Path | None = None,
+    exclude: Annotated[list[str] | None, Repeatable] = None,
+) -> int:
+    """Say why a simulator and real flights differ: where, which effect, how much it explains.
+
+    Writes diagnosis.json, diagnosis.md and diagnosis.html, one page that opens offline; nothing if
+    no flight is usable.
+
+    Parameters
+    ----------
+    flights
+        Folder with vehicle.toml and flights/NAME.parquet or .csv.
+    simulator
+        Which simulator should explain them: crazyflow or point_mass.
+    reference
+        Folder of flights of the same vehicle before a change; then the answer is what changed.
+    out
+        Folder for the documents; without it, reports/diagnosis/NAME for flights in a folder NAME.
+    exclude
+        Withhold this effect, and all that these flights cannot tell from it, from the candidates.
+    """
+    from bench.environment import environment
+
+    os.environ.update(environment())
+    from bench.diagnosis.command import run_diagnosis
+
+    return run_diagnosis(flights, simulator, reference, exclude or (), out)
 
 
 def _check_folders(*directories: Path) -> None:

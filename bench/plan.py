@@ -215,11 +215,11 @@ def _residual(row: Row, method_class: type) -> str:
         raise PlanError(
             f"Method '{row.method}': give `residual` beside `method`, not among the settings."
         )
-    if not row.residual and not isinstance(field.default, str):
+    if not row.residual and not isinstance(field.default, str | None):
         raise PlanError(
             f"Method '{row.method}' needs a `residual`: {', '.join(registry.names('residual'))}."
         )
-    return row.residual or str(field.default)
+    return row.residual or field.default or ""
 
 
 def _version(plugin: str, cls: type) -> str:

@@ -10,6 +10,7 @@ from jaxtyping import Float, PRNGKeyArray
 
 from methods.policy import Policy
 from simulators.contract import AbstractSimulator
+from simulators.effects.contract import AbstractEffect
 from tasks.contract import AbstractTask
 
 Progress = Callable[[str, int, int, float], None]
@@ -74,6 +75,8 @@ class Trained:
     """`ok`, `diverged`, or `budget` (a high-fidelity run that its epoch budget ended)."""
     residual: eqx.Module | None = None
     """The frozen residual, if the method fits one."""
+    effects: tuple[AbstractEffect, ...] = ()
+    """Effects that the nominal simulator was corrected by, the residual not among them."""
     notes: Mapping[str, float] = dataclasses.field(default_factory=dict)
     """Further numbers worth keeping, e.g. a residual's fit error; name -> value."""
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from typing import Any, TypeVar
 
 import equinox as eqx
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from simulators import registry
 from simulators.effects.contract import DOORS, AbstractEffect
@@ -57,6 +57,22 @@ class AbstractSimulator(eqx.Module):
     @abc.abstractmethod
     def flight(self, state: Any) -> Flight:
         """What can be measured of a state."""
+
+    @abc.abstractmethod
+    def turned(
+        self,
+        state: Any,
+        quat: Float[Array, "drones 4"],
+        ang_vel: Float[Array, "drones 3"],
+        chosen: Bool[Array, " drones"],
+    ) -> Any:
+        """The state with the chosen drones at `quat` and `ang_vel` [rad/s, body]."""
+
+    def placed(
+        self, state: Any, pos: Float[Array, "drones 3"], vel: Float[Array, "drones 3"]
+    ) -> Any:
+        """The state with the drones at `pos` [m] and `vel` [m/s], everything else kept."""
+        return eqx.tree_at(lambda s: (s.pos, s.vel), state, (pos, vel))
 
     def step(self, state: Any, action: Float[Array, "drones 3"]) -> Any:
         """The state one control step of `CONTROL_DT` later, under an action in [-1, 1]^3."""

@@ -33,7 +33,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from simulators.contract import AbstractSimulator
 from simulators.effects import chain
@@ -170,6 +170,25 @@ class Crazyflow(AbstractSimulator):
 
         state, _ = jax.lax.scan(physics_step, state, None, length=n_steps)
         return state
+
+    def turned(
+        self,
+        state: CrazyflowState,
+        quat: Float[Array, "drones 4"],
+        ang_vel: Float[Array, "drones 3"],
+        chosen: Bool[Array, " drones"],
+    ) -> CrazyflowState:
+        """Rotor speeds and the controller's integral stay."""
+        where = functools.partial(jnp.where, chosen[:, None])
+        return eqx.tree_at(
+            lambda s: (s.quat, s.ang_vel, s.prev_ang_vel),
+            state,
+            (
+                where(quat, state.quat),
+                where(ang_vel, state.ang_vel),
+                where(ang_vel, state.prev_ang_vel),
+            ),
+        )
 
     def flight(self, state: CrazyflowState) -> Flight:
         curve = _template(self.spec.name, self.freq).data.params.rpm2thrust

@@ -24,12 +24,18 @@ import math
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from simulators.contract import AbstractSimulator
 from simulators.effects import chain
-from simulators.effects.contract import AbstractEffect, PlantEffect, StateEffect
+from simulators.effects.contract import (
+    AbstractEffect,
+    PlantEffect,
+    ResponseEffect,
+    StateEffect,
+)
 from simulators.flight import Flight
 from simulators.rotation import quat_to_rpy, rotate, rotate_back, rpy_to_quat
 from simulators.vehicle import CONTROL_DT, GRAVITY, VEHICLES, ActionSpace, VehicleSpec
@@ -117,6 +123,31 @@ class PointMass(AbstractSimulator):
             state = self._integrate(state, cmd, duration / n_steps)
         return state
 
+    def turned(
+        self,
+        state: PointMassState,
+        quat: Float[Array, "drones 4"],
+        ang_vel: Float[Array, "drones 3"],
+        chosen: Bool[Array, " drones"],
+    ) -> PointMassState:
+        """Lags start steady at the attitude; a point mass has no angular velocity."""
+        rpy = jnp.where(chosen[:, None], quat_to_rpy(quat), state.rpy)
+        lag = jnp.where(chosen[:, None], rpy, state.lag)
+        steady = jnp.concatenate([rpy, state.thrust[:, None]], axis=-1)
+        settled = chain.at(self.effects, state.memory, steady)
+        memory = tuple(
+            jax.tree.map(lambda new, old: _chosen(chosen, new, old), new, old)
+            if isinstance(effect, ResponseEffect)
+            else old
+            for effect, new, old in zip(self.effects, settled, state.memory, strict=True)
+        )
+        return eqx.tree_at(
+            lambda s: (s.rpy, s.lag, s.memory),
+            state,
+            (rpy, lag, memory),
+            is_leaf=lambda x: x is state.memory,
+        )
+
     def flight(self, state: PointMassState) -> Flight:
         return Flight(
             t=state.t,
@@ -171,6 +202,13 @@ class PointMass(AbstractSimulator):
             (flight.pos, flight.vel, memory),
             is_leaf=lambda x: x is memory,
         )
+
+
+def _chosen(
+    chosen: Bool[Array, " drones"], new: Float[Array, "drones *n"], old: Float[Array, "drones *n"]
+) -> Float[Array, "drones *n"]:
+    """`new` where a drone is chosen, `old` elsewhere."""
+    return jnp.where(chosen.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
 
 def _thrust_vector(

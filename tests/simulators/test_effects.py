@@ -31,15 +31,38 @@ from simulators.effects.contract import DOORS
 PAIRS = [
     (s, e) for s, e in itertools.product(SIMULATORS, EFFECTS) if doors_of(SIMULATORS[s], EFFECTS[e])
 ]
-# Values inside the bounds at which every effect acts smoothly: the delay lies between two whole
-# steps of both simulators, and the floor lies above crazyflow's own, under a drone that sinks.
+# Values inside the bounds at which every effect acts smoothly: the delay and the gust's onset lie
+# between two whole steps of both simulators, and the floor lies above crazyflow's own, under a
+# drone that sinks.
 INTERIOR = {
+    "attitude_gain": {"g": -0.1},
+    "attitude_lag": {"tau": 0.03},
     "attitude_loop": {"natural_freq": 15.0, "damping": 0.7},
+    "battery": {"rate": 0.008},
+    "center_of_mass": {"x": 0.002, "y": -0.001},
     "delay": {"seconds": 0.033},
+    "downwash": {"strength": 3.0, "width": 0.12},
     "drag": {"c": 1.3},
     "floor": {"height": 0.04},
+    "ground_effect": {"c": 9.0},
+    "gust": {"x": -0.9, "y": 1.3, "z": 0.5, "onset": 0.1633},
+    "inertia": {"e": 0.3},
     "mass": {"e": 0.2},
+    "motor_lag": {"scale": 1.4},
+    "quadratic_drag": {"k": 0.6},
+    "thrust_gain": {"e": -0.1},
+    "thrust_lag": {"up": 0.08, "down": 0.05},
+    "trim": {"roll": 0.03, "pitch": -0.02},
     "wind": {"x": 1.1, "y": -0.7, "z": 0.4},
+    "yaw_misalignment": {"angle": 0.2},
+}
+# Without effect at the neutral value by nature: while a gust has no force, its onset does not
+# matter, and so on; the loop's neutral frequency is infinite (see the test of 1 / frequency).
+SILENT = {
+    "attitude_loop": {"natural_freq", "damping"},
+    "downwash": {"width"},
+    "floor": {"height"},
+    "gust": {"onset"},
 }
 N, STEPS = 3, 50
 
@@ -65,15 +88,19 @@ def test_all_neutral_effects_together_are_nominal_bit_for_bit(simulator):
     nominal = SIMULATORS[simulator]()
     every = with_effects(nominal, [EFFECTS[e]() for s, e in PAIRS if s == simulator])
     pos, cmds = positions(N), random_cmds(0, STEPS, N, yaw=0.3)
-    folded = jax.jit(lambda cmds: fly(every, every.reset(pos, KEY), cmds))(cmds)
-    assert_identical(folded, flight_of(nominal))
+
+    def from_rest_and_restored(made, cmds):
+        return fly_from_rest(made, pos, cmds), fly(made, hovering(made, pos), cmds)
+
+    folded = jax.jit(lambda cmds: from_rest_and_restored(every, cmds))(cmds)
+    assert_identical(folded, from_rest_and_restored(nominal, cmds))
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_the_default_of_every_parameter_is_neutral(effect):
     made = EFFECTS[effect]()
     fields = {name: float(value) for name, value in vars(made).items()}
-    assert fields == {name: p.neutral for name, p in made.parameters.items()}
+    assert fields == {name: float(np.float32(p.neutral)) for name, p in made.parameters.items()}
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -122,18 +149,23 @@ def test_the_canonical_text_does_not_depend_on_the_order():
     assert chain.canonical(()) == ""
 
 
+def close_together(lowest):
+    """A team within each other's downwash and the ground effect, from `lowest` [m] on."""
+    return positions(N) * jnp.asarray([0.1, 0.1, 1.0]) - jnp.asarray([0.0, 0.0, 3.0 - lowest])
+
+
 @pytest.mark.parametrize("simulator", SIMULATORS)
 def test_derivatives_of_the_final_position_equal_finite_differences(simulator):
     """All effects act at once; drone 0 sinks onto the effect's floor, the others fly."""
     with x64():
         names = [e for s, e in PAIRS if s == simulator]
-        pos = positions(N).at[0, 2].set(0.06)
+        pos = close_together(0.5).at[0, 2].set(0.06)
         cmds = random_cmds(0, 20, N).at[:, 0].multiply(jnp.asarray([1.0, 1.0, 1.0, 0.5]))
         flat, unravel = ravel_pytree({e: INTERIOR[e] for e in names})
 
         def final(parameters):
             made = attached(SIMULATORS[simulator](), **unravel(parameters))
-            return fly_from_rest(made, pos, cmds).pos[-1]
+            return fly(made, hovering(made, pos), cmds).pos[-1]
 
         # One program for values and derivatives: at the point itself, then h to either side.
         unit, h = jnp.eye(len(flat)), 1e-6
@@ -145,7 +177,63 @@ def test_derivatives_of_the_final_position_equal_finite_differences(simulator):
         assert exact.dtype == jnp.float64
         # Central differences err by h^2 and by rounding / h, both near 1e-9 here.
         np.testing.assert_allclose(exact, numeric, rtol=1e-5, atol=1e-7)
-        assert (jnp.abs(exact).max(axis=(1, 2)) > 1e-4).all()
+        labels = jax.tree_util.tree_leaves_with_path(unravel(flat))
+        for (path, _), derivative in zip(labels, exact, strict=True):
+            assert jnp.abs(derivative).max() > 1e-5, f"{path} has no influence"
+
+        # Reverse mode: the same derivatives of one weighted sum.
+        weights = jnp.arange(1.0, 1.0 + 3 * N).reshape(N, 3)
+        reverse = jax.jit(jax.grad(lambda p: jnp.sum(weights * final(p))))(flat)
+        forward = jnp.sum(weights * exact, axis=(1, 2))
+        np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_sensitivities_at_the_neutral_values_equal_one_sided_differences(simulator):
+    """Where a parameter's bounds begin at its neutral value, only one side exists.
+
+    All effects are attached and all are neutral. The screening of candidate effects stands on
+    these derivatives, so none may vanish there.
+    """
+    with x64():
+        names = [e for s, e in PAIRS if s == simulator]
+        neutral = {e: {n: p.neutral for n, p in EFFECTS[e].parameters.items()} for e in names}
+        loud = {
+            e: {n: v for n, v in neutral[e].items() if n not in SILENT.get(e, ())} for e in names
+        }
+        flat, unravel = ravel_pytree(loud)
+        labels = jax.tree_util.tree_leaves_with_path(loud)
+
+        def travelled(parameters):
+            values = {e: neutral[e] | p for e, p in unravel(parameters).items()}
+            made = attached(SIMULATORS[simulator](), **values)
+            return fly(made, hovering(made, close_together(0.1)), random_cmds(0, 20, N)).pos
+
+        # Lags err by h / 2 ms, positions of 0.2 m over 200 steps by 1e-16 * 200 ** 0.5 / h.
+        unit, h = jnp.eye(len(flat)), 1e-7
+        points = jnp.concatenate([flat + h * unit, flat[None]])
+        exact = jax.jit(jax.vmap(lambda t: jax.jvp(travelled, (flat,), (t,))[1]))(unit)
+        moved = jax.jit(jax.vmap(travelled))(points)
+        numeric = (moved[:-1] - moved[-1]) / h
+        for (path, _), a, b in zip(labels, exact, numeric, strict=True):
+            size = float(jnp.abs(b).max())
+            assert size > 1e-5, f"{path} has no influence"
+            np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-4 * size + 1e-7, err_msg=f"{path}")
+
+
+def test_the_attitude_loop_has_a_sensitivity_to_the_inverse_of_its_frequency():
+    """At 1 / natural_freq = 1e-8 s, beside the nominal 0: the neutral value itself is infinite."""
+    with x64():
+        nominal, cmds, a = SIMULATORS["point_mass"](), random_cmds(0, 20, N), 1e-8
+
+        def travelled(inverse):
+            made = attached(nominal, attitude_loop={"natural_freq": 1.0 / inverse})
+            return fly_from_rest(made, positions(N), cmds).pos
+
+        value, slope = jax.jvp(travelled, (a,), (1.0,))
+        numeric = (value - fly_from_rest(nominal, positions(N), cmds).pos) / a
+        assert jnp.abs(slope).max() > 0.1
+        np.testing.assert_allclose(slope, numeric, rtol=1e-4, atol=1e-6)
 
 
 def test_a_delay_shifts_the_commands_by_whole_steps():
@@ -170,21 +258,6 @@ def test_a_delay_lasts_as_long_whatever_the_step(duration):
     middle = float(jnp.interp(1.1 * HOVER, thrust, duration * jnp.arange(1, steps + 1)))
     # u(t - d) with the command of a step acting from the step's start to its end.
     assert middle == pytest.approx(0.04 + duration, abs=0.011)
-
-
-@pytest.mark.parametrize("simulator", SIMULATORS)
-def test_the_plants_thrust_gain_reaches_thrust_and_acceleration(simulator):
-    made = with_effects(SIMULATORS[simulator](), [StrongRotors()])
-    flight = fly(made, hovering(made, positions(1)), hold([0, 0, 0, HOVER], 10))
-    np.testing.assert_allclose(flight.thrust, 1.1 * HOVER, rtol=1e-4)
-    np.testing.assert_allclose(flight.vel[-1, 0, 2], 0.981 * 0.2, rtol=0.06)
-
-
-class StrongRotors(EFFECTS["mass"]):
-    """Rotors that give 10 % more thrust than believed; reuses the plant door of `Mass`."""
-
-    def plant(self, memory, flight, vehicle, dt):
-        return None, eqx.tree_at(lambda v: v.thrust_gain, vehicle, 1.1 * vehicle.thrust_gain)
 
 
 def test_a_missing_door_names_the_simulators_that_have_it():

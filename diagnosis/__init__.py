@@ -1,0 +1,1 @@
+"""Why a simulator and reality part: which effect is missing, how sure, how much it explains."""

@@ -1,0 +1,124 @@
+"""The flight to fly next: what would separate effects that these flights cannot tell apart.
+
+Each advice names a manoeuvre, and `diagnosis.blind.manoeuvres` flies it in simulation, where it is
+shown to separate the pair.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+MANOEUVRES: Mapping[frozenset[str], str] = {
+    frozenset(pair): text
+    for pair, text in (
+        (
+            ("mass", "thrust_gain"),
+            "fast straight lines at 2 m/s or more: drag slows a heavier drone less, while a "
+            "weaker rotor leaves that unchanged",
+        ),
+        (
+            ("drag", "quadratic_drag"),
+            "straight lines at two very different speeds, 0.5 and 3 m/s, each held for 2 s",
+        ),
+        (
+            ("wind", "gust"),
+            "10 s of hover that begin well before the disturbance does",
+        ),
+        (
+            ("attitude_lag", "delay"),
+            "attitude steps of 0.3 rad every 0.4 s: a delay shifts the response, a lag rounds it",
+        ),
+        (
+            ("attitude_lag", "motor_lag"),
+            "attitude steps and thrust steps in turn: slow rotors delay thrust as well",
+        ),
+        (
+            ("delay", "motor_lag"),
+            "attitude steps and thrust steps in turn: slow rotors round the thrust's response",
+        ),
+        (
+            ("inertia", "motor_lag"),
+            "thrust steps in hover: inertia does not show in them, slow rotors do",
+        ),
+        (
+            ("attitude_lag", "inertia"),
+            "attitude steps of 0.3 rad every 0.4 s, as sharp as the controller allows",
+        ),
+        (
+            ("trim", "center_of_mass"),
+            "hover at very different thrusts, climbing and descending at 1 m/s: the tilt that an "
+            "offset of the centre of mass causes grows with thrust, a trim does not",
+        ),
+        (
+            ("trim", "wind"),
+            "hover with the yaw turned by 90 degrees every 3 s: a trim turns with the drone",
+        ),
+        (
+            ("battery", "thrust_gain"),
+            "one flight of a minute or more: a weak battery grows with time",
+        ),
+        (
+            ("battery", "mass"),
+            "one flight of a minute or more: a weak battery grows with time",
+        ),
+        (
+            ("ground_effect", "thrust_gain"),
+            "hover at 0.05, 0.1, 0.3 and 1 m: ground effect vanishes with height",
+        ),
+        (
+            ("ground_effect", "mass"),
+            "hover at 0.05, 0.1, 0.3 and 1 m: ground effect vanishes with height",
+        ),
+        (
+            ("thrust_gain", "wind"),
+            "climbs and descents at 1 m/s with hard turns: a thrust error grows with thrust and "
+            "tilts with the drone, a vertical wind does neither",
+        ),
+        (
+            ("mass", "wind"),
+            "climbs and descents at 1 m/s with hard turns: a mass error grows with thrust and "
+            "tilts with the drone, a vertical wind does neither",
+        ),
+    )
+}
+"""What separates two effects."""
+
+REGIMES: Mapping[str, str] = {
+    "ground_effect": "hover below 0.1 m",
+    "downwash": "two drones, one passing 0.5 m below the other",
+    "battery": "one flight of several minutes",
+    "motor_lag": "thrust steps of 30 % every 0.4 s",
+    "inertia": "attitude steps of 0.3 rad every 0.4 s",
+    "quadratic_drag": "straight lines at 3 m/s",
+    "drag": "straight lines at 1 to 2 m/s",
+}
+"""Where an effect shows best."""
+
+
+def next_flight(
+    kind: str, aliases: Mapping[str, Sequence[str]], where: str | None, blind_to: Sequence[str]
+) -> str:
+    """One sentence: what to fly next, and what for.
+
+    `where` names the regime of the largest remaining gap, `blind_to` effects that these flights
+    would hardly have shown.
+    """
+    for name, others in aliases.items():
+        for pair in itertools.product([name], others):
+            text = MANOEUVRES.get(frozenset(pair))
+            if text:
+                return f"To separate {pair[0]} from {pair[1]}: {text}."
+            return (
+                f"To separate {pair[0]} from {pair[1]}: fly {_of(pair[0])}, then {_of(pair[1])}, "
+                "each in flights of their own."
+            )
+    if kind == "unexplained":
+        place = f" where the gap is largest ({where})" if where else ""
+        return f"Fly again{place} and change one thing at a time; no candidate has this shape."
+    for name in blind_to:
+        if name in REGIMES:
+            return f"To be able to see {name.replace('_', ' ')} as well: {REGIMES[name]}."
+    return "Nothing: these flights separate all candidates that they can show."
+
+
+def _of(name: str) -> str:
+    return REGIMES.get(name, f"whatever shows {name.replace('_', ' ')} most")

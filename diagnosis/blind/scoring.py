@@ -1,0 +1,280 @@
+"""Scores of diagnoses against withheld labels, each proportion with a Clopper-Pearson interval.
+
+An answer is right on a decidable case only if it names the truth: the first effect (top-1) or the
+set. On an undecidable one, `none` is right as well, and so is every answer whose effects each have
+an alias class with a true effect in it. A case without an answer is wrong everywhere.
+
+Source of the interval: Clopper and Pearson (1934), Biometrika 26, 404-413.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from diagnosis.blind.cases import Case
+from diagnosis.blind.identifiable import compare
+
+FLAGGED = 0.1
+"""Unexplained share from which an answer that names an effect also says that more is there [-]."""
+
+Answer = Mapping[str, Any]
+"""Content of a `diagnosis.json`, schema 1; of it `verdict` and `effects` are required."""
+
+Row = dict[str, Any]
+"""One row of a table."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Scores:
+    """Tables of one set of answers."""
+
+    cases: pd.DataFrame
+    """One row a case: what it was, what was answered, what of it was right."""
+    proportions: pd.DataFrame
+    """One row a score and subset of cases: hits, cases, value and 95 % interval."""
+    by_effect: pd.DataFrame
+    """Top-1 of singles by effect and size, decidable cases counted apart."""
+    parameters: pd.DataFrame
+    """One row a compared quantity of a right answer."""
+    reliability: pd.DataFrame
+    """Stated probabilities of named effects, in bins, against how often they were true."""
+    confusion: pd.DataFrame
+    """Singles by true effect (rows) and answer (columns)."""
+    summary: dict[str, float | None]
+    """Numbers that are no proportions; None where nothing could be compared."""
+
+
+def clopper_pearson(hits: int, n: int, level: float = 0.95) -> tuple[float, float]:
+    """The exact interval of a proportion; (nan, nan) without cases."""
+    if n == 0:
+        return math.nan, math.nan
+    interval = stats.binomtest(hits, n).proportion_ci(level, method="exact")
+    return float(interval.low), float(interval.high)
+
+
+def score(
+    cases: Mapping[str, Case],
+    answers: Mapping[str, Answer],
+    decidable: Mapping[str, bool] | None = None,
+) -> Scores:
+    """All tables. A case that is not in `decidable` counts as decidable.
+
+    Raises:
+        ValueError: An answer or a decidability belongs to no case.
+    """
+    for what, given in (("answers", answers), ("decidable", decidable or {})):
+        if strange := sorted(set(given) - set(cases)):
+            raise ValueError(f"`{what}` names a case that has no label: {strange[0]}.")
+    judged = [
+        _judge(case, answers.get(name), (decidable or {}).get(name, True))
+        for name, case in cases.items()
+    ]
+    parameters = [row for name, case in cases.items() for row in _compared(case, answers.get(name))]
+    stated = [row for name, case in cases.items() for row in _stated(case, answers.get(name))]
+    singles = [row for row in judged if row["kind"] == "single"]
+    columns = ["case", "quantity", "error", "relative", "inside", "intervals"]
+    return Scores(
+        cases=pd.DataFrame(judged),
+        proportions=_proportions(judged, parameters),
+        by_effect=_by_effect(singles),
+        parameters=pd.DataFrame(parameters, columns=columns),
+        reliability=_reliability(stated),
+        confusion=pd.crosstab(
+            pd.Series([row["truth"] for row in singles], name="truth", dtype=object),
+            pd.Series([row["answer"] for row in singles], name="answer", dtype=object),
+        ),
+        summary=_summary(judged, parameters, stated),
+    )
+
+
+def _judge(case: Case, answer: Answer | None, decidable: bool) -> Row:
+    truth = {effect.name for effect in case.effects}
+    verdict = "failed" if answer is None else str(answer["verdict"])
+    chosen = list(answer["effects"]) if answer is not None and verdict == "effect" else []
+    chosen.sort(key=lambda effect: -(effect.get("probability") or 0.0))
+    names = [effect["name"] for effect in chosen]
+    classes = [{effect["name"], *effect.get("aliases", ())} for effect in chosen]
+    forgiven = not decidable and (
+        verdict == "none" or (bool(classes) and all(group & truth for group in classes))
+    )
+    share = (answer or {}).get("unexplained_share") or 0.0
+    abstained = verdict == "unexplained" or (verdict == "effect" and share >= FLAGGED)
+    return {
+        "case": case.id,
+        "kind": case.kind,
+        "truth": " + ".join(sorted(truth)) or "none",
+        "size": case.size,
+        "decidable": decidable,
+        "verdict": verdict,
+        "answer": " + ".join(sorted(names)) if names else verdict,
+        "top1": (bool(names[:1]) and names[0] in truth) or forgiven,
+        "class1": (bool(classes) and bool(classes[0] & truth)) or forgiven,
+        "exact": (bool(truth) and set(names) == truth) or forgiven,
+        "quiet": verdict == "none",
+        "unexplained": verdict == "unexplained" or (not decidable and verdict == "none"),
+        "abstained": abstained or (not decidable and verdict == "none"),
+        "blamed": verdict == "effect" and not abstained,
+        **_shrink(answer or {}, truth),
+    }
+
+
+def _shrink(answer: Answer, truth: set[str]) -> dict[str, float | None]:
+    """Shrink of the answer, of the true set and of the best set without a true effect [%]."""
+    by_set = {
+        frozenset(candidate["effects"]): candidate["shrink_percent"]
+        for candidate in answer.get("candidates", ())
+        if candidate.get("shrink_percent") is not None
+    }
+    wrong = [percent for names, percent in by_set.items() if names and not names & truth]
+    return {
+        "shrink": (answer.get("shrink") or {}).get("percent"),
+        "shrink_oracle": by_set.get(frozenset(truth)),
+        "shrink_wrong": max(wrong, default=None),
+    }
+
+
+def _compared(case: Case, answer: Answer | None) -> list[Row]:
+    """Quantities of an answer that names exactly the true effects or partners of theirs."""
+    rows: list[Row] = []
+    if answer is None or answer["verdict"] != "effect" or case.kind not in ("single", "pair"):
+        return rows
+    for truth in case.effects:
+        for effect in answer["effects"]:
+            given = effect["parameters"]
+            values = {name: entry["value"] for name, entry in given.items()}
+            inside = [
+                given[p]["low"] <= true <= given[p]["high"]
+                for p, true in truth.parameters.items()
+                if effect["name"] == truth.name and p in given and given[p]["low"] is not None
+            ]
+            for i, found in enumerate(compare(truth, effect["name"], values)):
+                own = {"case": case.id, **dataclasses.asdict(found)}
+                counts = {"inside": sum(inside), "intervals": len(inside)} if i == 0 else {}
+                rows.append({"inside": 0, "intervals": 0, **own, **counts})
+    return rows
+
+
+def _stated(case: Case, answer: Answer | None) -> list[tuple[float, bool]]:
+    """Probabilities of the named effects, and whether they were there."""
+    if answer is None or answer["verdict"] != "effect":
+        return []
+    # An excluded effect is not in the library: whatever is named instead is wrong.
+    truth = {e.name for e in case.effects} if case.kind in ("single", "pair") else set()
+    return [
+        (effect["probability"], effect["name"] in truth)
+        for effect in answer["effects"]
+        if effect.get("probability") is not None
+    ]
+
+
+_WITHHELD = ("unknown", "excluded")
+_SCORES: tuple[tuple[str, str, tuple[str, ...], float | None], ...] = (
+    ("top-1 of singles", "top1", ("single",), 0.98),
+    ("top-1 of singles, alias class", "class1", ("single",), None),
+    ("exact set of singles", "exact", ("single",), None),
+    ("top-1 of pairs", "top1", ("pair",), None),
+    ("exact set of pairs", "exact", ("pair",), 0.92),
+    ("nothing found in clean flights", "quiet", ("clean",), 0.98),
+    ("abstention, unknown effect", "abstained", ("unknown",), 0.95),
+    ("abstention, excluded effect", "abstained", ("excluded",), 0.95),
+    ("abstention, both", "abstained", _WITHHELD, 0.95),
+    ("nothing blamed at all, both", "unexplained", _WITHHELD, None),
+)
+"""Name, column, kinds of case and aim of each score."""
+
+
+def _proportions(judged: list[Row], parameters: list[Row]) -> pd.DataFrame:
+    rows = []
+    for name, column, kinds, aim in _SCORES:
+        among = [row for row in judged if row["kind"] in kinds]
+        subsets = {
+            "decidable": [row for row in among if row["decidable"]],
+            "undecidable": [row for row in among if not row["decidable"]],
+            "all": among,
+        }
+        for subset, part in subsets.items():
+            rows.append(_row(name, subset, _count(part, column), len(part), aim))
+    effects = [row for row in judged if row["kind"] != "clean"]
+    rows.append(_row("decidable cases", "all", _count(effects, "decidable"), len(effects), None))
+    inside, n = _count(parameters, "inside"), _count(parameters, "intervals")
+    rows.append(_row("truth inside 95 % intervals", "all", inside, n, 0.95))
+    return pd.DataFrame(rows)
+
+
+def _count(rows: list[Row], column: str) -> int:
+    return sum(int(row[column]) for row in rows)
+
+
+def _row(name: str, subset: str, hits: int, n: int, aim: float | None) -> Row:
+    low, high = clopper_pearson(hits, n)
+    value = hits / n if n else math.nan
+    return {
+        "score": name,
+        "cases": subset,
+        "hits": hits,
+        "n": n,
+        "value": value,
+        "low": low,
+        "high": high,
+        "aim": aim,
+    }
+
+
+def _by_effect(singles: list[Row]) -> pd.DataFrame:
+    rows = []
+    for truth, size in sorted({(row["truth"], row["size"]) for row in singles}):
+        part = [row for row in singles if (row["truth"], row["size"]) == (truth, size)]
+        sure = [row for row in part if row["decidable"]]
+        right = {"right": _count(part, "top1"), "right_decidable": _count(sure, "top1")}
+        counts = {"n": len(part), "decidable": len(sure)}
+        rows.append({"effect": truth, "size": size, **counts, **right})
+    columns = ["effect", "size", "n", "right", "decidable", "right_decidable"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _reliability(stated: list[tuple[float, bool]], n_bins: int = 5) -> pd.DataFrame:
+    """Bins of equal width, those without an answer left out."""
+    rows = []
+    for i in range(n_bins):
+        low, high = i / n_bins, (i + 1) / n_bins
+        here = [(p, t) for p, t in stated if min(int(p * n_bins), n_bins - 1) == i]
+        if here:
+            row = _row("", "", sum(true for _, true in here), len(here), None)
+            mean = float(np.mean([p for p, _ in here]))
+            bounds = {"from": low, "to": high, "stated": mean}
+            rows.append(bounds | {key: row[key] for key in ("n", "value", "low", "high")})
+    return pd.DataFrame(rows, columns=["from", "to", "stated", "n", "value", "low", "high"])
+
+
+def _summary(
+    judged: list[Row], parameters: list[Row], stated: list[tuple[float, bool]]
+) -> dict[str, float | None]:
+    errors = np.asarray([row["error"] for row in parameters if row["relative"]], float)
+    named = [row for row in judged if row["kind"] in ("single", "pair") and row["decidable"]]
+    found, oracle, wrong = (
+        np.asarray([row[column] for row in named], float)
+        for column in ("shrink", "shrink_oracle", "shrink_wrong")
+    )
+    beside = np.isfinite(found) & np.isfinite(wrong)
+    probability, true = np.asarray(stated, float).reshape(-1, 2).T
+    return {
+        "median_parameter_error": _of(np.median, errors),
+        "p90_parameter_error": _of(lambda x: np.quantile(x, 0.9), errors),
+        "median_shrink_over_oracle": _of(np.median, (found / oracle)[oracle > 0]),
+        "median_shrink": _of(np.median, found[beside]),
+        "median_shrink_of_best_wrong": _of(np.median, wrong[beside]),
+        "brier": _of(np.mean, (probability - true) ** 2),
+        "mean_probability": _of(np.mean, probability),
+        "share_true": _of(np.mean, true),
+    }
+
+
+def _of(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
+    """A statistic of the finite values; None without any."""
+    finite = values[np.isfinite(values)]
+    return float(statistic(finite)) if len(finite) else None

@@ -1,0 +1,139 @@
+"""The candidates of a diagnosis as one flat vector of parameters.
+
+Every effect of the library is attached to the simulator at once and stands at its neutral value,
+so that one compiled program serves every candidate set: a set is a choice of entries.
+"""
+
+import dataclasses
+from collections.abc import Collection, Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from simulators import registry
+from simulators.contract import AbstractSimulator, with_effects
+from simulators.effects.contract import AbstractEffect
+
+LEFT_OUT = ("floor",)
+"""Effects that are no candidates: a floor is seen or not, it is not estimated from its slope."""
+
+NEEDS_NEIGHBOUR = ("downwash",)
+"""Effects that do nothing to a drone that flies alone."""
+
+NEEDS_ATTITUDE_CMD = (
+    "attitude_gain",
+    "attitude_lag",
+    "attitude_loop",
+    "center_of_mass",
+    "delay",
+    "inertia",
+    "motor_lag",
+    "thrust_lag",
+    "trim",
+    "yaw_misalignment",
+)
+"""Effects that are not observable where attitude and rotors are prescribed from measurement."""
+
+FIXED = {"downwash": ("width",)}
+"""Parameters that are held in the first, linear pass: their slope vanishes at neutral."""
+
+FAMILIES: Mapping[str, frozenset[str]] = {
+    name: frozenset(family)
+    for family in (
+        ("mass", "thrust_gain"),
+        ("drag", "quadratic_drag"),
+        ("wind", "gust"),
+        ("attitude_lag", "attitude_loop", "delay", "motor_lag", "inertia"),
+        ("thrust_lag", "motor_lag"),
+        ("trim", "center_of_mass"),
+    )
+    for name in family
+}
+"""Static aliases, a lower bound: effects that ordinary flights often cannot tell apart."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Slot:
+    """One number of the vector."""
+
+    effect: str
+    """Registered name of the effect."""
+    parameter: str
+    """Name of its parameter."""
+    unit: str
+    """Unit."""
+    neutral: float
+    """Neutral value, where the simulator is exactly nominal; may be infinite."""
+    low: float
+    """Smallest value that a fit may try."""
+    high: float
+    """Largest value that a fit may try."""
+
+
+class Library(eqx.Module):
+    """The effects that a simulator has doors for, and where each stands in the vector."""
+
+    simulator: AbstractSimulator
+    """The simulator without them."""
+    effects: Mapping[str, type[AbstractEffect]] = eqx.field(static=True)
+    """Effect classes by registered name."""
+    slots: tuple[Slot, ...] = eqx.field(static=True)
+    """The vector's entries."""
+
+    @property
+    def neutral(self) -> Float[np.ndarray, " params"]:
+        """The nominal simulator's vector."""
+        return np.asarray([slot.neutral for slot in self.slots])
+
+    @property
+    def low(self) -> Float[np.ndarray, " params"]:
+        """Lower bounds."""
+        return np.asarray([slot.low for slot in self.slots])
+
+    @property
+    def high(self) -> Float[np.ndarray, " params"]:
+        """Upper bounds."""
+        return np.asarray([slot.high for slot in self.slots])
+
+    def indices(self, effect: str) -> list[int]:
+        """Where an effect's parameters stand."""
+        return [i for i, slot in enumerate(self.slots) if slot.effect == effect]
+
+    def attach(self, vector: Float[Array, " params"]) -> AbstractSimulator:
+        """The simulator with every effect of the library, at the values of `vector`."""
+        values: dict[str, dict[str, Array]] = {name: {} for name in self.effects}
+        for i, slot in enumerate(self.slots):
+            values[slot.effect][slot.parameter] = vector[i]
+        made = [kind(**values[name]) for name, kind in self.effects.items()]
+        return with_effects(self.simulator, made)
+
+    def named(self, vector: Float[np.ndarray, " params"], effect: str) -> dict[str, float]:
+        """The parameters of one effect at `vector`, in their units."""
+        return {self.slots[i].parameter: float(vector[i]) for i in self.indices(effect)}
+
+
+def make_library(
+    simulator: AbstractSimulator, exclude: Collection[str] = (), several_drones: bool = False
+) -> Library:
+    """Every registered effect that `simulator` has the doors for, without those excluded."""
+    effects, slots = {}, []
+    for name, kind in sorted(registry.load_all("effect").items()):
+        missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]
+        alone = name in NEEDS_NEIGHBOUR and not several_drones
+        if missing or alone or name in LEFT_OUT or name in exclude:
+            continue
+        effects[name] = kind
+        for parameter, info in kind.parameters.items():
+            slots.append(Slot(name, parameter, info.unit, info.neutral, info.low, info.high))
+    return Library(simulator=simulator, effects=effects, slots=tuple(slots))
+
+
+def with_aliases(exclude: Collection[str]) -> set[str]:
+    """`exclude` and every effect that is statically an alias of one of them."""
+    wanted = set(exclude)
+    for name in exclude:
+        wanted |= {other for other in FAMILIES.get(name, ())}
+        wanted |= {other for other, family in FAMILIES.items() if name in family}
+    return wanted

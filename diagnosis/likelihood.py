@@ -1,0 +1,277 @@
+r"""Windowed rollout likelihood and its normal equations.
+
+Within a window the measurements y of all nodes are
+
+    y = f(theta) + G x + noise,      noise ~ N(0, diag(sigma^2)),
+
+with f the replayed window from a smoothed start and x the error of that start (position and
+velocity, six numbers a drone), which nothing is known of and which is projected out. What is left
+is independent from window to window, because windows share no row. With r the projected, whitened
+residual and J its derivative, every candidate set needs only
+
+    H = J'J,   g = J'r,   c = r'r,   summed over windows and kept per window and flight.
+
+| symbol | name | unit |
+|---|---|---|
+| sigma | noise of each channel | m, m/s, rad |
+| G | [1, (1 - exp(-d t)) / d; 0, exp(-d t)], d = nominal drag over mass | -, s |
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from diagnosis.replay import Prediction, Replay
+from diagnosis.segments import WINDOW, Segments
+
+KEPT = 24
+"""Replays that are kept, so that scoring a fit does not fly it again."""
+FEWEST_NODES = 5
+"""A drone's window with fewer nodes is left out: its start alone takes two per axis."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Normal:
+    """Normal equations at one parameter vector, per window (of all drones together)."""
+
+    vector: Float[np.ndarray, " params"]
+    """Where the simulator was linearised."""
+    H: Float[np.ndarray, "windows params params"]
+    """J'J."""
+    g: Float[np.ndarray, "windows params"]
+    """J'r."""
+    c: Float[np.ndarray, " windows"]
+    """r'r, the window's chi-square."""
+    dof: Float[np.ndarray, " windows"]
+    """Numbers in r less the numbers of the start."""
+    flight: Int[np.ndarray, " windows"]
+    """Flight of each window."""
+    t: Float[np.ndarray, " windows"]
+    """Start of each window since the flight's first row [s]."""
+    kind: Float[np.ndarray, "windows 9"]
+    """chi-square of each channel."""
+    doubtful: Bool[np.ndarray, " windows"]
+    """Windows in which an unknown command may still show."""
+
+    @property
+    def chi2(self) -> float:
+        """Chi-square of all windows."""
+        return float(self.c.sum())
+
+    def of(self, chosen: Bool[np.ndarray, " windows"]) -> "Normal":
+        """The windows that are chosen."""
+        per_window = {
+            field.name: getattr(self, field.name)[chosen]
+            for field in dataclasses.fields(self)
+            if field.name != "vector"
+        }
+        return dataclasses.replace(self, **per_window)
+
+
+@dataclasses.dataclass(frozen=True)
+class Tracks:
+    """Windows as they were measured and predicted, one line a drone and window."""
+
+    row: Float[np.ndarray, "lines nodes 9"]
+    """Measured position [m], velocity [m/s], roll, pitch, yaw [rad]."""
+    residual: Float[np.ndarray, "lines nodes 9"]
+    """Measured minus predicted."""
+    time: Float[np.ndarray, "lines nodes"]
+    """Time of each node since the start of its window [s]."""
+    valid: Bool[np.ndarray, "lines nodes"]
+    """Which nodes count."""
+    thrust: Float[np.ndarray, " lines"]
+    """Mean commanded thrust [N]."""
+    distance: Float[np.ndarray, " lines"]
+    """Smallest distance to another drone [m]; infinite for a drone alone."""
+    flight: Int[np.ndarray, " lines"]
+    """Flight of each line."""
+    t: Float[np.ndarray, " lines"]
+    """Start of the window since the flight's first row [s]."""
+
+
+class Likelihood:
+    """The likelihood of flights under one library; flights with as many drones make a group."""
+
+    def __init__(
+        self,
+        replay: Replay,
+        groups: Sequence[Segments],
+        sigma: Float[np.ndarray, " 9"],
+    ) -> None:
+        self.replay, self.groups, self.sigma = replay, list(groups), sigma
+        spec = replay.library.simulator.spec
+        drags = "rotation" in replay.library.simulator.doors
+        self.decay = np.asarray(spec.drag) / spec.mass if drags else np.zeros(3)
+        self.n_params = len(replay.library.slots)
+        self.trusted: Bool[np.ndarray, " windows"] | None = None
+        self._replays: dict[bytes, tuple[dict, dict]] = {}
+
+    def normal(self, vector: Float[np.ndarray, " params"]) -> Normal:
+        """Normal equations at `vector`, along all parameters, of the windows that are trusted."""
+        whole = Normal(vector=np.array(vector, float), **self._replayed(vector)[0])
+        return whole.of(whole.dof > 0 if self.trusted is None else self.trusted)
+
+    def _replayed(self, vectors: Float[np.ndarray, "*flights params"]) -> tuple[dict, dict]:
+        """Equations and tracks of all windows; the last few replays are kept."""
+        key = np.asarray(vectors, float).tobytes() + self.sigma.tobytes()
+        if key not in self._replays:
+            equations, tracks = [], []
+            for group in self.groups:
+                each = np.broadcast_to(vectors, (int(group.flight.max()) + 1, self.n_params))
+                for chosen, prediction in self.replay(group, each, np.eye(self.n_params)):
+                    equations.append(self._equations(group, chosen, prediction))
+                    tracks.append(self._tracks(group, chosen, prediction))
+            while len(self._replays) >= KEPT:
+                del self._replays[next(iter(self._replays))]
+            self._replays[key] = (_joined(equations), _joined(tracks))
+        return self._replays[key]
+
+    def distrust(self, vector: Float[np.ndarray, " params"], limit: float) -> int:
+        """Leaves out windows soon after an unknown command that fit worse than `limit` sigmas.
+
+        Returns how many. Only such windows can be left out: elsewhere a bad fit is a finding.
+        """
+        self.trusted = None
+        normal = self.normal(vector)
+        z = (normal.c - normal.dof) / np.sqrt(2.0 * normal.dof)
+        bad = normal.doubtful & (z > limit)
+        counted = np.concatenate([self._dof(group) for group in self.groups]) > 0
+        trusted = counted.copy()
+        trusted[counted] = ~bad
+        self.trusted = trusted
+        return int(bad.sum())
+
+    def _dof(self, group: Segments) -> Float[np.ndarray, " windows"]:
+        count = self._valid(group, slice(None)).sum(axis=3)
+        return np.sum(9 * count - 6 * (count > 0), axis=2).reshape(-1).astype(float)
+
+    def _equations(
+        self, group: Segments, chosen: slice, prediction: Prediction
+    ) -> dict[str, np.ndarray]:
+        r, J = self.whitened(group, chosen, prediction)
+        n_windows = r.shape[0] * r.shape[1]
+        flat = r.reshape(n_windows, -1)
+        J = np.moveaxis(J.reshape(len(J), n_windows, -1), 0, 1)
+        valid = self._valid(group, chosen)
+        count = valid.sum(axis=3)
+        dof = np.sum(9 * count - 6 * (count > 0), axis=2).reshape(n_windows)
+        index = np.arange(1, r.shape[1] + 1)
+        return {
+            "H": J @ np.swapaxes(J, 1, 2),
+            "g": np.einsum("wpm,wm->wp", J, flat),
+            "c": np.sum(flat**2, axis=1),
+            "dof": dof.astype(float),
+            "flight": np.repeat(group.flight[chosen], r.shape[1]),
+            "t": (group.start[chosen][:, None] + WINDOW * index).reshape(-1),
+            "kind": np.sum(r**2, axis=(2, 3)).reshape(n_windows, 9),
+            "doubtful": group.doubtful[chosen, 1:].reshape(-1),
+        }
+
+    def tracks(self, vectors: Float[np.ndarray, "*flights params"]) -> Tracks:
+        """Measured and predicted windows, at one vector or at one for each flight."""
+        joined = self._replayed(vectors)[1]
+        some = joined["valid"].any(axis=1)
+        if self.trusted is not None:
+            some &= np.concatenate(self._per_line(self.trusted))
+        return Tracks(**{key: value[some] for key, value in joined.items()})
+
+    def _per_line(self, windows: Bool[np.ndarray, " windows"]) -> list[np.ndarray]:
+        """Something per window, repeated for every drone, group by group."""
+        found, begin = [], 0
+        for group in self.groups:
+            segments, edges, drones = group.pos.shape[:3]
+            count = segments * (edges - 1)
+            found.append(np.repeat(windows[begin : begin + count], drones))
+            begin += count
+        return found
+
+    def _tracks(
+        self, group: Segments, chosen: slice, prediction: Prediction
+    ) -> dict[str, np.ndarray]:
+        valid = self._valid(group, chosen)
+        shape = valid.shape[:3]
+        lines = int(np.prod(shape))
+        row = group.row[chosen, 1:]
+        thrust = group.cmd[chosen].reshape(shape[0], shape[1] + 1, -1, shape[2], 4)[..., 3]
+        pos = group.pos[chosen, 1:]
+        apart = np.linalg.norm(pos[:, :, :, None] - pos[:, :, None], axis=-1)
+        apart = np.where(np.eye(shape[2], dtype=bool), np.inf, apart).min(axis=-1)
+        nodes = valid.shape[3]
+        start = group.start[chosen][:, None] + WINDOW * np.arange(1, shape[1] + 1)
+        per_drone = lambda x: np.broadcast_to(x[..., None], shape).reshape(lines)  # noqa: E731
+        return {
+            "row": row.reshape(lines, nodes, 9),
+            "residual": residual(row, prediction.value).reshape(lines, nodes, 9),
+            "time": (group.place[chosen, 1:] * self.replay.dt).reshape(lines, nodes),
+            "valid": valid.reshape(lines, nodes),
+            "thrust": thrust[:, 1:].mean(axis=2).reshape(lines),
+            "distance": apart.reshape(lines),
+            "flight": per_drone(np.repeat(group.flight[chosen][:, None], shape[1], axis=1)),
+            "t": per_drone(start),
+        }
+
+    def _valid(self, group: Segments, chosen: slice) -> Bool[np.ndarray, "segments windows drones nodes"]:
+        valid = group.valid[chosen, 1:]
+        return valid & (valid.sum(axis=3, keepdims=True) >= FEWEST_NODES)
+
+    def whitened(
+        self, group: Segments, chosen: slice, prediction: Prediction
+    ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+        """Whitened residual and derivative with the start of each window projected out."""
+        valid = self._valid(group, chosen)
+        scale = valid[..., None] / self.sigma
+        r = residual(group.row[chosen, 1:], prediction.value) * scale
+        J = prediction.slope.astype(float) * scale
+        basis = self._starts(group, chosen, valid)
+        return _projected(r[None], basis)[0], _projected(J, basis)
+
+    def _starts(
+        self, group: Segments, chosen: slice, valid: np.ndarray
+    ) -> Float[np.ndarray, "..."]:
+        """Orthonormal basis of what the start can change: axes ..., axis, position/velocity, 2."""
+        dt = self.replay.dt
+        t = group.place[chosen, 1:][..., None] * dt
+        safe = np.where(self.decay > 0, self.decay, 1.0)
+        fade = np.exp(-self.decay * t)
+        reach = np.where(self.decay > 0, (1.0 - fade) / safe, t)
+        on = valid[..., None] * np.ones(3)
+        at_pos, at_vel = self.sigma[:3], self.sigma[3:6]
+        columns = [
+            np.stack([on / at_pos, np.zeros_like(on)]),
+            np.stack([on * reach / at_pos, on * fade / at_vel]),
+        ]
+        design = np.stack(columns)  # 2, pos/vel, segments, windows, drones, nodes, axes
+        first = _unit(design[0])
+        second = design[1] - first * np.sum(first * design[1], axis=(0, 4), keepdims=True)
+        return np.stack([first, _unit(second)])
+
+
+def _joined(parts: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+
+
+def _unit(x: np.ndarray) -> np.ndarray:
+    """`x` with length one over (position/velocity, nodes), or zero where it vanishes."""
+    norm = np.sqrt(np.sum(x**2, axis=(0, 4), keepdims=True))
+    return np.divide(x, norm, out=np.zeros_like(x), where=norm > 0)
+
+
+def _projected(x: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """`x` (leading, segments, windows, drones, nodes, 9) without its part along `basis`."""
+    pos, vel = x[..., :3], x[..., 3:6]
+    for unit in basis:
+        along = np.sum(unit[0] * pos + unit[1] * vel, axis=-2, keepdims=True)
+        pos, vel = pos - along * unit[0], vel - along * unit[1]
+    return np.concatenate([pos, vel, x[..., 6:]], axis=-1)
+
+
+def residual(
+    row: Float[np.ndarray, "*n 9"], value: Float[np.ndarray, "*n 9"]
+) -> Float[np.ndarray, "*n 9"]:
+    """Measured minus predicted, angles within +-pi."""
+    difference = row - np.asarray(value, float)
+    angles = (difference[..., 6:] + np.pi) % (2 * np.pi) - np.pi
+    return np.concatenate([difference[..., :6], angles], axis=-1)

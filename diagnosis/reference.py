@@ -1,0 +1,118 @@
+r"""What separates the nominal simulator from reference flights, as knowledge for the next set.
+
+The whole library is fitted to the reference flights with a Gaussian prior on every parameter
+(a quarter of its allowed range), so that what these flights cannot tell stays near neutral. Three
+things carry over to the target flights: the vector itself, its precision, and the noise, which is
+enlarged per channel until the reference flights agree with their own fit. What no effect explains
+on both sets is thereby noise and not a finding.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from diagnosis.library import Library
+from diagnosis.likelihood import Likelihood, Normal
+from diagnosis.logs import FlightLog
+from diagnosis.replay import Replay
+from diagnosis.search import Problem, dispersion
+from diagnosis.segments import cut
+from diagnosis.verdict import structure
+
+UNSHARED = ("gust", "attitude_loop")
+"""Effects that are not fitted to the reference: their slopes at neutral say nothing."""
+PRIOR = 0.25
+"""Standard deviation of the prior over the allowed range; a choice."""
+STEPS = 6
+"""Gauss-Newton steps."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """What the reference flights say."""
+
+    vector: Float[np.ndarray, " params"]
+    """The library's parameters that fit them."""
+    precision: Float[np.ndarray, "params params"]
+    """Inverse covariance of that vector, in units of the target's chi-square."""
+    sigma: Float[np.ndarray, " 9"]
+    """Noise with which the reference agrees with its fit: m, m/s, rad."""
+    phi: float
+    """Dispersion between its flights."""
+    structure: float
+    """Structure that the fit leaves."""
+
+    def shared(self, library: Library) -> list[dict]:
+        """The vector where it differs from neutral by more than its error, for the report."""
+        error = np.sqrt(np.diag(np.linalg.inv(self.precision / self.phi)))
+        return [
+            {
+                "name": slot.effect,
+                "parameter": slot.parameter,
+                "value": float(self.vector[i]),
+                "unit": slot.unit,
+            }
+            for i, slot in enumerate(library.slots)
+            if np.isfinite(slot.neutral) and abs(self.vector[i] - slot.neutral) > 3.0 * error[i]
+        ]
+
+
+def fit_reference(
+    replay: Replay, flights: tuple[FlightLog, ...], sigma: Float[np.ndarray, " 9"]
+) -> Reference:
+    """The library fitted to reference flights."""
+    library = replay.library
+    likelihood = Likelihood(replay, cut(flights, replay.dt), sigma)
+    vector = _descended(likelihood, library)
+    likelihood.distrust(vector, 6.0)
+    vector = _descended(likelihood, library, vector)
+    normal = likelihood.normal(vector)
+    per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / 9.0)
+    sigma = sigma * np.sqrt(np.maximum(per_channel, 1.0))
+    likelihood.sigma = sigma
+    normal = likelihood.normal(vector)
+    phi = dispersion(normal, len(flights))
+    prior = _prior(library)
+    precision = normal.H.sum(axis=0) + phi * np.diag(prior)
+    problem = Problem(likelihood, vector, None, phi)
+    return Reference(vector, precision, sigma, phi, max(1.0, structure(problem, normal)))
+
+
+def _prior(library: Library) -> Float[np.ndarray, " params"]:
+    """Prior precision of every parameter; very large where it is not shared."""
+    precision = 1.0 / (PRIOR * (library.high - library.low)) ** 2
+    fixed = [i for name in UNSHARED if name in library.effects for i in library.indices(name)]
+    precision[fixed] *= 1e12
+    return precision
+
+
+def _descended(
+    likelihood: Likelihood, library: Library, start: Float[np.ndarray, " params"] | None = None
+) -> Float[np.ndarray, " params"]:
+    neutral, prior = library.neutral, _prior(library)
+    finite = np.isfinite(neutral)
+    vector = neutral.copy() if start is None else start
+
+    def objective(normal: Normal) -> float:
+        off = np.where(finite, normal.vector, 0.0) - np.where(finite, neutral, 0.0)
+        return normal.chi2 + float(prior @ off**2)
+
+    normal = likelihood.normal(vector)
+    for _ in range(STEPS):
+        off = np.where(finite, vector, 0.0) - np.where(finite, neutral, 0.0)
+        H = normal.H.sum(axis=0) + np.diag(prior)
+        step = np.linalg.solve(H, normal.g.sum(axis=0) - prior * off)
+        for part in (1.0, 0.4, 0.1):
+            new = np.clip(vector + part * step, library.low, library.high)
+            new = np.where(finite, new, neutral)
+            tried = likelihood.normal(new)
+            if objective(tried) < objective(normal):
+                break
+        else:
+            return vector
+        gain = objective(normal) - objective(tried)
+        vector, normal = new, tried
+        if gain < 0.1:
+            break
+    return vector

@@ -1,0 +1,173 @@
+"""Predicted and differentiated windows: the commands of a log flown in a simulator.
+
+One compiled program takes a fixed number of segments, the parameters of all effects and a fixed
+number of directions in parameter space, and returns the prediction at every node with its
+derivative along each direction (forward mode, the directions vectorised). Attitude, rotors and the
+memories of the effects run on from window to window, and so do their derivatives; position and
+velocity start anew, with derivatives zero.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from diagnosis.library import Library
+from diagnosis.segments import WINDOW, Segments
+from simulators.contract import AbstractSimulator
+from simulators.flight import Flight
+from simulators.rotation import quat_to_rpy
+
+LANES = 8
+"""Segments per call."""
+_INPUTS = ("start", "pos", "vel", "quat", "ang_vel", "fresh", "cmd", "place")
+
+
+@dataclasses.dataclass(frozen=True)
+class Prediction:
+    """What the simulator says of a batch of segments, at the nodes of its scored windows."""
+
+    value: Float[np.ndarray, "segments windows drones nodes 9"]
+    """Position [m], velocity [m/s], roll, pitch, yaw [rad]."""
+    slope: Float[np.ndarray, "directions segments windows drones nodes 9"]
+    """Its derivative along each direction."""
+
+
+class Replay(eqx.Module):
+    """The compiled program for one library, number of drones and number of directions."""
+
+    library: Library
+    """The effects and the simulator."""
+    dt: float = eqx.field(static=True)
+    """Integration step [s]."""
+
+    def __call__(
+        self,
+        segments: Segments,
+        vectors: Float[np.ndarray, "flights params"],
+        directions: Float[np.ndarray, "directions params"],
+    ) -> Iterator[tuple[slice, Prediction]]:
+        """Predictions batch by batch, so that memory does not grow with the logs.
+
+        Every flight has a vector of its own.
+        """
+        along = jnp.asarray(directions, float)
+        for begin in range(0, len(segments), LANES):
+            chosen = slice(begin, min(begin + LANES, len(segments)))
+            batch = {name: _padded(getattr(segments, name)[chosen]) for name in _INPUTS}
+            theta = _padded(vectors[segments.flight[chosen]])
+            value, slope = _batch(self.library, self.dt, batch, theta, along)
+            n = chosen.stop - begin
+            yield chosen, Prediction(np.asarray(value[:n]), np.moveaxis(np.asarray(slope[:n]), 1, 0))
+
+
+def _padded(x: np.ndarray) -> Array:
+    """`x` with its last entry repeated up to `LANES` entries."""
+    short = LANES - len(x)
+    return jnp.asarray(np.concatenate([x, np.repeat(x[-1:], short, axis=0)]), float)
+
+
+@eqx.filter_jit
+def _batch(
+    library: Library, dt: float, batch: dict[str, Array], theta: Array, directions: Array
+) -> tuple[Array, Array]:
+    one = lambda lane, theta: _segment(library, dt, lane, theta, directions)  # noqa: E731
+    return jax.vmap(one)(batch, theta)
+
+
+def _segment(
+    library: Library, dt: float, lane: dict[str, Array], theta: Array, directions: Array
+) -> tuple[Array, Array]:
+    """Prediction and slopes of one segment."""
+    n_windows = len(lane["pos"])
+    cmds = lane["cmd"].reshape(n_windows, -1, *lane["cmd"].shape[1:])
+
+    def start(theta: Array) -> eqx.Module:
+        simulator = library.attach(theta)
+        flight = Flight(
+            t=lane["start"],
+            pos=lane["pos"][0],
+            vel=lane["vel"][0],
+            quat=lane["quat"][0],
+            ang_vel=jnp.zeros_like(lane["pos"][0]),
+            thrust=cmds[0, 0, :, 3],
+        )
+        history = jnp.repeat(cmds[0, :1], 3, axis=0)
+        return simulator.restore(flight, history, jax.random.key(0))
+
+    def begin(theta: Array) -> tuple[eqx.Module, eqx.Module]:
+        return eqx.partition(start(theta), eqx.is_inexact_array)
+
+    moving, slopes, still = jax.vmap(
+        lambda d: jax.jvp(begin, (theta,), (d,), has_aux=True), out_axes=(None, 0, None)
+    )(directions)
+
+    def window(carry: tuple, inputs: dict[str, Array]) -> tuple[tuple, tuple]:
+        moving, still, slopes = carry
+
+        def fly(moving: eqx.Module, theta: Array) -> tuple[tuple, eqx.Module]:
+            simulator = library.attach(theta)
+            state = eqx.combine(moving, still)
+            state = simulator.placed(state, inputs["pos"], inputs["vel"])
+            state = simulator.turned(state, inputs["quat"], inputs["ang_vel"], inputs["fresh"] > 0)
+            state, track = _fly(simulator, state, inputs["cmd"], dt)
+            moving, kept = eqx.partition(state, eqx.is_inexact_array)
+            return (moving, _at(track, inputs["place"])), kept
+
+        def push(slope: eqx.Module, direction: Array) -> tuple:
+            return jax.jvp(fly, (moving, theta), (slope, direction), has_aux=True)
+
+        (moving, value), (slopes, tangent), still = jax.vmap(push, out_axes=(None, 0, None))(
+            slopes, directions
+        )
+        return (moving, still, slopes), (value, tangent)
+
+    names = ("pos", "vel", "quat", "ang_vel", "fresh", "place")
+    inputs = {name: lane[name] for name in names} | {"cmd": cmds}
+    _, (value, tangent) = jax.lax.scan(window, (moving, still, slopes), inputs)
+    return value[1:], jnp.moveaxis(tangent, 1, 0)[:, 1:]
+
+
+def _fly(
+    simulator: AbstractSimulator, state: eqx.Module, cmds: Array, dt: float
+) -> tuple[eqx.Module, Float[Array, "steps drones 9"]]:
+    def step(state: eqx.Module, cmd: Array) -> tuple[eqx.Module, Array]:
+        state = simulator.step_cmd(state, cmd, dt)
+        return state, _measured(simulator.flight(state))
+
+    first = _measured(simulator.flight(state))
+    state, track = jax.lax.scan(step, state, cmds)
+    return state, jnp.concatenate([first[None], track])
+
+
+def _measured(flight: Flight) -> Float[Array, "drones 9"]:
+    return jnp.concatenate([flight.pos, flight.vel, quat_to_rpy(flight.quat)], axis=-1)
+
+
+def _at(
+    track: Float[Array, "steps drones 9"], place: Float[Array, "drones nodes"]
+) -> Float[Array, "drones nodes 9"]:
+    """The track between its steps, linearly; yaw must not cross +-pi within a step."""
+    low = jnp.clip(jnp.floor(place), 0, len(track) - 2).astype(int)
+    part = (place - low)[..., None]
+    drone = jnp.arange(track.shape[1])[:, None]
+    before, after = track[low, drone], track[low + 1, drone]
+    change = after - before
+    turn = change[..., 8:]
+    turn = turn - 2 * jnp.pi * jnp.round(turn / (2 * jnp.pi))
+    return before + part * jnp.concatenate([change[..., :8], turn], axis=-1)
+
+
+def make_replay(library: Library, dt: float) -> Replay:
+    """The replay of `library` with integration steps of `dt` [s].
+
+    Raises:
+        ValueError: The window is no whole number of steps.
+    """
+    if abs(WINDOW / dt - round(WINDOW / dt)) > 1e-6:
+        raise ValueError(f"`dt` must divide {WINDOW} s, got {dt}.")
+    return Replay(library=library, dt=dt)

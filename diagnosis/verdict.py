@@ -1,0 +1,176 @@
+r"""From fitted candidate sets to an answer: effects, aliases, none beyond noise, or unexplained.
+
+The posterior of a set is its evidence times a prior that every effect costs `EFFECT_COST` nats,
+flattened by `TEMPERATURE`. Whether the best set explains the flights is asked afterwards, of the
+data alone: every window may have its own force and tilt, and if windows use that freedom more
+than noise would (`structure`), something is left that no candidate explains.
+
+All constants in capitals below were set on development cases of `diagnosis.blind` with known
+answers, before any counted case (`reports/blind.md`).
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from diagnosis.likelihood import Normal
+from diagnosis.search import Fit, Problem, Set
+
+EFFECT_COST = 4.0
+"""Log prior odds against one effect more [nats]; about one over the number of effects, squared
+off by development cases."""
+TEMPERATURE = 1.0
+"""Divides log posterior differences."""
+ALIAS_NATS = 4.0
+"""A rival whose evidence is this close cannot be told apart."""
+STRUCTURE = 1.35
+"""Largest structure left by the right set on development cases."""
+UNEXPLAINED_SHARE = 0.02
+"""Share of the gap below which structure left over is not worth a verdict."""
+LOCAL = ("wind", "trim", "yaw_misalignment")
+"""Effects that a window may have for itself when structure is measured."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Ranked:
+    """A candidate set with its probability."""
+
+    effects: Set
+    """Names."""
+    probability: float
+    """Posterior probability among all sets that were looked at."""
+    fit: Fit
+    """Where it ended."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Verdict:
+    """What the flights say."""
+
+    kind: str
+    """`effect`, `none` or `unexplained`."""
+    chosen: Ranked
+    """The best set, also where it does not explain enough."""
+    ranked: tuple[Ranked, ...]
+    """All refitted sets, most probable first."""
+    probability: dict[str, float]
+    """Of each chosen effect: of all sets that hold it."""
+    aliases: dict[str, list[str]]
+    """Of each chosen effect: what these flights cannot tell from it."""
+    structure: float
+    """What is left by the best set, 1 for nothing but noise."""
+    unexplained_share: float
+    """Part of the gap beyond noise that the best set leaves."""
+
+
+def judge(problem: Problem, fits: Sequence[Fit], floor: float = 1.0) -> Verdict:
+    """The verdict on fits of `problem`, where `floor` is the structure of reference flights."""
+    nominal = problem.nominal()
+    ranked = _posterior(problem, fits)
+    chosen = ranked[0]
+    left, found = structure(problem, chosen.fit.normal), structure(problem, nominal.normal)
+    share = float(np.clip((left - floor) / max(found - floor, 1e-9), 0.0, 1.0))
+    share = share if found > floor else 0.0
+    kind = "effect" if chosen.effects else "none"
+    if left > STRUCTURE * floor and share > UNEXPLAINED_SHARE:
+        kind = "unexplained"
+    return Verdict(
+        kind=kind,
+        chosen=chosen,
+        ranked=tuple(ranked),
+        probability={
+            name: sum(r.probability for r in ranked if name in r.effects)
+            for name in sorted(chosen.effects)
+        },
+        aliases={name: _aliases(problem, chosen, ranked, name) for name in sorted(chosen.effects)},
+        structure=left,
+        unexplained_share=share,
+    )
+
+
+def log_posterior(problem: Problem, fit: Fit) -> float:
+    """Evidence and prior [nats]."""
+    return problem.log_evidence(fit) - EFFECT_COST * len(fit.effects)
+
+
+def _posterior(problem: Problem, fits: Sequence[Fit]) -> list[Ranked]:
+    """Sets by probability; single effects that were only screened count with what they promise."""
+    log = np.asarray([log_posterior(problem, fit) for fit in fits])
+    nominal = problem.nominal()
+    seen = {fit.effects for fit in fits}
+    screened = [
+        problem.promised(nominal, Set({name})) - EFFECT_COST
+        for name in problem.library.effects
+        if Set({name}) not in seen
+    ]
+    every = np.concatenate([log, screened]) / TEMPERATURE
+    weight = np.exp(every - every.max())
+    probability = weight[: len(log)] / weight.sum()
+    order = np.argsort(-probability, kind="stable")
+    return [Ranked(fits[i].effects, float(probability[i]), fits[i]) for i in order]
+
+
+def _aliases(problem: Problem, chosen: Ranked, ranked: Sequence[Ranked], name: str) -> list[str]:
+    """Effects whose exchange for `name` costs less than `ALIAS_NATS`."""
+    rest, best = chosen.effects - {name}, log_posterior(problem, chosen.fit)
+    found = []
+    for other in ranked:
+        new = other.effects - rest
+        exchanged = rest < other.effects and len(new) == 1 and name not in other.effects
+        if exchanged and best - log_posterior(problem, other.fit) < ALIAS_NATS:
+            found.extend(sorted(new))
+    return found
+
+
+def structure(problem: Problem, normal: Normal) -> float:
+    """Mean squared force and tilt that windows want for themselves, in units of their noise.
+
+    One for windows that differ by noise only. Measured along the slopes of `LOCAL`.
+    """
+    columns = [i for name in LOCAL for i in _columns(problem, name)]
+    H, g = normal.H[:, columns][:, :, columns], normal.g[:, columns]
+    scale = np.sqrt(np.clip(np.einsum("wii->wi", H), 1e-12, None))
+    values, vectors = np.linalg.eigh(H / (scale[:, :, None] * scale[:, None, :]))
+    along = np.einsum("wij,wi->wj", vectors, g / scale)
+    kept = values > 1e-3
+    total = np.sum(np.where(kept, along**2 / np.where(kept, values, 1.0), 0.0))
+    return float(total / max(kept.sum(), 1))
+
+
+def _columns(problem: Problem, name: str) -> list[int]:
+    return problem.library.indices(name) if name in problem.library.effects else []
+
+
+def intervals(
+    problem: Problem, fit: Fit
+) -> tuple[list[int], Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
+    """Free entries of a set's vector with the ends of their 95 % intervals.
+
+    Standard errors come from the curvature, widened by the dispersion between flights.
+    """
+    free = problem.free(fit.effects)
+    if not free:
+        return [], np.zeros(0), np.zeros(0)
+    H, _ = problem.reduced(fit.normal, fit, free)
+    width = 1.96 * np.sqrt(problem.phi * np.diag(np.linalg.pinv(H)))
+    # What the shared shift moved is no change: an effect is reported on top of it.
+    value = (fit.vector - fit.shared)[free] - problem.origin[free]
+    return free, value - width, value + width
+
+
+def limits(problem: Problem, fit: Fit, sigmas: float = 5.0) -> list[tuple[int, float]]:
+    """Smallest size of each parameter that these flights would have shown, by Fisher information.
+
+    The parameters of the best set are estimated along; other effects are taken as absent.
+    """
+    chosen = problem.free(fit.effects)
+    found = []
+    for i in range(len(fit.vector)):
+        if i in chosen or fit.normal.H[:, i, i].sum() <= 0:
+            continue
+        H, _ = problem.reduced(fit.normal, fit, [*chosen, i])
+        variance = np.linalg.pinv(H)[-1, -1]
+        found.append((i, float(sigmas * np.sqrt(problem.phi * variance))))
+    return found

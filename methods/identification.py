@@ -1,0 +1,239 @@
+r"""Calibrate once: three flights of one drone, and the named effects that they show.
+
+The flights depend on no task, team size or seed. Each begins on the floor, rotors standing, as
+every episode does; the PD controller then tracks a path of its own, a dither on its actions:
+
+    rise     steps of height              thrust lag, thrust gain
+    steps    steps along x and y          attitude loop, delay, trim
+    turns    two sines, ever faster       drag, which needs speed
+
+A step of size s at time t_k is the critically damped s (1 - exp(-r) (1 + r)), r = (t - t_k) / T.
+
+The rows from when the drone moves are diagnosed (`diagnosis`): candidate sets of the whole library
+are refitted in the simulator in which policies will be trained, at its own step, and compared by
+evidence, twice: first as if all that is left were noise, then with how far the flights disagree
+about what that choice leaves. The flights carry no noise; `SIGMA` weighs what a point mass at a
+step of 0.02 s cannot reproduce.
+
+A floor has no slope and is no candidate: it is where the drone stood while its produced thrust,
+the identified lag included, was below its weight.
+"""
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, PRNGKeyArray
+
+from diagnosis.library import make_library
+from diagnosis.likelihood import Likelihood
+from diagnosis.logs import DroneLog, FlightLog
+from diagnosis.replay import make_replay
+from diagnosis.search import Fit, Problem, dispersion
+from diagnosis.segments import cut
+from methods.calibration import Reference, TrackingFlight, track
+from simulators.contract import AbstractSimulator, with_effects
+from simulators.effects.contract import AbstractEffect
+from simulators.effects.floor import Floor
+from simulators.flight import Flight
+from simulators.vehicle import CONTROL_DT
+from tasks.contact import onsets
+
+SECONDS = 10.0
+"""Length of a flight [s]; with three, 0.5 fleet-minutes."""
+SIGMA = np.asarray([1e-2] * 3 + [1e-2] * 3 + [1e-2] * 3)
+"""Size of what may stay unexplained: 1 cm (a semi-implicit Euler step of 0.02 s is off by half of
+it times the change of velocity), 1 cm/s, 10 mrad (yaw couples into tilt); a choice."""
+DITHER = 0.2
+"""Amplitude of the dither on the actions [-], as in Hybrid's calibration flights."""
+MOVING = 0.05
+"""Speed from which a drone counts as flying [m/s]; a choice."""
+SETTLING = 0.1
+"""Time after that which is left out, because the rotors spin up otherwise than they run [s]."""
+_HEIGHT = 1.2
+_RISE = ((2.0, 0.5), (3.0, -0.5), (4.0, -0.3), (4.7, 0.6), (5.6, -0.6), (6.4, 0.7), (7.6, -0.4))
+_STEPS_X = ((1.5, 0.8), (3.0, -0.8), (4.0, -0.6), (5.5, 1.0), (7.0, -0.8), (8.5, 0.6))
+_STEPS_Y = ((2.2, -0.8), (3.5, 0.8), (4.6, 0.6), (6.2, -1.0), (7.4, 0.8), (8.9, -0.6))
+
+
+@dataclasses.dataclass(frozen=True)
+class Identification:
+    """What the flights show."""
+
+    flights: TrackingFlight
+    """The flights, leading axes flights and control steps."""
+    effects: tuple[AbstractEffect, ...]
+    """Identified effects of the nominal simulator, by name."""
+    notes: dict[str, float]
+    """Every parameter as effect.parameter, and the fit's chi-square per degree of freedom."""
+
+    @property
+    def n_flights(self) -> int:
+        """How many were flown."""
+        return len(self.flights.contact)
+
+    @property
+    def fleet_seconds(self) -> float:
+        """Flight time [s]."""
+        return self.flights.contact[..., 0].size * CONTROL_DT
+
+    @property
+    def crashes(self) -> int:
+        """Crashes of the drone."""
+        return int(jnp.sum(onsets(self.flights.contact)))
+
+
+_KEPT: dict[tuple, Identification] = {}
+
+
+def identify_once(
+    nominal: AbstractSimulator, reality: AbstractSimulator, largest: int
+) -> Identification:
+    """`identify`, done once per process for equal simulators."""
+    name = (_contents(nominal), _contents(reality), largest)
+    if name not in _KEPT:
+        _KEPT[name] = identify(nominal, reality, largest)
+    return _KEPT[name]
+
+
+def _contents(tree: Any) -> tuple:
+    """What is equal for equal pytrees, and hashable."""
+    leaves, structure = jax.tree.flatten(tree)
+    return structure, tuple((np.asarray(leaf).tobytes(), np.shape(leaf)) for leaf in leaves)
+
+
+def identify(
+    nominal: AbstractSimulator, reality: AbstractSimulator, largest: int
+) -> Identification:
+    """At most `largest` named effects, and a floor, that `nominal` lacks; flown in `reality`.
+
+    Raises:
+        ValueError: A drone never left the ground.
+    """
+    flights = fly(nominal, reality)
+    logs = [_log(nominal, flights, i, name) for i, name in enumerate(paths())]
+    likelihood = Likelihood(
+        make_replay(make_library(nominal), CONTROL_DT), cut(logs, CONTROL_DT), SIGMA
+    )
+    fit = choose(likelihood, len(logs), largest)
+    library = likelihood.replay.library
+    found = {name: library.named(fit.vector, name) for name in sorted(fit.effects)}
+    effects = tuple(library.effects[name](**values) for name, values in found.items())
+    height = floor_height(with_effects(nominal, effects), flights)
+    if height is not None:
+        found["floor"] = {"height": height}
+        effects = (*effects, Floor(height=height))
+    notes = {f"{name}.{p}": value for name, values in found.items() for p, value in values.items()}
+    notes["identification_chi2"] = fit.normal.chi2 / float(fit.normal.dof.sum())
+    return Identification(flights=flights, effects=effects, notes=notes)
+
+
+def choose(likelihood: Likelihood, n_flights: int, largest: int) -> Fit:
+    """The candidate set with the best evidence, the dispersion between flights counted."""
+    problem = Problem(likelihood)
+    fullest = problem.search(largest)[0]
+    problem.phi = dispersion(fullest.normal, n_flights)
+    return problem.search(largest)[0]
+
+
+def fly(nominal: AbstractSimulator, reality: AbstractSimulator) -> TrackingFlight:
+    """The flights of all paths."""
+    references = jax.tree.map(lambda *x: jnp.stack(x), *paths().values())
+    keys = jax.random.split(jax.random.key(0), len(paths()))
+    return _fly(nominal, reality, references, keys)
+
+
+@eqx.filter_jit
+def _fly(
+    nominal: AbstractSimulator,
+    reality: AbstractSimulator,
+    references: Reference,
+    keys: PRNGKeyArray,
+) -> TrackingFlight:
+    one = lambda r, k: track(nominal, reality, r, "filtered", DITHER, k)  # noqa: E731
+    return jax.vmap(one)(references, keys)
+
+
+def paths() -> dict[str, Reference]:
+    """The paths, by name."""
+    t = np.arange(round(SECONDS / CONTROL_DT) + 1) * CONTROL_DT
+    lift = _step(t, 0.0, 0.4)
+    rise = np.stack([0.3 * np.sin(1.3 * t), 0.3 * np.sin(0.9 * t), _HEIGHT * lift], axis=1)
+    rise[:, 2] += sum(size * _step(t, at, 0.15) for at, size in _RISE)
+    x, y = (sum(s * _step(t, at, 0.22) for at, s in steps) for steps in (_STEPS_X, _STEPS_Y))
+    phase = 2.0 * np.pi * (0.12 * t + 0.013 * t**2)
+    turns = [
+        0.9 * np.sin(phase),
+        0.6 * (np.sin(1.5 * phase + 1.0) - np.sin(1.0)),
+        _HEIGHT + 0.2 * np.sin(2.0 * t),
+    ]
+    found = {
+        "rise": rise,
+        "steps": np.stack([x, y, _HEIGHT * lift], axis=1),
+        "turns": np.stack(turns, axis=1) * lift[:, None],
+    }
+    return {name: _reference(pos) for name, pos in found.items()}
+
+
+def _step(t: Float[np.ndarray, " time"], at: float, width: float) -> Float[np.ndarray, " time"]:
+    r = np.maximum(t - at, 0.0) / width
+    return 1.0 - np.exp(-r) * (1.0 + r)
+
+
+def _reference(pos: Float[np.ndarray, "time 3"]) -> Reference:
+    vel = np.gradient(pos, CONTROL_DT, axis=0)
+    acc = np.diff(vel, axis=0) / CONTROL_DT
+    return Reference(*(jnp.asarray(x, float) for x in (pos[:-1], vel[:-1], acc)))
+
+
+def _log(nominal: AbstractSimulator, flights: TrackingFlight, i: int, name: str) -> FlightLog:
+    """One flight as a log, from when the drone flies."""
+    before = jax.tree.map(lambda x: np.asarray(x[i], float), flights.before)
+    cmd = np.asarray(jax.vmap(nominal.action_space.to_cmd)(flights.action[i])[:, 0], float)
+    flying = np.linalg.norm(before.vel[:, 0], axis=-1) > MOVING
+    if not flying.any():
+        raise ValueError(f"In calibration flight '{name}' the drone never left the ground.")
+    rows = slice(int(np.argmax(flying)) + round(SETTLING / CONTROL_DT), None)
+    quat = before.quat[:, 0]
+    flips = np.sign(np.sum(quat[1:] * quat[:-1], axis=-1))
+    quat = quat * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
+    log = DroneLog(
+        t=np.arange(len(cmd))[rows] * CONTROL_DT,
+        pos=before.pos[rows, 0],
+        vel=before.vel[rows, 0],
+        quat=quat[rows],
+        cmd=cmd[rows],
+    )
+    return FlightLog(name, (log,))
+
+
+def floor_height(simulator: AbstractSimulator, flights: TrackingFlight) -> float | None:
+    """Where drones stood that `simulator`, without a floor, says must fall [m]; None: nowhere."""
+    predicted = along(simulator, flights)
+    fall = np.asarray(predicted.vel[..., 2] - flights.before.vel[..., 2]) < -0.01
+    still = np.linalg.norm(np.asarray(flights.after.vel), axis=-1) < 1e-3
+    rest = np.asarray(flights.after.pos[..., 2])[fall & still]
+    return float(np.median(rest)) if rest.size >= 2 else None
+
+
+@eqx.filter_jit
+def along(simulator: AbstractSimulator, flights: TrackingFlight) -> Flight:
+    """What one step of `simulator` makes of every row.
+
+    Position and velocity are those of the flight before the step; attitude, thrust and what else
+    the simulator remembers run along on the flown actions.
+    """
+
+    def one(flight: TrackingFlight) -> Flight:
+        def step(state: Any, row: TrackingFlight) -> tuple[Any, Flight]:
+            state = simulator.placed(state, row.before.pos, row.before.vel)
+            state = simulator.step(state, row.action)
+            return state, simulator.flight(state)
+
+        start = simulator.reset(flight.before.pos[0], jax.random.key(0))
+        return jax.lax.scan(step, start, flight)[1]
+
+    return jax.vmap(one)(flights)

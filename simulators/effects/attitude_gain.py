@@ -1,0 +1,40 @@
+"""Attitude gain: commanded roll and pitch act as (1 + g) times their values."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import CommandEffect, Parameter
+from simulators.flight import Flight
+
+
+class AttitudeGain(CommandEffect):
+    """A steady tilt other than the commanded one. Source: crazyflow's identified loops."""
+
+    g: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Relative excess of roll and pitch [-]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "g": Parameter(
+            unit="-",
+            low=-0.3,
+            high=0.3,
+            neutral=0.0,
+            source="-0.11 (cf21B) and -0.08 (L250) in crazyflow 0.4.0; the bounds are a guess",
+        )
+    }
+    door: ClassVar[str] = "command"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 1
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def command(
+        self, memory: None, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
+    ) -> tuple[None, Float[Array, "drones 4"]]:
+        tilt = cmd[:, :2] * (1.0 + self.g)
+        return None, jnp.concatenate([tilt, cmd[:, 2:]], axis=-1)

@@ -1,0 +1,45 @@
+"""Battery: thrust fades with time, gain 1 - rate t, t since the reset [s].
+
+A linear stand-in for the voltage that falls over a flight: rotors at a given duty turn slower.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, PlantEffect
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+
+class Battery(PlantEffect):
+    """A battery that runs down and is not compensated for. Source: linear form, a guess."""
+
+    rate: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Share of the thrust that is lost per second [1/s]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "rate": Parameter(
+            unit="1/s",
+            low=0.0,
+            high=0.01,
+            neutral=0.0,
+            source="0.3 to 0.5 V a minute of 3.8 V and thrust as voltage squared give 0.0026 to "
+            "0.0044; the bound is a guess",
+        )
+    }
+    door: ClassVar[str] = "plant"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 2
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def plant(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Vehicle]:
+        gain = vehicle.thrust_gain * (1.0 - self.rate * flight.t)
+        return None, eqx.tree_at(lambda v: v.thrust_gain, vehicle, gain)

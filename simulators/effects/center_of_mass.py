@@ -1,0 +1,46 @@
+"""Centre of mass: off the geometric centre by r = (x, y, 0), so that thrust turns the body.
+
+In the body frame, about the centre of mass, torque = -r x (0, 0, T) = (-y T, x T, 0).
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, PlantEffect
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+_OFFSET = Parameter(
+    unit="m",
+    low=-0.01,
+    high=0.01,
+    neutral=0.0,
+    source="published 0.5 to 5 mm; twice that is a guess",
+)
+
+
+class CenterOfMass(PlantEffect):
+    """A battery or payload mounted off centre. Source: rigid-body mechanics."""
+
+    x: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Offset along body x, forward [m]."""
+    y: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Offset along body y, left [m]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {"x": _OFFSET, "y": _OFFSET}
+    door: ClassVar[str] = "plant"
+    needs: ClassVar[tuple[str, ...]] = ("rotation",)
+    order: ClassVar[int] = 5
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def plant(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Vehicle]:
+        offset = vehicle.center_of_mass + jnp.stack([self.x, self.y, jnp.zeros_like(self.x)])
+        return None, eqx.tree_at(lambda v: v.center_of_mass, vehicle, offset)

@@ -1,0 +1,51 @@
+"""Ground effect: rotors push harder close to the ground at z = 0, along the body's z axis.
+
+With T the thrust, h the height and r the rotor's radius,
+
+    T (1 + c (r / 4 h)^2),    h = max(z, r).
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.flight import Flight
+from simulators.rotation import body_z
+from simulators.vehicle import Vehicle
+
+ROTOR_RADIUS = 0.0231
+"""Radius of a Crazyflie's rotor [m]; source: arXiv 2103.02142."""
+
+
+class GroundEffect(WrenchEffect):
+    """Source: Cheeseman and Bennett (1955) to first order, coefficient as in arXiv 2103.02142."""
+
+    c: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Strength [-]; 1 for a single rotor in theory."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "c": Parameter(
+            unit="-",
+            low=0.0,
+            high=20.0,
+            neutral=0.0,
+            source="published 4 to 16, 11.4 in arXiv 2103.02142",
+        )
+    }
+    door: ClassVar[str] = "wrench"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 4
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def wrench(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
+        height = jnp.maximum(flight.pos[:, 2], ROTOR_RADIUS)
+        extra = self.c * (ROTOR_RADIUS / (4.0 * height)) ** 2 * flight.thrust
+        return None, extra[:, None] * body_z(flight.quat), jnp.zeros_like(flight.pos)

@@ -1,0 +1,59 @@
+"""Gust: a constant specific force from an onset on, f = m a for t >= onset, world frame.
+
+The step [t, t + dt] that contains the onset carries the part of the force that lies after it,
+
+    f = m a clip((t + dt - onset) / dt, 0, 1),
+
+so the impulse depends on the onset continuously and differentiably.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+_HORIZONTAL = Parameter(
+    unit="m/s^2", low=-3.0, high=3.0, neutral=0.0, source="as steady wind: 1.5, twice is a guess"
+)
+_VERTICAL = Parameter(unit="m/s^2", low=-1.0, high=1.0, neutral=0.0, source="a guess")
+
+
+class Gust(WrenchEffect):
+    """Wind that sets in during a flight. Source: a step, the simplest onset; a guess."""
+
+    x: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Specific force along world x [m/s^2]."""
+    y: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Specific force along world y [m/s^2]."""
+    z: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Specific force along world z [m/s^2]."""
+    onset: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Time since the reset at which it sets in [s]; without effect while the force is zero."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "x": _HORIZONTAL,
+        "y": _HORIZONTAL,
+        "z": _VERTICAL,
+        "onset": Parameter(
+            unit="s", low=0.0, high=600.0, neutral=0.0, source="any time in a battery's flight"
+        ),
+    }
+    door: ClassVar[str] = "wrench"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 3
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def wrench(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
+        part = jnp.clip((flight.t + dt - self.onset) / dt, 0.0, 1.0)
+        force = vehicle.mass * part * jnp.stack([self.x, self.y, self.z])
+        return None, jnp.broadcast_to(force, flight.pos.shape), jnp.zeros_like(flight.pos)

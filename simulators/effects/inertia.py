@@ -1,0 +1,42 @@
+"""Inertia: J = J_nominal (1 + e), the same factor for all axes."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, PlantEffect
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+
+class Inertia(PlantEffect):
+    """Mass further out or closer in than believed. Source: spread of published airframe data."""
+
+    e: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Relative excess moment of inertia [-]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "e": Parameter(
+            unit="-",
+            low=-0.5,
+            high=1.5,
+            neutral=0.0,
+            source="16.8e-6 (cf2x_L250) to 25e-6 kg m^2 (cf21B_500) in crazyflow 0.4.0; the outer "
+            "bounds are a guess",
+        )
+    }
+    door: ClassVar[str] = "plant"
+    needs: ClassVar[tuple[str, ...]] = ("rotation",)
+    order: ClassVar[int] = 3
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def plant(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Vehicle]:
+        inertia = vehicle.inertia * (1.0 + self.e)
+        return None, eqx.tree_at(lambda v: v.inertia, vehicle, inertia)

@@ -1,0 +1,42 @@
+"""Motor lag: the rotors' time constants, rising and falling, are `scale` times the nominal."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, PlantEffect
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+
+class MotorLag(PlantEffect):
+    """Rotors slower or faster than believed. Source: spread of identified time constants."""
+
+    scale: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=1.0)
+    """Time constants over their nominal values [-]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "scale": Parameter(
+            unit="-",
+            low=0.3,
+            high=3.0,
+            neutral=1.0,
+            source="0.057 and 0.062 s (cf21B), 0.136 and 0.106 s (L250) in crazyflow 0.4.0, 0.072 "
+            "s in arXiv 2404.07837; the lower bound is a guess",
+        )
+    }
+    door: ClassVar[str] = "plant"
+    needs: ClassVar[tuple[str, ...]] = ("rotation",)
+    order: ClassVar[int] = 4
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def plant(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Vehicle]:
+        scale = vehicle.motor_lag_scale * self.scale
+        return None, eqx.tree_at(lambda v: v.motor_lag_scale, vehicle, scale)

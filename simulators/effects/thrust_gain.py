@@ -1,0 +1,41 @@
+"""Thrust gain: every rotor produces f (1 + e) where its speed should give f."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, PlantEffect
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+
+class ThrustGain(PlantEffect):
+    """Rotors stronger or weaker than believed. Source: unit-to-unit spread of one fleet."""
+
+    e: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Relative excess thrust [-]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "e": Parameter(
+            unit="-",
+            low=-0.3,
+            high=0.3,
+            neutral=0.0,
+            source="-0.14 to 0.03 over a fleet of one airframe; twice that is a guess",
+        )
+    }
+    door: ClassVar[str] = "plant"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 1
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def plant(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Vehicle]:
+        gain = vehicle.thrust_gain * (1.0 + self.e)
+        return None, eqx.tree_at(lambda v: v.thrust_gain, vehicle, gain)

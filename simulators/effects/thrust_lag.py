@@ -1,0 +1,61 @@
+"""First-order lag of the produced thrust, for simulators without rotors.
+
+tau x' = u - x by backward Euler, h the step, u what was asked for:
+
+    x_k+1 = u + tau / (tau + h) (x_k - u),    tau = up where u > x_k, else down,
+
+which is u exactly at tau = 0, with the derivative (x_k - u) / h there.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, ResponseEffect
+
+_TIME = Parameter(
+    unit="s",
+    low=0.0,
+    high=0.3,
+    neutral=0.0,
+    source="0.057 and 0.062 (cf21B), 0.136 and 0.106 (L250) in crazyflow 0.4.0, 0.072 in arXiv "
+    "2404.07837; twice that is a guess",
+)
+
+
+class ThrustLag(ResponseEffect):
+    """Rotors that take time to change speed. Source: first-order rotor, arXiv 2404.07837."""
+
+    up: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Time constant of rising thrust [s]."""
+    down: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Time constant of falling thrust [s]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {"up": _TIME, "down": _TIME}
+    door: ClassVar[str] = "response"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 1
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> Float[Array, " drones"]:
+        """Thrust [N] of standing rotors."""
+        return jnp.zeros(n_drones)
+
+    def at(
+        self, memory: Float[Array, " drones"], rpy_thrust: Float[Array, "drones 4"]
+    ) -> Float[Array, " drones"]:
+        return rpy_thrust[:, 3]
+
+    def respond(
+        self,
+        memory: Float[Array, " drones"],
+        rpy_thrust: Float[Array, "drones 4"],
+        cmd: Float[Array, "drones 4"],
+        dt: float,
+    ) -> tuple[Float[Array, " drones"], Float[Array, "drones 4"]]:
+        asked = rpy_thrust[:, 3]
+        tau = jnp.where(asked > memory, self.up, self.down)
+        thrust = asked + tau / (tau + dt) * (memory - asked)
+        return thrust, jnp.concatenate([rpy_thrust[:, :3], thrust[:, None]], axis=-1)

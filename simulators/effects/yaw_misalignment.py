@@ -1,0 +1,34 @@
+"""Yaw misalignment: the drone holds a heading that is off the commanded one by an angle."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import CommandEffect, Parameter
+from simulators.flight import Flight
+
+
+class YawMisalignment(CommandEffect):
+    """A heading reference that is turned against the world. Source: constant bias, a guess."""
+
+    angle: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Added to commanded yaw [rad]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "angle": Parameter(unit="rad", low=-0.5, high=0.5, neutral=0.0, source="a guess")
+    }
+    door: ClassVar[str] = "command"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 3
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def command(
+        self, memory: None, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
+    ) -> tuple[None, Float[Array, "drones 4"]]:
+        yaw = cmd[:, 2:3] + self.angle
+        return None, jnp.concatenate([cmd[:, :2], yaw, cmd[:, 3:]], axis=-1)

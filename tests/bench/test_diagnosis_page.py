@@ -1,0 +1,443 @@
+"""What `bench diagnose` shows: honest sentences, one page that loads nothing, all files or none."""
+
+import html.parser
+import importlib
+import io
+import json
+import math
+import re
+import sys
+import types
+
+import diagnoses_for_tests
+import numpy as np
+import pytest
+from diagnoses_for_tests import HOSTILE
+from rich.console import Console
+
+from bench.cli import main
+from bench.diagnosis import figures, tables
+from bench.diagnosis.documents import NAMES, write_documents
+from bench.diagnosis.effect_words import EFFECTS, PARAMETERS
+from bench.diagnosis.numbers import clean, estimate, number, probability, quantity
+from bench.diagnosis.page import diagnosis_page
+from bench.diagnosis.sentences import (
+    Request,
+    effect_phrase,
+    remarks,
+    shrink_sentence,
+    verdict,
+    where_sentence,
+)
+from bench.diagnosis.terminal import Display, show_summary
+from bench.diagnosis.text import diagnosis_text
+from bench.report import render_markdown
+from diagnosis.logs import DroneLog, FlightLog, VehicleFile, write_flights
+from simulators import registry
+
+REQUEST = Request(HOSTILE)
+AGAINST = Request("changed", reference="plain")
+VOID = {"meta", "input", "br", "img", "link", "hr", "path", "use", "rect"}
+
+
+class Page(html.parser.HTMLParser):
+    """Tags with attributes, the text outside styles, and whether every tag is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.text, self.open = [], "", []
+        self.feed(text)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.text += data
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+@pytest.fixture(scope="module", params=diagnoses_for_tests.ALL)
+def kind(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def page(kind):
+    request = AGAINST if kind == "reference" else REQUEST
+    return Page(diagnosis_page(diagnoses_for_tests.ALL[kind](), request))
+
+
+def sentence(kind, request=REQUEST):
+    return verdict(diagnoses_for_tests.ALL[kind](), request)
+
+
+def test_verdict_names_size_interval_probability_and_drift():
+    assert sentence("effect") == (
+        "These flights are explained by 12.0 % more mass than believed (95 %: 11.2 to 12.7 %), "
+        "probability 0.98; the drift over 0.5 s on held-out flights falls from 34 mm to 6.1 mm."
+    )
+
+
+def test_verdict_of_a_pair_names_both_with_the_probability_of_the_set():
+    said = sentence("pair")
+    assert "x = -0.771 m/s² (95 %: -0.802 to -0.741 m/s²)" in said
+    assert "together with commands that take effect 48.1 ms later" in said
+    assert "probability 0.91" in said
+    assert "12 % of the gap stays unexplained." in remarks(diagnoses_for_tests.pair(), REQUEST)
+
+
+def test_verdict_against_reference_flights_says_what_changed():
+    said = sentence("reference", AGAINST)
+    assert said.startswith("What changed since the reference flights: 8.1 % less thrust")
+    assert "(95 %: 7.2 to 9.0 %), probability > 0.99." in said
+    reasons = [
+        line for line in remarks(diagnoses_for_tests.reference(), AGAINST) if "2 flights" in line
+    ]
+    assert len(reasons) == 1
+
+
+def test_verdict_names_what_the_data_cannot_tell_apart():
+    said = sentence("alias")
+    assert "cannot tell mass from thrust gain or linear drag + battery" in said
+
+
+def test_verdict_without_an_effect_blames_none():
+    assert where_sentence(diagnoses_for_tests.none()) == "No channel stands out of its noise."
+    assert sentence("none").startswith("Nothing separates these flights from the simulator")
+    assert "no known effect explains how; 83 % of the gap stays" in sentence("unexplained")
+    for name in ("none", "unexplained", "empty"):
+        assert "explained by" not in sentence(name)
+        assert "mass" not in sentence(name)
+
+
+def test_drift_that_grows_is_not_said_to_fall():
+    found = diagnoses_for_tests.effect()
+    found["shrink"] |= {"after": 0.05, "percent": -46.0, "low": -60.0, "high": -30.0}
+    said = verdict(found, REQUEST)
+    assert "falls" not in said
+    assert "34 mm to 50 mm" in said
+    assert "grows" in shrink_sentence(found)
+    assert "46 % more (95 %: 30 to 60 %)" in shrink_sentence(found)
+
+
+def test_every_registered_effect_and_parameter_has_words():
+    for name in registry.names("effect"):
+        assert name in EFFECTS
+        for parameter in registry.load("effect", name).parameters:
+            words = PARAMETERS.get((name, parameter))
+            assert words is not None or parameter in ("damping", "height", "strength", "onset")
+
+
+@pytest.mark.parametrize("name", [*EFFECTS, "third_party"])
+@pytest.mark.parametrize("value", [-0.2, 0.0, 0.3, None])
+def test_every_effect_can_be_told_in_a_sentence(name, value):
+    names = [p for effect, p in PARAMETERS if effect == name] or ["p"]
+    ends = (None, None) if value is None else (value - 0.01, value + 0.01)
+    parameters = {p: diagnoses_for_tests.parameter(value, *ends, "-") for p in names}
+    said = effect_phrase({"name": name, "parameters": parameters}, "believed")
+    assert "{" not in said
+    assert "--" not in said
+    assert ("95 %" in said) == (value is not None)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (number(0.00999, 2), "0.010"),
+        (number(1234.5), "1234"),
+        (number(math.nan), "-"),
+        (quantity(0.0341, "m", 2), "34 mm"),
+        (quantity(1.26, "m", 2), "1.3 m"),
+        (quantity(0.1, "rad"), "5.73°"),
+        (estimate(12.03, 11.21, 12.74), ("12.0", "11.2 to 12.7")),
+        (estimate(0.5, None, None), ("0.500", "")),
+        (estimate(-0.0001, -0.5, 0.5), ("0.0", "-0.5 to 0.5")),
+        (probability(0.9999), "> 0.99"),
+        (probability(None), "-"),
+        (clean("a\x1b[31m\nb\u202e"), "a [31m b"),
+    ],
+)
+def test_numbers_read_well(text, expected):
+    assert text == expected
+
+
+def test_page_loads_nothing_and_runs_nothing(page):
+    for tag, attributes in page.tags:
+        assert tag not in ("script", "link", "iframe", "object", "embed", "base", "img")
+        assert not {"src", "srcset", "data", "poster"} & set(attributes)
+        for key in ("href", "xlink:href"):
+            assert attributes.get(key, "#").startswith("#")
+        assert not any(key.startswith("on") for key in attributes)
+        assert "http" not in "".join(value or "" for value in attributes.values())
+
+
+def test_hostile_names_are_shown_and_never_markup(page, kind):
+    assert not page.all("script")
+    assert page.open == []
+    if kind not in ("reference",):
+        assert f"Diagnosis of {HOSTILE}" in page.text
+    if kind != "empty":
+        assert page.text.count("alert(1)") >= 2
+
+
+def test_everything_that_is_seen_can_be_heard(page):
+    figures_ = page.all("figure")
+    images = [a for _, a in page.tags if a.get("role") == "img"]
+    assert len(images) >= len(figures_)
+    assert all(a["aria-label"].strip() for a in images)
+    assert all(a.get("aria-hidden") == "true" for a in page.all("svg") if "class" in a)
+    assert len(page.all("caption")) == len(page.all("table"))
+    assert page.all("html")[0]["lang"] == "en"
+    assert len(page.all("h1")) == 1
+
+
+def test_ids_are_unique_and_every_reference_has_its_target(page):
+    ids = [a["id"] for _, a in page.tags if "id" in a]
+    assert len(ids) == len(set(ids))
+    for _, attributes in page.tags:
+        for key in ("href", "xlink:href"):
+            if key in attributes:
+                assert attributes[key][1:] in ids
+        clip = re.search(r"url\(#([^)]*)\)", attributes.get("clip-path", ""))
+        assert clip is None or clip[1] in ids
+
+
+def test_page_has_the_sections_that_its_data_allow(page, kind):
+    headings = {a["id"] for a in page.all("h2")}
+    explained = kind in ("effect", "pair", "reference", "alias")
+    assert ("shrink" in headings) == explained
+    assert {"where", "which", "flights"} <= headings
+    assert ("silent" in headings) == ("next" in headings) == (kind != "empty")
+    assert bool(page.all("figure")) == (kind != "empty")
+
+
+def test_page_is_small():
+    found = diagnoses_for_tests.effect()
+    t = [0.01 * i for i in range(20_000)]
+    flight = {"flight": "long", "t": t, "before": t, "after": t}
+    found["details"]["before_after"] = [flight] * 30
+    text = diagnosis_page(found, REQUEST)
+    assert len(text.encode()) < 1e6
+    assert "24 more held-out flights" in text
+
+
+def test_pictures_follow_the_colours_of_the_page():
+    (_, panels), *_ = figures.regime_panels(diagnoses_for_tests.effect())
+    assert [panel.title for panel in panels] == ["by speed", "by tilt", "by thrust"]
+    for panel in panels:
+        assert "var(--before)" in panel.svg
+        assert not set(re.findall(r"#[0-9a-f]{6}\b", panel.svg)) - {"#000000"}
+
+
+def test_picture_in_time_marks_the_onset_in_its_place():
+    (panel,) = figures.time_panels(diagnoses_for_tests.unexplained())
+    assert "sets in at 4.2 s" in panel.svg
+    (panel,) = figures.time_panels(diagnoses_for_tests.effect())
+    assert "sets in" not in panel.svg
+
+
+def test_labels_from_logs_are_text_in_pictures_too():
+    found = diagnoses_for_tests.effect()
+    found["where"][2]["regimes"][0] |= {"variable": "<b>$x_1$</b>\x00", "unit": "<i>"}
+    (_, panels), *_ = figures.regime_panels(found)
+    assert "<b>" not in panels[0].svg
+    assert "&lt;b&gt;$x_1$&lt;/b&gt; [&lt;i&gt;]" in panels[0].svg
+
+
+def test_a_gap_in_the_log_is_a_gap_in_the_line():
+    t = np.array([0.0, 0.1, 0.2, 0.3, 2.0, 2.1])
+    shown, values = figures._thinned(t, t + 1.0)
+    assert np.isnan(values[4])
+    assert np.isnan(shown[4])
+    assert np.array_equal(values[~np.isnan(values)], t + 1.0)
+
+
+def test_bars_are_in_proportion_to_the_noise_floor():
+    found = diagnoses_for_tests.effect()
+    shown = tables.where_table(found)
+    assert shown.rows[0][0] == "specific force z"
+    by_name = {row[0]: bar for row, bar in zip(shown.rows, shown.bars, strict=True)}
+    force, drift = by_name["specific force z"], by_name["position drift z"]
+    assert force.length / drift.length == pytest.approx((1.32 / 0.16) / (0.033 / 0.003))
+    assert force.length / force.mark == pytest.approx(1.32 / 0.16)
+    assert drift.high == 1.0
+    assert force.chosen
+    assert not by_name["attitude pitch"].chosen  # 0.9 of its gap lies below the noise floor
+    assert not by_name["attitude roll"].chosen
+
+
+def test_what_was_chosen_stands_out_among_the_candidates():
+    def coloured(kind):
+        shown = tables.candidates_table(diagnoses_for_tests.ALL[kind]())
+        return [row[0] for row, bar in zip(shown.rows, shown.bars, strict=True) if bar.chosen]
+
+    assert coloured("effect") == ["mass"]
+    assert coloured("pair") == ["delay + wind"]
+    assert coloured("none") == ["no effect"]
+    assert coloured("unexplained") == []
+
+
+def test_tables_show_people_the_units_that_people_use():
+    found = diagnoses_for_tests.reference()
+    assert tables.shared_table(found).rows[1] == ("trim", "roll", "0.831°")
+    limits = {row[0]: row[2] for row in tables.limits_table(found).rows}
+    assert limits == {"mass": "1.1 %", "attitude lag": "4.2 ms", "linear drag": "-"}
+
+
+def test_markdown_says_the_same_and_keeps_hostile_names_apart(kind):
+    found = diagnoses_for_tests.ALL[kind]()
+    text = diagnosis_text(found, REQUEST)
+    rendered = Page(str(render_markdown(text)))
+    assert rendered.open == []
+    assert not rendered.all("script")
+    assert verdict(found, REQUEST) in rendered.text
+    if kind != "empty":
+        assert "bad|one" in rendered.text
+        assert "column `pos_x`, row 12: NaN" in rendered.text
+    for line in text.splitlines():
+        assert "None" not in line
+        assert "nan" not in line.lower().replace("row 12: nan", "")
+
+
+def test_summary_on_the_terminal_is_short_and_obeys_no_name(kind, tmp_path):
+    console = Console(file=io.StringIO(), width=100, force_terminal=True, color_system="standard")
+    request = Request("\x1b]0;title\x07[red]flights[/red]")
+    show_summary(diagnoses_for_tests.ALL[kind](), request, tmp_path, console)
+    text = console.file.getvalue()
+    assert "\x1b]0;" not in text
+    assert "[red]flights[/red]" in text
+    assert "diagnosis.html" in text
+    assert len(text.splitlines()) < 30
+
+
+def test_progress_is_a_line_per_stage_where_there_is_no_terminal():
+    console = Console(file=io.StringIO(), width=80)
+    with Display(console) as display:
+        for stage, fraction in [("replay", 0.0), ("replay", 0.2), ("[b]fit", 0.5), ("[b]fit", 2.0)]:
+            display.update(stage, fraction)
+    assert console.file.getvalue() == "replay\n[b]fit\n"
+
+
+def test_documents_are_written_together_and_json_keeps_the_schema(tmp_path):
+    found = diagnoses_for_tests.effect()
+    found["details"]["chi2_per_dof"]["after"] = math.inf
+    write_documents(found, REQUEST, tmp_path / "new" / "place")
+    place = tmp_path / "new" / "place"
+    assert sorted(p.name for p in place.iterdir()) == sorted(NAMES)
+    read = json.loads((place / "diagnosis.json").read_text(encoding="utf-8"))
+    assert read["details"]["chi2_per_dof"].pop("after") is None
+    found["details"]["chi2_per_dof"].pop("after")
+    assert read == found
+
+
+def test_a_failure_while_writing_leaves_what_was_there(tmp_path, monkeypatch):
+    write_documents(diagnoses_for_tests.effect(), REQUEST, tmp_path)
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(OSError, match="disk full"):
+        write_documents(diagnoses_for_tests.none(), REQUEST, tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
+
+
+@pytest.fixture
+def engine(monkeypatch):
+    """Stands in for the engine, remembers what it was asked, and answers with one effect."""
+    asked = []
+
+    def diagnose(flights, **options):
+        asked.append((flights, options))
+        options["progress"]("fitting", 0.5)
+        return types.SimpleNamespace(to_json=diagnoses_for_tests.effect)
+
+    fake = types.ModuleType("diagnosis.diagnose")
+    fake.diagnose = diagnose
+    monkeypatch.setitem(sys.modules, "diagnosis.diagnose", fake)
+    monkeypatch.delitem(sys.modules, "bench.diagnosis.command", raising=False)
+    importlib.import_module("bench.diagnosis.command")
+    yield asked
+    sys.modules.pop("bench.diagnosis.command", None)
+
+
+@pytest.fixture
+def flights(tmp_path):
+    """A folder with one flight that hovers."""
+    t = 0.02 * np.arange(200)
+    zero = np.zeros((200, 3))
+    up = np.tile([0.0, 0.0, 0.0, 1.0], (200, 1))
+    cmd = np.tile([0.0, 0.0, 0.0, 0.425], (200, 1))
+    log = DroneLog(t=t, pos=zero + np.array([0.0, 0.0, 1.0]), vel=zero, quat=up, cmd=cmd)
+    vehicle = VehicleFile("mine", "cf21B_500", 0.0434)
+    folder = tmp_path / "hover"
+    write_flights(folder, vehicle, [FlightLog("one", (log,))])
+    return folder
+
+
+def test_diagnose_writes_to_the_reports_by_default(engine, flights, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["diagnose", "hover", "--reference", "hover", "--exclude", "drag"]) == 0
+    place = tmp_path / "reports" / "diagnosis" / "hover"
+    assert sorted(p.name for p in place.iterdir()) == sorted(NAMES)
+    ((loaded, options),) = engine
+    assert [flight.name for flight in loaded.flights] == ["one"]
+    assert options["simulator"] == "crazyflow"
+    assert options["exclude"] == ("drag",)
+    assert options["reference"].path == loaded.path
+    out, err = capsys.readouterr()
+    assert "mass" in out
+    assert "fitting" in err
+
+
+def test_diagnose_writes_to_the_folder_that_was_asked_for(engine, flights, tmp_path):
+    out = tmp_path / "a" / "b"
+    assert main(["diagnose", str(flights), "--simulator", "point_mass", "--out", str(out)]) == 0
+    assert (out / "diagnosis.html").is_file()
+    assert engine[0][1]["simulator"] == "point_mass"
+    assert engine[0][1]["reference"] is None
+
+
+def test_bad_logs_get_a_line_each_and_nothing_is_written(engine, flights, tmp_path, capsys):
+    (flights / "flights" / "one.parquet").write_text("no parquet")
+    (flights / "flights" / "two.csv").write_text("t,pos_x\n0,0\n")
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["diagnose", str(flights), "--out", str(tmp_path / "out")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert "flights/one.parquet: " in lines[0]
+    assert "flights/two.csv: " in lines[1]
+    assert sorted(tmp_path.rglob("*")) == before
+    assert engine == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--simulator", "crazyflw"], "Did you mean 'crazyflow'?"),
+        (["--exclude", "drg"], "Did you mean 'drag'?"),
+        (["--out", "hover/vehicle.toml"], "is not a folder"),
+        (["--out", "hover/vehicle.toml/deeper"], "is not a folder"),
+        (["--refrence", "hover"], "Did you mean --reference?"),
+    ],
+)
+def test_a_wrong_request_gets_one_line_before_any_work(
+    engine, flights, tmp_path, monkeypatch, capsys, arguments, message
+):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["diagnose", "hover", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+    assert engine == []

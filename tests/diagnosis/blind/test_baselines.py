@@ -1,0 +1,83 @@
+"""Baselines find what their dictionary holds, and stay below their threshold in clean flights."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from diagnosis.blind import baselines, cases
+from diagnosis.blind.dictionary import SIGNATURES, regression
+from diagnosis.logs import load_flights
+
+
+@functools.cache
+def flights(folder, seed, *plan):
+    """A single-drone case as the diagnosis would read it."""
+    rng = np.random.default_rng(seed)
+    case = cases.Case(
+        id=f"{seed}",
+        kind="single",
+        effects=cases.make_case("single", plan, rng).effects,
+        size="",
+        seed=seed,
+    )
+    path = folder / f"{seed}-{'-'.join(name for name, _ in plan)}"
+    cases.write_flights(path, [one.logged for one in cases.fly_case(case)])
+    return load_flights(path)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("baselines")
+
+
+@pytest.fixture(scope="module")
+def limits(folder):
+    """Thresholds from clean flights, doubled."""
+    reference = flights(folder, 1)
+    return {
+        name: 2
+        * baselines.threshold([find(flights(folder, s), reference).strength for s in (2, 3)])
+        for name, find in baselines.BASELINES.items()
+    }
+
+
+@pytest.mark.parametrize("name", baselines.BASELINES)
+@pytest.mark.parametrize(
+    ("effect", "parameter", "value"),
+    [("drag", "c", 1.0), ("thrust_gain", "e", -0.2), ("attitude_gain", "g", -0.2)],
+)
+def test_a_large_effect_is_named_with_its_size(folder, limits, name, effect, parameter, value):
+    finding = baselines.BASELINES[name](flights(folder, 7, (effect, 2)), flights(folder, 1))
+    given = baselines.answer(finding, limits[name], 10.0)
+    assert given["effects"][0]["name"] == effect
+    found = given["effects"][0]["parameters"][parameter]["value"]
+    assert found == pytest.approx(value, rel=0.2)
+
+
+@pytest.mark.parametrize("name", baselines.BASELINES)
+def test_clean_flights_are_answered_with_none(folder, limits, name):
+    finding = baselines.BASELINES[name](flights(folder, 4), flights(folder, 1))
+    assert baselines.answer(finding, limits[name], 10.0)["verdict"] == "none"
+
+
+@pytest.mark.parametrize("name", baselines.BASELINES)
+def test_a_gust_is_dated(folder, limits, name):
+    plan = (("gust", 2),)
+    onset = cases.make_case("single", plan, np.random.default_rng(5)).effects[0].parameters["onset"]
+    finding = baselines.BASELINES[name](flights(folder, 5, *plan), flights(folder, 1))
+    (found, *_) = baselines.answer(finding, limits[name], 10.0)["effects"]
+    assert found["name"] == "gust"
+    assert found["parameters"]["onset"]["value"] == pytest.approx(onset, abs=0.5)
+
+
+def test_every_signature_is_there_but_the_neighbours(folder):
+    problem = regression(flights(folder, 1))
+    silent = np.linalg.norm(problem.columns, axis=0) == 0.0
+    assert [s.effect for s, quiet in zip(SIGNATURES, silent, strict=True) if quiet] == ["downwash"]
+
+
+def test_the_threshold_is_a_quantile_that_is_reached():
+    assert baselines.threshold([0.1, 0.3, 0.2], alarms=0.02) == 0.3
+    with pytest.raises(ValueError, match="`strengths` must hold at least one"):
+        baselines.threshold([])

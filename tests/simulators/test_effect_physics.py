@@ -1,0 +1,299 @@
+"""What each effect does, against its own closed form."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flying import (
+    HOVER,
+    KEY,
+    SIMULATORS,
+    SPEC,
+    attached,
+    fly,
+    fly_from_rest,
+    hold,
+    hover_flight,
+    hovering,
+    positions,
+    random_cmds,
+    restore,
+    x64,
+)
+
+from simulators.crazyflow import _template
+from simulators.rotation import body_z, rpy_to_quat
+
+STEPS, H, G = 50, 0.02, 9.81
+T = H * np.arange(1, STEPS + 1)
+LEVEL = hold([0.0, 0.0, 0.0, HOVER], STEPS)
+DT = {"point_mass": 0.02, "crazyflow": 0.002}
+"""Integration step [s]."""
+OWN_DRAG = {"point_mass": np.zeros(3), "crazyflow": np.asarray(SPEC.drag) / SPEC.mass}
+"""Decay rates of velocity [1/s] without any effect."""
+both = pytest.mark.parametrize("name", SIMULATORS)
+
+
+def hovering_flight(simulator, cmds=LEVEL, pos=None, vel=None):
+    pos = positions(cmds.shape[1]) if pos is None else jnp.asarray(pos)
+    return fly(simulator, hovering(simulator, pos, vel), cmds)
+
+
+def first_acceleration(simulator, pos):
+    """Acceleration [m/s^2] in the first integration step of a hover at `pos`."""
+    dt, pos = DT[simulator.name], jnp.asarray(pos)
+    state = hovering(simulator, pos)
+    return fly(simulator, state, hold([0.0, 0.0, 0.0, HOVER], 1, len(pos)), dt).vel[0] / dt
+
+
+def coasting(rate, time):
+    """The integral of exp(-rate t) from 0 to `time`."""
+    return time if rate == 0 else (1 - np.exp(-rate * time)) / rate
+
+
+@both
+def test_thrust_gain_scales_thrust_and_lifts_a_hovering_drone(name):
+    """dv/dt = e g - c0 v at the thrust that would carry the nominal drone."""
+    flight = hovering_flight(attached(SIMULATORS[name](), thrust_gain={"e": 0.1}))
+    np.testing.assert_allclose(flight.thrust, 1.1 * HOVER, rtol=1e-4)
+    expected = 0.1 * G * coasting(OWN_DRAG[name][2], T)
+    np.testing.assert_allclose(flight.vel[:, 0, 2], expected, rtol=2e-3)
+
+
+@both
+def test_a_battery_runs_down_linearly(name):
+    """Thrust (1 - rate t) of hover; dv/dt = -rate g t - c0 v, Euler errs by g rate h t / 2."""
+    rate, c0 = 0.008, OWN_DRAG[name][2]
+    flight = hovering_flight(attached(SIMULATORS[name](), battery={"rate": rate}))
+    np.testing.assert_allclose(flight.thrust[:, 0] / HOVER, 1 - rate * T, atol=rate * H + 1e-5)
+    fall = T**2 / 2 if c0 == 0 else (T - coasting(c0, T)) / c0
+    error = G * rate * DT[name] * T / 2
+    assert (np.abs(flight.vel[:, 0, 2] + G * rate * fall) <= 1.01 * error + 2e-5).all()
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_an_off_centre_mass_turns_a_hovering_drone_as_its_inertia_allows(e):
+    """First step, before any rotor has reacted: J dw/dt = (-y, x, 0) thrust."""
+    x, y, dt = 0.002, -0.001, 0.002
+    effects = {"center_of_mass": {"x": x, "y": y}, "inertia": {"e": e}}
+    made = attached(SIMULATORS["crazyflow"](), **effects)
+    flight = fly(made, hovering(made, positions(1)), LEVEL[:1], dt)
+    torque = HOVER * np.asarray([-y, x])
+    expected = dt * torque / (np.asarray(SPEC.inertia[:2]) * (1 + e))
+    np.testing.assert_allclose(flight.ang_vel[0, 0, :2], expected, rtol=1e-3)
+
+
+def test_rotors_end_up_balancing_an_off_centre_mass():
+    """In the steady tilt that the controller leaves, the rotors' torque is (y, -x, 0) thrust."""
+    x, y = 0.002, -0.001
+    made = attached(SIMULATORS["crazyflow"](), center_of_mass={"x": x, "y": y})
+
+    @eqx.filter_jit
+    def settled(state):
+        return made.step_cmd(state, LEVEL[0], 2.0)
+
+    state = settled(hovering(made, positions(1)))
+    params = _template(SPEC.name, made.freq).data.params
+    curve = np.squeeze(np.asarray(params.rpm2thrust))
+    thrusts = np.polyval(curve[::-1], np.asarray(state.rotor_vel[0], np.float64))
+    mixed = np.squeeze(np.asarray(params.mixing_matrix)) @ (thrusts * np.squeeze(params.L))
+    np.testing.assert_allclose(state.ang_vel[0], 0.0, atol=1e-3)
+    expected = thrusts.sum() * np.asarray([y, -x])
+    np.testing.assert_allclose(mixed[:2], expected, rtol=5e-3)
+
+
+@pytest.mark.parametrize("target", [0.8, 1.2])
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_motor_lag_stretches_the_rotors_response_in_time(scale, target):
+    """The time at which half of a step of the thrust is done, up and down."""
+    cmds = hold([0.0, 0.0, 0.0, target * HOVER], 150)
+
+    def half_time(made):
+        thrust = fly(made, hovering(made, positions(1)), cmds, 0.002).thrust[:, 0]
+        done = (thrust / HOVER - 1.0) / (target - 1.0)
+        return float(jnp.interp(0.5, done, 0.002 * jnp.arange(1, 151)))
+
+    nominal = SIMULATORS["crazyflow"]()
+    ratio = half_time(attached(nominal, motor_lag={"scale": scale})) / half_time(nominal)
+    assert ratio == pytest.approx(scale, rel=0.03)
+
+
+@both
+def test_quadratic_drag_slows_a_coasting_drone(name):
+    """v' = -c0 v - k v^2, solved by 1 / v = (1 / v0 + k / c0) exp(c0 t) - k / c0."""
+    k, speed, c0 = 0.6, 2.0, OWN_DRAG[name][0]
+    vel = jnp.zeros((1, 3)).at[:, 0].set(speed)
+    made = attached(SIMULATORS[name](), quadratic_drag={"k": k})
+    flown = hovering_flight(made, vel=vel).vel[:, 0, 0]
+    slope = T if c0 == 0 else (np.exp(c0 * T) - 1) / c0
+    expected = 1 / (np.exp(c0 * T) / speed + k * slope)
+    np.testing.assert_allclose(flown, expected, rtol=1.2 * DT[name] + 1e-3)
+
+
+def test_quadratic_drag_limits_a_fall():
+    """v = v_end tanh(g t / v_end) with v_end = sqrt(g / k); ends at v_end whatever the step."""
+    end = np.sqrt(G / 1.5)
+    made = attached(SIMULATORS["point_mass"](dt=0.002), quadratic_drag={"k": 1.5})
+    flight = fly_from_rest(made, positions(1), jnp.zeros((150, 1, 4)))
+    t = H * np.arange(1, 151)
+    np.testing.assert_allclose(-flight.vel[:, 0, 2], end * np.tanh(G * t / end), atol=0.01)
+    np.testing.assert_allclose(-flight.vel[-1, 0, 2], end, rtol=1e-5)
+
+
+@pytest.mark.parametrize("onset", [0.0, 0.4, 0.4133, 0.6])
+def test_a_gust_starts_at_its_onset_to_a_fraction_of_a_step(onset):
+    """In the point mass v = a (t - onset), exactly, at every multiple of the step."""
+    acc = np.asarray([1.2, -0.8, 0.3])
+    gust = {"x": acc[0], "y": acc[1], "z": acc[2], "onset": onset}
+    vel = hovering_flight(attached(SIMULATORS["point_mass"](), gust=gust)).vel[:, 0]
+    np.testing.assert_allclose(vel, acc * np.clip(T - onset, 0, None)[:, None], atol=2e-5)
+
+
+def test_a_gust_hits_crazyflow_at_its_onset():
+    """v = a / c0 (1 - exp(-c0 (t - onset))), the onset between two physics steps."""
+    onset, c0 = 0.4133, OWN_DRAG["crazyflow"][0]
+    made = attached(SIMULATORS["crazyflow"](), gust={"x": 1.5, "onset": onset})
+    expected = 1.5 * coasting(c0, np.clip(T - onset, 0, None))
+    np.testing.assert_allclose(hovering_flight(made).vel[:, 0, 0], expected, rtol=2e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("onset", [0.4033, 0.4133])
+def test_a_later_gust_leaves_proportionally_less_speed(onset):
+    """dv / d onset = -a, the same anywhere within a step."""
+    with x64():
+        nominal = SIMULATORS["point_mass"]()
+
+        def final_speed(onset):
+            made = attached(nominal, gust={"x": 1.2, "onset": onset})
+            state = made.reset(positions(1), KEY)
+            return fly(made, state, hold([0.0, 0.0, 0.0, HOVER], STEPS)).vel[-1, 0, 0]
+
+        _, slope = jax.jvp(final_speed, (onset,), (1.0,))
+        assert float(slope) == pytest.approx(-1.2, rel=1e-9)
+
+
+@both
+@pytest.mark.parametrize("height", [0.01, 0.0231, 0.05, 0.5])
+def test_the_ground_effect_at_a_height(name, height):
+    """Acceleration c g (r / 4 h)^2 at hover thrust, no more than at h = r."""
+    c, r = 11.4, 0.0231
+    acc = first_acceleration(attached(SIMULATORS[name](), ground_effect={"c": c}), [[0, 0, height]])
+    expected = c * G * (r / (4 * max(height, r))) ** 2
+    np.testing.assert_allclose(acc[0, 2], expected, rtol=2e-3, atol=5e-4)
+
+
+@both
+def test_the_ground_effect_acts_along_the_body(name):
+    nominal = SIMULATORS[name]()
+    made = attached(nominal, ground_effect={"c": 10.0})
+    quat = rpy_to_quat(jnp.asarray([[0.2, -0.3, 0.0]]))
+    flight = eqx.tree_at(lambda f: f.quat, hover_flight(jnp.asarray([[0.0, 0.0, 0.1]])), quat)
+    cmds = hold([0.2, -0.3, 0.0, HOVER], STEPS)
+
+    def velocity(simulator):
+        return fly(simulator, restore(simulator, flight, cmds), cmds[:1], DT[name]).vel[0, 0]
+
+    extra = np.asarray(velocity(made) - velocity(nominal))
+    np.testing.assert_allclose(extra / np.linalg.norm(extra), body_z(quat)[0], atol=2e-3)
+
+
+@both
+@pytest.mark.parametrize(
+    ("offset", "share"),
+    [
+        ((0.0, 0.0, 0.5), 1.0),
+        ((0.06, -0.08, 0.5), np.exp(-0.5)),
+        ((0.0, 0.2, 2.0), np.exp(-2.0)),
+        ((0.0, 0.0, 0.025), 0.5),
+    ],
+)
+def test_downwash_pushes_the_lower_of_two_drones(name, offset, share):
+    """-strength exp(-d^2 / 2 width^2); half of it half way through the gate of 5 cm."""
+    made = attached(SIMULATORS[name](), downwash={"strength": 4.0, "width": 0.1})
+    low = np.asarray([0.3, -0.2, 2.0])
+    acc = first_acceleration(made, [low, low + offset])
+    np.testing.assert_allclose(acc[0, 2], -4.0 * share, rtol=2e-3)
+    np.testing.assert_allclose(acc[1], 0.0, atol=2e-3)
+
+
+@both
+def test_the_downwash_of_two_drones_adds_up_and_one_alone_feels_none(name):
+    nominal = SIMULATORS[name]()
+    made = attached(nominal, downwash={"strength": 2.0, "width": 0.1})
+    acc = first_acceleration(made, [[0.0, 0.0, 3.0], [0.0, 0.0, 2.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(acc[:, 2], [0.0, -2.0, -4.0], atol=5e-3)
+    alone, free = hovering_flight(made), hovering_flight(nominal)
+    jax.tree.map(np.testing.assert_array_equal, alone, free)
+
+
+@pytest.mark.parametrize("tau", [0.05, 0.2])
+def test_attitude_lag_answers_a_step_like_a_first_order_lag(tau):
+    """c (1 - (tau / (tau + h))^k) exactly; c (1 - exp(-t / tau)) as the step h shrinks."""
+    nominal = SIMULATORS["point_mass"](attitude_tau=1e-6)
+    cmds = hold([-0.2, 0.3, 0.1, HOVER], STEPS)
+    made = attached(nominal, attitude_lag={"tau": tau})
+    quat = fly(made, hovering(made, positions(1)), cmds).quat[:, 0]
+    done = 1 - (tau / (tau + H)) ** np.arange(1, STEPS + 1)
+    rpy = np.stack([-0.2 * done, 0.3 * done, np.full(STEPS, 0.1)], axis=-1)
+    np.testing.assert_allclose(quat, rpy_to_quat(jnp.asarray(rpy)), atol=1e-5)
+
+    fine = attached(
+        SIMULATORS["point_mass"](attitude_tau=1e-6, dt=0.001), attitude_lag={"tau": tau}
+    )
+    pitch = 2 * np.arcsin(
+        fly(fine, hovering(fine, positions(1)), hold([0, 0.3, 0, HOVER], STEPS)).quat[:, 0, 1]
+    )
+    # Backward Euler errs by c (h / tau) (t / 2 tau) exp(-t / tau), at most 0.18 c h / tau.
+    np.testing.assert_allclose(pitch, 0.3 * (1 - np.exp(-T / tau)), atol=0.06 * 0.001 / tau)
+
+
+def test_attitude_lag_is_warmed_up_by_the_commands_before():
+    """A flight restored after 0.5 s goes on as it was; without a warm-up it would start level."""
+    made, cut = attached(SIMULATORS["point_mass"](), attitude_lag={"tau": 0.06}), 25
+    cmds = random_cmds(2, STEPS, 1)
+    whole = hovering_flight(made, cmds=cmds)
+    record = jax.tree.map(lambda x: x[cut - 1], whole)
+    rest = fly(made, restore(made, record, cmds[:cut]), cmds[cut:])
+    np.testing.assert_allclose(rest.pos, whole.pos[cut:], atol=5e-5)
+
+
+@both
+@pytest.mark.parametrize(
+    ("effect", "parameters", "change"),
+    [
+        ("attitude_gain", {"g": -0.1}, lambda cmd: cmd * jnp.asarray([0.9, 0.9, 1.0, 1.0])),
+        (
+            "trim",
+            {"roll": 0.03, "pitch": -0.02},
+            lambda cmd: cmd + jnp.asarray([0.03, -0.02, 0, 0]),
+        ),
+        ("yaw_misalignment", {"angle": 0.2}, lambda cmd: cmd + jnp.asarray([0, 0, 0.2, 0])),
+    ],
+)
+def test_an_effect_on_the_command_flies_as_the_changed_command(name, effect, parameters, change):
+    nominal = SIMULATORS[name]()
+    cmds, state = random_cmds(1, STEPS, 2, yaw=0.3), hovering(nominal, positions(2))
+    made = attached(nominal, **{effect: parameters})
+    flown = fly(made, hovering(made, positions(2)), cmds)
+    # Rotors warmed up by a hover do not depend on the angles.
+    expected = fly(nominal, state, change(cmds))
+    np.testing.assert_allclose(flown.pos, expected.pos, atol=2e-5)
+    assert jnp.abs(flown.pos - fly(nominal, state, cmds).pos).max() > 0.002
+
+
+@pytest.mark.parametrize(("target", "tau"), [(1.3, 0.08), (0.7, 0.05)])
+def test_thrust_lag_rises_and_falls_with_its_own_time_constants(target, tau):
+    """T_0 + (T - T_0) (1 - (tau / (tau + h))^k) at every step, from a steady hover."""
+    made = attached(SIMULATORS["point_mass"](), thrust_lag={"up": 0.08, "down": 0.05})
+    cmds = hold([0.0, 0.0, 0.0, target * HOVER], STEPS)
+    thrust = hovering_flight(made, cmds=cmds).thrust[:, 0] / HOVER
+    done = 1 - (tau / (tau + H)) ** np.arange(1, STEPS + 1)
+    np.testing.assert_allclose(thrust, 1 + (target - 1) * done, atol=1e-5)
+
+
+def test_thrust_lag_starts_with_standing_rotors_after_a_reset():
+    made = attached(SIMULATORS["point_mass"](), thrust_lag={"up": 0.08})
+    thrust = fly_from_rest(made, positions(1), LEVEL).thrust[:, 0] / HOVER
+    done = 1 - (0.08 / 0.1) ** np.arange(1, STEPS + 1)
+    np.testing.assert_allclose(thrust, done, atol=1e-5)
