@@ -193,6 +193,51 @@ def diagnose(
     return run_diagnosis(flights, simulator, reference, exclude or (), out)
 
 
+@app.command
+def blind(
+    *,
+    cases: int | None = None,
+    reality: str = "crazyflow",
+    out: Path | None = None,
+    seed: int | None = None,
+    jobs: int | None = None,
+    report: Annotated[bool, Repeatable] = False,
+    notes: Path | None = None,
+) -> int:
+    """Make flights whose cause is withheld, diagnose them, and score the answers.
+
+    Every diagnosis runs in a process of its own that gets a folder of flights and nothing else.
+    The SHA-256 of the labels is printed before the first one and checked after the last. Running
+    again with the same folder continues.
+
+    Parameters
+    ----------
+    cases
+        Number of cases of all kinds; without it, the 321 of a counted run.
+    reality
+        Where they are flown: crazyflow, or rotorpy, against which a reference is used.
+    out
+        Folder for tables, report and flights; without it, tables go to results/blind/REALITY and
+        the report on all realities to reports/blind.md.
+    seed
+        Seed of the cases; without it, the operating system's.
+    jobs
+        Number of processes; without it, one per core.
+    report
+        Only write the report again, from the tables that are there.
+    notes
+        Markdown file with remarks on failures; without it, blind_notes.md beside the report.
+    """
+    from bench.environment import environment
+
+    os.environ.update(environment())
+    from bench.blind.command import rebuild_report, run_blind
+
+    if report:
+        return rebuild_report(out, notes)
+    return run_blind(cases, reality, out, seed, jobs, notes=notes)
+
+
 def _check_folders(*directories: Path) -> None:
     for directory in directories:
         if directory.exists() and not directory.is_dir():

@@ -1,6 +1,7 @@
-"""`diagnose(flights) -> Diagnosis`: where the gap lies, which effect causes it, how far it shrinks."""
+"""`diagnose(flights)`: where the gap lies, which effect causes it, how far it shrinks."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
@@ -9,12 +10,19 @@ from jaxtyping import Float
 
 from diagnosis import gap, shrinkage
 from diagnosis.advice import next_flight
-from diagnosis.library import LEFT_OUT, Library, make_library, with_aliases
-from diagnosis.likelihood import Likelihood, Normal
+from diagnosis.inputs import Inputs, choose_inputs, on_ground
+from diagnosis.library import (
+    LEFT_OUT,
+    NEEDS_ATTITUDE_CMD,
+    Library,
+    make_library,
+    with_aliases,
+)
+from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightLog, FlightSet, LogError
 from diagnosis.noise import CHANNELS, estimate_noise
 from diagnosis.reference import Reference, fit_reference
-from diagnosis.replay import make_replay
+from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Fit, Problem, dispersion
 from diagnosis.segments import cut
 from diagnosis.verdict import Verdict, intervals, judge, limits, structure
@@ -26,7 +34,12 @@ SCHEMA = 1
 """Version of `diagnosis.json`."""
 STEPS = {"crazyflow": 0.002, "point_mass": 0.005}
 """Integration step of each simulator's replay [s]; others take the point mass's."""
-DISTRUST = 4.0
+ATTITUDE_LOST = 30.0
+"""Chi-square per node of a roll, pitch or yaw that nothing explains, from which the attitude is
+prescribed: five sigmas, so that forces are not judged through an attitude that is wrong."""
+UNSEEN = 1e3
+"""Noise [rad] of an attitude that is prescribed and therefore says nothing."""
+DISTRUST = 2.5
 """Sigmas beyond which a window soon after an unknown command is left out."""
 
 Progress = Callable[[str, float], None]
@@ -62,43 +75,107 @@ def diagnose(
     Raises:
         LogError: No flight has an input that can be replayed.
     """
-    logs, left_out = _usable(flights)
+    study = _study(flights, simulator, reference, exclude, progress, prescribe=False)
+    if study.attitude_lost():
+        progress("again, with the measured attitude", 0.05)
+        other = _study(flights, simulator, reference, exclude, progress, prescribe=True)
+        study = other if other.verdict.kind == "effect" else study
+    content = _content(flights, simulator, study)
+    content["details"]["not_observable"] = _not_observable(study, with_aliases(exclude))
+    progress("done", 1.0)
+    return Diagnosis(content)
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """Flights replayed in one way, with what came of it."""
+
+    inputs: Inputs
+    """The flights as they are driven."""
+    base: Reference | None
+    """What the reference flights say."""
+    problem: Problem
+    """Fits of candidate sets."""
+    verdict: Verdict
+    """Which set."""
+    every: Likelihood
+    """All flights."""
+    drift: shrinkage.Drift
+    """Held-out flights before and after."""
+    fit_ids: list[int]
+    """Flights that were fitted."""
+    held: list[int]
+    """Flights that were scored; all of them, one left out in turn, where they are few."""
+    noise: Float[np.ndarray, " 9"]
+    """Noise of the logs, before a reference enlarged it."""
+
+    def attitude_lost(self) -> bool:
+        """Whether nothing explains the attitude, so that it spoils what thrust and forces say."""
+        if self.inputs.prescribed or self.verdict.kind != "unexplained":
+            return False
+        normal = self.verdict.chosen.fit.normal
+        chi2 = normal.kind.sum(axis=0)[6:] / (normal.dof.sum() / 9.0)
+        enlarged = (self.every.sigma / self.noise)[6:] ** 2
+        return bool(np.max(chi2 * enlarged) > ATTITUDE_LOST)
+
+
+def _study(
+    flights: FlightSet,
+    simulator: str,
+    reference: FlightSet | None,
+    exclude: Collection[str],
+    progress: Progress,
+    prescribe: bool,
+) -> Study:
+    inputs = choose_inputs(flights, prescribe)
+    compared = choose_inputs(reference, prescribe) if reference is not None else None
+    if compared is not None and compared.kind != inputs.kind:
+        raise LogError(
+            f"{flights.path} is replayed by {inputs.kind}, the reference by {compared.kind}; "
+            "both must log the same kind of input."
+        )
+    logs = inputs.flights
+    sets = (logs, *([compared.flights] if compared else []))
+    several = any(len(f.drones) > 1 for flown in sets for f in flown)
     nominal = nominal_simulator(simulator, flights)
-    several = any(len(f.drones) > 1 for s in (flights, reference) if s for f in s.flights)
-    library = make_library(nominal, with_aliases(exclude), several)
-    replay = make_replay(library, STEPS.get(simulator, STEPS["point_mass"]))
-    fit_ids, held = shrinkage.split(len(logs))
+    library = make_library(nominal, with_aliases(exclude), several, inputs.prescribed)
+    step = STEPS.get(simulator, STEPS["point_mass"])
+    replay = make_replay(library, step, inputs.prescribed)
     progress("cutting flights into windows", 0.02)
     sigma = estimate_noise(logs)
-    every = Likelihood(replay, cut(logs, replay.dt), sigma)
+    if inputs.prescribed:
+        sigma[6:] = UNSEEN
     progress("compiling the simulator", 0.05)
     base = None
-    if reference is not None:
-        base = fit_reference(replay, _usable(reference)[0], sigma)
-        every = Likelihood(replay, every.groups, base.sigma)
+    if compared is not None:
+        base = fit_reference(make_likelihood(replay, compared.flights, sigma))
+    every = make_likelihood(replay, logs, base.sigma if base else sigma)
+    fit_ids, held = shrinkage.split(len(logs))
     lofo = fit_ids == held
     likelihood = every if lofo else _part(every, logs, fit_ids)
     problem, fits = attribute(likelihood, len(fit_ids), base, progress)
-    floor = base.structure if base else 1.0
-    verdict = judge(problem, fits, floor)
+    verdict = judge(problem, fits, base.structure if base else 1.0)
     progress("scoring held-out flights", 0.9)
     scored = every if lofo else _part(every, logs, held)
     if not lofo:
         for other in (every, scored):
             other.distrust(verdict.chosen.fit.vector, DISTRUST)
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
-    content = _content(
-        flights, simulator, library, problem, verdict, every, drift, logs, (fit_ids, held)
-    )
-    content["flights"]["left_out"] += left_out
-    content["details"]["shared"] = base.shared(library) if base else []
-    progress("done", 1.0)
-    return Diagnosis(content)
+    return Study(inputs, base, problem, verdict, every, drift, fit_ids, held, sigma)
+
+
+def make_likelihood(
+    replay: Replay, logs: Sequence[FlightLog], sigma: Float[np.ndarray, " 9"]
+) -> Likelihood:
+    """The likelihood of flights; time on the ground does not count."""
+    mass = replay.library.simulator.spec.mass
+    ignored = functools.partial(on_ground, mass=mass)
+    return Likelihood(replay, cut(logs, replay.dt, replay.prescribed, ignored), sigma)
 
 
 def _part(every: Likelihood, logs: Sequence[FlightLog], chosen: Sequence[int]) -> Likelihood:
     """The likelihood of some of the flights."""
-    return Likelihood(every.replay, cut([logs[i] for i in chosen], every.replay.dt), every.sigma)
+    return make_likelihood(every.replay, [logs[i] for i in chosen], every.sigma)
 
 
 def nominal_simulator(name: str, flights: FlightSet) -> AbstractSimulator:
@@ -106,21 +183,6 @@ def nominal_simulator(name: str, flights: FlightSet) -> AbstractSimulator:
     spec = VEHICLES[flights.vehicle.drone]
     spec = dataclasses.replace(spec, mass=flights.vehicle.mass)
     return registry.load("simulator", name)(spec=spec)
-
-
-def _usable(flights: FlightSet) -> tuple[tuple[FlightLog, ...], list[dict[str, str]]]:
-    """Flights that can be replayed, and why the others cannot."""
-    left_out = [{"name": x.name, "reason": x.reason} for x in flights.left_out]
-    usable = []
-    for flight in flights.flights:
-        if all(drone.cmd is not None for drone in flight.drones):
-            usable.append(flight)
-        else:
-            reason = f"flights/{flight.name}: no attitude and thrust commands (cmd_*) to replay"
-            left_out.append({"name": flight.name, "reason": reason})
-    if not usable:
-        raise LogError("\n".join(f"{flights.path}: {x['reason']}" for x in left_out))
-    return tuple(usable), left_out
 
 
 def attribute(
@@ -146,23 +208,13 @@ def attribute(
     return problem, sorted(fits, key=problem.log_evidence, reverse=True)
 
 
-def _content(
-    flights: FlightSet,
-    simulator: str,
-    library: Library,
-    problem: Problem,
-    verdict: Verdict,
-    every: Likelihood,
-    drift: shrinkage.Drift,
-    logs: Sequence[FlightLog],
-    ids: tuple[list[int], list[int]],
-) -> dict[str, Any]:
-    fit_ids, held = ids
-    lofo = fit_ids == held
-    where = gap.where(every.tracks(problem.nominal().vector), every.sigma)
+def _content(flights: FlightSet, simulator: str, study: Study) -> dict[str, Any]:
+    problem, verdict, logs = study.problem, study.verdict, study.inputs.flights
+    where = gap.where(study.every.tracks(problem.nominal().vector), study.every.sigma)
     found = verdict.chosen.fit
     reported = sorted(found.effects) if verdict.kind == "effect" else []
     seen = limits(problem, found)
+    left_out = [(x.name, x.reason) for x in flights.left_out] + list(study.inputs.left_out)
     return {
         "schema": SCHEMA,
         "simulator": simulator,
@@ -170,23 +222,24 @@ def _content(
         "flights": {
             "n": len(logs),
             "seconds": float(sum(f.seconds for f in logs)),
-            "fit": [logs[i].name for i in fit_ids],
-            "held_out": [logs[i].name for i in held],
-            "left_out": [],
+            "input": study.inputs.kind,
+            "fit": [logs[i].name for i in study.fit_ids],
+            "held_out": [logs[i].name for i in study.held],
+            "left_out": [{"name": name, "reason": reason} for name, reason in left_out],
         },
         "where": where,
         "verdict": verdict.kind,
         "unexplained_share": verdict.unexplained_share,
         "effects": [_effect(problem, verdict, name) for name in reported],
-        "candidates": _candidates(problem, verdict, drift),
-        "shrink": shrinkage.shrink(drift, every.sigma, lofo),
+        "candidates": _candidates(problem, verdict),
+        "shrink": shrinkage.shrink(study.drift, study.every.sigma, study.fit_ids == study.held),
         "next_flight": next_flight(
             verdict.kind,
             {name: verdict.aliases[name] for name in reported},
             _largest_regime(where),
-            _blind_to(library, seen),
+            _blind_to(problem.library, seen),
         ),
-        "details": _details(flights, library, problem, verdict, every, drift, logs, seen),
+        "details": _details(study, seen),
     }
 
 
@@ -211,24 +264,25 @@ def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:
     }
 
 
-def _candidates(problem: Problem, verdict: Verdict, drift: shrinkage.Drift) -> list[dict[str, Any]]:
-    nominal = problem.nominal().normal
-    before = drift.before
-    found = []
-    for ranked in verdict.ranked[:8]:
-        effects = sorted(ranked.effects)
-        after = problem.likelihood.tracks(ranked.fit.vector)
-        same = problem.likelihood.tracks(problem.nominal().vector) if effects else after
-        a, b = (_rms(gap.drifts(t)[:, :3]) for t in (same, after))
-        found.append(
-            {
-                "effects": effects,
-                "probability": ranked.probability,
-                "evidence": shrinkage.evidence(nominal, problem, ranked.fit),
-                "shrink_percent": 100.0 * (1.0 - b / a) if a > 0 and len(before.t) else None,
-            }
-        )
-    return found
+def _candidates(problem: Problem, verdict: Verdict) -> list[dict[str, Any]]:
+    nominal = problem.nominal()
+    before = _drift(problem, nominal.vector)
+    return [
+        {
+            "effects": sorted(ranked.effects),
+            "probability": ranked.probability,
+            "evidence": shrinkage.evidence(nominal.normal, problem, ranked.fit),
+            "shrink_percent": 100.0 * (1.0 - _drift(problem, ranked.fit.vector) / before)
+            if before > 0
+            else None,
+        }
+        for ranked in verdict.ranked[:8]
+    ]
+
+
+def _drift(problem: Problem, vector: Float[np.ndarray, " params"]) -> float:
+    """RMS position drift of the fitted flights [m]."""
+    return _rms(gap.drifts(problem.likelihood.tracks(vector))[:, :3])
 
 
 def _rms(vectors: Float[np.ndarray, "lines 3"]) -> float:
@@ -255,26 +309,17 @@ def _largest_regime(where: Sequence[dict]) -> str | None:
 def _blind_to(library: Library, seen: Sequence[tuple[int, float]]) -> list[str]:
     """Effects whose smallest visible size is a fifth of the allowed range or more."""
     slots = library.slots
-    return [
-        slots[i].effect for i, size in seen if size > 0.2 * (slots[i].high - slots[i].low)
-    ]
+    return [slots[i].effect for i, size in seen if size > 0.2 * (slots[i].high - slots[i].low)]
 
 
-def _details(
-    flights: FlightSet,
-    library: Library,
-    problem: Problem,
-    verdict: Verdict,
-    every: Likelihood,
-    drift: shrinkage.Drift,
-    logs: Sequence[FlightLog],
-    seen: Sequence[tuple[int, float]],
-) -> dict[str, Any]:
+def _details(study: Study, seen: Sequence[tuple[int, float]]) -> dict[str, Any]:
+    problem, verdict, every = study.problem, study.verdict, study.every
+    logs = study.inputs.flights
     nominal, chosen = problem.nominal().normal, verdict.chosen.fit.normal
-    slots = library.slots
+    slots = problem.library.slots
     return {
         "flights_seconds": {f.name: float(f.seconds) for f in logs},
-        "before_after": _along(drift, logs),
+        "before_after": _along(study.drift, logs),
         "gap_in_time": gap.in_time(every.tracks(problem.nominal().vector), every.sigma),
         "chi2_per_dof": {
             "before": nominal.chi2 / float(nominal.dof.sum()),
@@ -283,7 +328,6 @@ def _details(
         "structure": {"before": structure(problem, nominal), "after": verdict.structure},
         "dispersion": problem.phi,
         "noise": {name: float(s) for name, s in zip(CHANNELS, every.sigma, strict=True)},
-        "not_observable": _not_observable(library),
         "limits": [
             {
                 "effect": slots[i].effect,
@@ -293,12 +337,15 @@ def _details(
             }
             for i, size in seen
         ],
+        "shared": study.base.shared(problem.library) if study.base else [],
         "best_set": sorted(verdict.chosen.effects),
     }
 
 
 def _along(drift: shrinkage.Drift, logs: Sequence[FlightLog]) -> list[dict[str, Any]]:
-    before, after = (np.linalg.norm(gap.drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after))
+    before, after = (
+        np.linalg.norm(gap.drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after)
+    )
     found = []
     for flight in np.unique(drift.before.flight):
         mine = (drift.before.flight == flight) & np.isfinite(before) & np.isfinite(after)
@@ -313,23 +360,23 @@ def _along(drift: shrinkage.Drift, logs: Sequence[FlightLog]) -> list[dict[str, 
     return found
 
 
-def _not_observable(library: Library) -> list[dict[str, str]]:
+def _not_observable(study: Study, exclude: Collection[str]) -> list[dict[str, str]]:
     """Registered effects that are no candidates, and why."""
-    simulator = library.simulator
-    found = []
+    library = study.problem.library
+    simulator, found = library.simulator, []
     for name, kind in sorted(registry.load_all("effect").items()):
         if name in library.effects:
             continue
         missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]
-        if missing:
+        if name in exclude:
+            why = "excluded by request, or cannot be told from what was"
+        elif missing:
             why = f"simulator '{simulator.name}' has no door '{missing[0]}'"
         elif name in LEFT_OUT:
             why = "a floor is seen or not; it has no slope to follow"
-        elif name == "downwash":
-            why = "no flight has two drones"
+        elif name in NEEDS_ATTITUDE_CMD:
+            why = f"the attitude is prescribed from measurement ({study.inputs.kind})"
         else:
-            why = "excluded by request"
+            why = "no flight has two drones"
         found.append({"effect": name, "why": why})
     return found
-
-

@@ -95,7 +95,10 @@ def _specific_force(
         vel = np.stack([zero, one, t], axis=-1) * on[..., None] / at_vel
         design = np.concatenate([pos, vel], axis=1)
         y = np.concatenate(
-            [tracks.residual[..., axis] * on / at_pos, tracks.residual[..., 3 + axis] * on / at_vel],
+            [
+                tracks.residual[..., axis] * on / at_pos,
+                tracks.residual[..., 3 + axis] * on / at_vel,
+            ],
             axis=1,
         )
         H = np.swapaxes(design, 1, 2) @ design

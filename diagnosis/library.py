@@ -5,10 +5,9 @@ so that one compiled program serves every candidate set: a set is a choice of en
 """
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -29,15 +28,10 @@ NEEDS_ATTITUDE_CMD = (
     "center_of_mass",
     "delay",
     "inertia",
-    "motor_lag",
-    "thrust_lag",
     "trim",
     "yaw_misalignment",
 )
-"""Effects that are not observable where attitude and rotors are prescribed from measurement."""
-
-FIXED = {"downwash": ("width",)}
-"""Parameters that are held in the first, linear pass: their slope vanishes at neutral."""
+"""Effects that are not observable where the attitude is prescribed from measurement."""
 
 FAMILIES: Mapping[str, frozenset[str]] = {
     name: frozenset(family)
@@ -106,7 +100,7 @@ class Library(eqx.Module):
         values: dict[str, dict[str, Array]] = {name: {} for name in self.effects}
         for i, slot in enumerate(self.slots):
             values[slot.effect][slot.parameter] = vector[i]
-        made = [kind(**values[name]) for name, kind in self.effects.items()]
+        made = [_made(kind, values[name]) for name, kind in self.effects.items()]
         return with_effects(self.simulator, made)
 
     def named(self, vector: Float[np.ndarray, " params"], effect: str) -> dict[str, float]:
@@ -114,15 +108,26 @@ class Library(eqx.Module):
         return {self.slots[i].parameter: float(vector[i]) for i in self.indices(effect)}
 
 
+def _made(kind: Callable[..., AbstractEffect], values: dict[str, Array]) -> AbstractEffect:
+    return kind(**values)
+
+
 def make_library(
-    simulator: AbstractSimulator, exclude: Collection[str] = (), several_drones: bool = False
+    simulator: AbstractSimulator,
+    exclude: Collection[str] = (),
+    several_drones: bool = False,
+    prescribed: bool = False,
 ) -> Library:
-    """Every registered effect that `simulator` has the doors for, without those excluded."""
+    """Every registered effect that `simulator` has the doors for, without those excluded.
+
+    `prescribed`: the attitude comes from measurement, so that effects on it cannot be seen.
+    """
     effects, slots = {}, []
     for name, kind in sorted(registry.load_all("effect").items()):
         missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]
         alone = name in NEEDS_NEIGHBOUR and not several_drones
-        if missing or alone or name in LEFT_OUT or name in exclude:
+        unseen = prescribed and name in NEEDS_ATTITUDE_CMD
+        if missing or alone or unseen or name in LEFT_OUT or name in exclude:
             continue
         effects[name] = kind
         for parameter, info in kind.parameters.items():
@@ -134,6 +139,6 @@ def with_aliases(exclude: Collection[str]) -> set[str]:
     """`exclude` and every effect that is statically an alias of one of them."""
     wanted = set(exclude)
     for name in exclude:
-        wanted |= {other for other in FAMILIES.get(name, ())}
+        wanted |= set(FAMILIES.get(name, ()))
         wanted |= {other for other, family in FAMILIES.items() if name in family}
     return wanted

@@ -213,7 +213,9 @@ class Likelihood:
             "t": per_drone(start),
         }
 
-    def _valid(self, group: Segments, chosen: slice) -> Bool[np.ndarray, "segments windows drones nodes"]:
+    def _valid(
+        self, group: Segments, chosen: slice
+    ) -> Bool[np.ndarray, "segments windows drones nodes"]:
         valid = group.valid[chosen, 1:]
         return valid & (valid.sum(axis=3, keepdims=True) >= FEWEST_NODES)
 

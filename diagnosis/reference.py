@@ -1,7 +1,7 @@
 r"""What separates the nominal simulator from reference flights, as knowledge for the next set.
 
 The whole library is fitted to the reference flights with a Gaussian prior on every parameter
-(a quarter of its allowed range), so that what these flights cannot tell stays near neutral. Three
+(a tenth of its allowed range), so that what these flights cannot tell stays near neutral. Three
 things carry over to the target flights: the vector itself, its precision, and the noise, which is
 enlarged per channel until the reference flights agree with their own fit. What no effect explains
 on both sets is thereby noise and not a finding.
@@ -11,18 +11,16 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import lsq_linear
 
 from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
-from diagnosis.logs import FlightLog
-from diagnosis.replay import Replay
 from diagnosis.search import Problem, dispersion
-from diagnosis.segments import cut
 from diagnosis.verdict import structure
 
 UNSHARED = ("gust", "attitude_loop")
 """Effects that are not fitted to the reference: their slopes at neutral say nothing."""
-PRIOR = 0.25
+PRIOR = 0.1
 """Standard deviation of the prior over the allowed range; a choice."""
 STEPS = 6
 """Gauss-Newton steps."""
@@ -58,12 +56,10 @@ class Reference:
         ]
 
 
-def fit_reference(
-    replay: Replay, flights: tuple[FlightLog, ...], sigma: Float[np.ndarray, " 9"]
-) -> Reference:
-    """The library fitted to reference flights."""
-    library = replay.library
-    likelihood = Likelihood(replay, cut(flights, replay.dt), sigma)
+def fit_reference(likelihood: Likelihood) -> Reference:
+    """The library fitted to the reference flights of `likelihood`, whose noise is enlarged."""
+    library, sigma = likelihood.replay.library, likelihood.sigma
+    n_flights = len({flight for group in likelihood.groups for flight in group.flight})
     vector = _descended(likelihood, library)
     likelihood.distrust(vector, 6.0)
     vector = _descended(likelihood, library, vector)
@@ -72,7 +68,7 @@ def fit_reference(
     sigma = sigma * np.sqrt(np.maximum(per_channel, 1.0))
     likelihood.sigma = sigma
     normal = likelihood.normal(vector)
-    phi = dispersion(normal, len(flights))
+    phi = dispersion(normal, n_flights)
     prior = _prior(library)
     precision = normal.H.sum(axis=0) + phi * np.diag(prior)
     problem = Problem(likelihood, vector, None, phi)
@@ -85,6 +81,22 @@ def _prior(library: Library) -> Float[np.ndarray, " params"]:
     fixed = [i for name in UNSHARED if name in library.effects for i in library.indices(name)]
     precision[fixed] *= 1e12
     return precision
+
+
+def _bounded(
+    H: Float[np.ndarray, "params params"],
+    g: Float[np.ndarray, " params"],
+    library: Library,
+    vector: Float[np.ndarray, " params"],
+) -> Float[np.ndarray, " params"]:
+    """The step that solves H step = g as well as the bounds allow."""
+    at = np.where(np.isfinite(vector), vector, library.low)
+    root = np.linalg.cholesky(H).T
+    target = np.linalg.solve(root.T, g)
+    scale = np.sqrt(np.diag(H))
+    low, high = np.minimum(library.low - at, 0.0), np.maximum(library.high - at, 0.0)
+    bounds = (scale * low - 1e-12, scale * high + 1e-12)
+    return lsq_linear(root / scale, target, bounds).x / scale
 
 
 def _descended(
@@ -102,10 +114,9 @@ def _descended(
     for _ in range(STEPS):
         off = np.where(finite, vector, 0.0) - np.where(finite, neutral, 0.0)
         H = normal.H.sum(axis=0) + np.diag(prior)
-        step = np.linalg.solve(H, normal.g.sum(axis=0) - prior * off)
+        step = _bounded(H, normal.g.sum(axis=0) - prior * off, library, vector)
         for part in (1.0, 0.4, 0.1):
-            new = np.clip(vector + part * step, library.low, library.high)
-            new = np.where(finite, new, neutral)
+            new = np.where(finite, vector + part * step, neutral)
             tried = likelihood.normal(new)
             if objective(tried) < objective(normal):
                 break

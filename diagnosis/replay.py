@@ -8,7 +8,8 @@ velocity start anew, with derivatives zero.
 """
 
 import dataclasses
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 
 import equinox as eqx
 import jax
@@ -17,10 +18,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from diagnosis.library import Library
+from diagnosis.programs import cached
 from diagnosis.segments import WINDOW, Segments
 from simulators.contract import AbstractSimulator
 from simulators.flight import Flight
-from simulators.rotation import quat_to_rpy
+from simulators.rotation import quat_to_rpy, rpy_to_quat
 
 LANES = 8
 """Segments per call."""
@@ -37,13 +39,20 @@ class Prediction:
     """Its derivative along each direction."""
 
 
-class Replay(eqx.Module):
-    """The compiled program for one library, number of drones and number of directions."""
+@dataclasses.dataclass(frozen=True)
+class Replay:
+    """Replays with one library; programs are compiled for each number of drones on first use."""
 
     library: Library
     """The effects and the simulator."""
-    dt: float = eqx.field(static=True)
+    dt: float
     """Integration step [s]."""
+    prescribed: bool = False
+    """Whether the attitude follows the commanded angles exactly at every step."""
+    programs: dict[tuple, Callable[..., tuple[Array, Array]]] = dataclasses.field(
+        default_factory=dict
+    )
+    """Compiled programs by shapes."""
 
     def __call__(
         self,
@@ -60,9 +69,25 @@ class Replay(eqx.Module):
             chosen = slice(begin, min(begin + LANES, len(segments)))
             batch = {name: _padded(getattr(segments, name)[chosen]) for name in _INPUTS}
             theta = _padded(vectors[segments.flight[chosen]])
-            value, slope = _batch(self.library, self.dt, batch, theta, along)
+            value, slope = self._program((batch, theta, along))(batch, theta, along)
             n = chosen.stop - begin
-            yield chosen, Prediction(np.asarray(value[:n]), np.moveaxis(np.asarray(slope[:n]), 1, 0))
+            yield (
+                chosen,
+                Prediction(np.asarray(value[:n]), np.moveaxis(np.asarray(slope[:n]), 1, 0)),
+            )
+
+    def _program(self, args: tuple) -> Callable[..., tuple[Array, Array]]:
+        """The program for the shapes of `args`, compiled once a process."""
+        shapes = tuple(x.shape for x in jax.tree.leaves(args))
+        if shapes not in self.programs:
+
+            def fly(batch: dict[str, Array], theta: Array, along: Array) -> tuple[Array, Array]:
+                one = functools.partial(_segment, self, directions=along)
+                return jax.vmap(one)(batch, theta)
+
+            settings = f"dt={self.dt} prescribed={self.prescribed}"
+            self.programs[shapes] = cached("replay", fly, self.library, settings, args)
+        return self.programs[shapes]
 
 
 def _padded(x: np.ndarray) -> Array:
@@ -71,18 +96,11 @@ def _padded(x: np.ndarray) -> Array:
     return jnp.asarray(np.concatenate([x, np.repeat(x[-1:], short, axis=0)]), float)
 
 
-@eqx.filter_jit
-def _batch(
-    library: Library, dt: float, batch: dict[str, Array], theta: Array, directions: Array
-) -> tuple[Array, Array]:
-    one = lambda lane, theta: _segment(library, dt, lane, theta, directions)  # noqa: E731
-    return jax.vmap(one)(batch, theta)
-
-
 def _segment(
-    library: Library, dt: float, lane: dict[str, Array], theta: Array, directions: Array
+    replay: Replay, lane: dict[str, Array], theta: Array, directions: Array
 ) -> tuple[Array, Array]:
     """Prediction and slopes of one segment."""
+    library = replay.library
     n_windows = len(lane["pos"])
     cmds = lane["cmd"].reshape(n_windows, -1, *lane["cmd"].shape[1:])
 
@@ -99,12 +117,9 @@ def _segment(
         history = jnp.repeat(cmds[0, :1], 3, axis=0)
         return simulator.restore(flight, history, jax.random.key(0))
 
-    def begin(theta: Array) -> tuple[eqx.Module, eqx.Module]:
-        return eqx.partition(start(theta), eqx.is_inexact_array)
-
-    moving, slopes, still = jax.vmap(
-        lambda d: jax.jvp(begin, (theta,), (d,), has_aux=True), out_axes=(None, 0, None)
-    )(directions)
+    # The window before the first forgets that the start depends on the parameters, too.
+    moving, still = eqx.partition(start(theta), eqx.is_inexact_array)
+    slopes = jax.tree.map(lambda x: jnp.zeros((len(directions), *x.shape), x.dtype), moving)
 
     def window(carry: tuple, inputs: dict[str, Array]) -> tuple[tuple, tuple]:
         moving, still, slopes = carry
@@ -114,7 +129,7 @@ def _segment(
             state = eqx.combine(moving, still)
             state = simulator.placed(state, inputs["pos"], inputs["vel"])
             state = simulator.turned(state, inputs["quat"], inputs["ang_vel"], inputs["fresh"] > 0)
-            state, track = _fly(simulator, state, inputs["cmd"], dt)
+            state, track = _fly(replay, simulator, state, inputs["cmd"])
             moving, kept = eqx.partition(state, eqx.is_inexact_array)
             return (moving, _at(track, inputs["place"])), kept
 
@@ -133,10 +148,14 @@ def _segment(
 
 
 def _fly(
-    simulator: AbstractSimulator, state: eqx.Module, cmds: Array, dt: float
+    replay: Replay, simulator: AbstractSimulator, state: eqx.Module, cmds: Array
 ) -> tuple[eqx.Module, Float[Array, "steps drones 9"]]:
     def step(state: eqx.Module, cmd: Array) -> tuple[eqx.Module, Array]:
-        state = simulator.step_cmd(state, cmd, dt)
+        if replay.prescribed:
+            everyone = jnp.ones(len(cmd), bool)
+            still = jnp.zeros_like(cmd[:, :3])
+            state = simulator.turned(state, rpy_to_quat(cmd[:, :3]), still, everyone)
+        state = simulator.step_cmd(state, cmd, replay.dt)
         return state, _measured(simulator.flight(state))
 
     first = _measured(simulator.flight(state))
@@ -162,7 +181,7 @@ def _at(
     return before + part * jnp.concatenate([change[..., :8], turn], axis=-1)
 
 
-def make_replay(library: Library, dt: float) -> Replay:
+def make_replay(library: Library, dt: float, prescribed: bool = False) -> Replay:
     """The replay of `library` with integration steps of `dt` [s].
 
     Raises:
@@ -170,4 +189,4 @@ def make_replay(library: Library, dt: float) -> Replay:
     """
     if abs(WINDOW / dt - round(WINDOW / dt)) > 1e-6:
         raise ValueError(f"`dt` must divide {WINDOW} s, got {dt}.")
-    return Replay(library=library, dt=dt)
+    return Replay(library=library, dt=dt, prescribed=prescribed)

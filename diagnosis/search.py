@@ -34,9 +34,9 @@ START = {
     "gust": {"onset": 0.0},
 }
 """Where a fit starts whose slope at neutral vanishes; gust's onset is found by scanning."""
-REFITS = 5
+REFITS = 4
 """Most sets of one size that are refitted."""
-NEAR = 0.6
+NEAR = 0.85
 """Share of the best linear gain from which a set is worth refitting."""
 STEPS = 8
 """Most Gauss-Newton steps of a refit."""
@@ -103,12 +103,30 @@ class Problem:
     def refit(self, effects: Set, near: Fit) -> Fit:
         """The set at its most likely parameters, started from what `near` promises."""
         if effects not in self.fits:
-            start = self.starts.get(effects)
-            start = self._start(effects, near) if start is None else start
-            normal = self.likelihood.normal(start)
-            fit = Fit(effects, start, normal, near.shared, near.penalty)
-            self.fits[effects] = self._descended(fit, self.free(effects))
+            known = self.starts.get(effects)
+            starts = self._starts(effects, near) if known is None else [known]
+            fits = [
+                Fit(effects, start, self.likelihood.normal(start), near.shared, near.penalty)
+                for start in starts
+            ]
+            best = min(fits, key=lambda fit: fit.objective)
+            self.fits[effects] = self._descended(best, self.free(effects))
         return self.fits[effects]
+
+    def _starts(self, effects: Set, near: Fit) -> list[Float[np.ndarray, " params"]]:
+        """Where to start: one vector, but two where a gust may begin in either of two windows.
+
+        An onset has a slope only while it lies within its window and between two steps.
+        """
+        start = self._start(effects, near)
+        if "gust" not in effects - near.effects:
+            return [start]
+        at, found = self._place("gust", "onset"), []
+        for shift in (-0.4987, 0.5013):
+            moved = start.copy()
+            moved[at] += shift * WINDOW
+            found.append(moved)
+        return found
 
     def _start(self, effects: Set, near: Fit) -> Float[np.ndarray, " params"]:
         """Inside the bounds: the linear solution at `near`, or the start that is declared."""
@@ -132,9 +150,7 @@ class Problem:
         free = self.free(effects)
         times = np.unique(near.normal.t)
         gust = self.library.indices("gust")
-        gains = [
-            self.solve(_switched(near.normal, gust, t), near, free)[1] for t in times[:-1]
-        ]
+        gains = [self.solve(_switched(near.normal, gust, t), near, free)[1] for t in times[:-1]]
         return float(times[int(np.argmax(gains))]) if gains else 0.0
 
     def _is(self, i: int, parameter: str) -> bool:
@@ -168,7 +184,9 @@ class Problem:
         if self.precision is None:
             return inner, right
         known = H + self.precision
-        pull = np.linalg.solve(known, np.column_stack([H[:, free], g - self.precision @ fit.shared]))
+        pull = np.linalg.solve(
+            known, np.column_stack([H[:, free], g - self.precision @ fit.shared])
+        )
         return inner - H[free] @ pull[:, :-1], right - H[free] @ pull[:, -1]
 
     def _descended(self, fit: Fit, free: list[int]) -> Fit:
@@ -208,7 +226,7 @@ class Problem:
 
     def log_evidence(self, fit: Fit) -> float:
         """Laplace's log evidence [nats]."""
-        free = [i for i in self.free(fit.effects)]
+        free = self.free(fit.effects)
         H, _ = self.reduced(fit.normal, fit, free)
         return -0.5 * fit.objective / self.phi - self.occam(H, free)
 
@@ -224,9 +242,7 @@ class Problem:
         """Log evidence that the linear screening at `near` promises a set [nats]."""
         free, normal = self.free(effects), near.normal
         if "gust" in effects - near.effects:
-            normal = _switched(
-                normal, self.library.indices("gust"), self.onset(near, effects)
-            )
+            normal = _switched(normal, self.library.indices("gust"), self.onset(near, effects))
         _, gain = self.solve(normal, near, free)
         H, _ = self.reduced(normal, near, free)
         return -0.5 * (near.objective - gain) / self.phi - self.occam(H, free)
@@ -305,7 +321,9 @@ def dispersion(normal: Normal, n_flights: int) -> float:
     scores = []
     for group in np.unique(groups):
         rows = groups == group
-        left = normal.g[rows][:, seen].sum(axis=0) - normal.H[rows][:, seen][:, :, seen].sum(0) @ step
+        left = (
+            normal.g[rows][:, seen].sum(axis=0) - normal.H[rows][:, seen][:, :, seen].sum(0) @ step
+        )
         scores.append(whiten @ left)
     n = len(scores)
     return max(1.0, float(np.sum(np.square(scores)) / kept.sum() / (1.0 - 1.0 / n)))

@@ -14,7 +14,7 @@ time before a flight's first row is such a stretch, too.
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -76,9 +76,24 @@ class Segments:
         return len(self.flight)
 
 
-def cut(flights: Sequence[FlightLog], dt: float) -> list[Segments]:
-    """Segments for steps of `dt` [s], one group for each number of drones in a flight."""
-    parts = [_cut_flight(i, flight, dt) for i, flight in enumerate(flights)]
+Stretches = Callable[[DroneLog], Sequence[tuple[float, float]]]
+"""Stretches [s] of a log that must not count, besides those after an unknown command."""
+
+
+def nowhere(log: DroneLog) -> Sequence[tuple[float, float]]:
+    """No stretch at all."""
+    return ()
+
+
+def cut(
+    flights: Sequence[FlightLog], dt: float, smooth: bool = False, ignored: Stretches = nowhere
+) -> list[Segments]:
+    """Segments for steps of `dt` [s], one group for each number of drones in a flight.
+
+    Commanded angles are held between rows, or joined by straight lines where they are `smooth`
+    because they were measured.
+    """
+    parts = [_cut_flight(i, flight, dt, smooth, ignored) for i, flight in enumerate(flights)]
     return [
         _joined([part for part in parts if part.pos.shape[2] == size])
         for size in sorted({part.pos.shape[2] for part in parts})
@@ -90,24 +105,26 @@ def _joined(parts: Sequence[Segments]) -> Segments:
     return Segments(**{n: np.concatenate([getattr(part, n) for part in parts]) for n in names})
 
 
-def _cut_flight(index: int, flight: FlightLog, dt: float) -> Segments:
+def _cut_flight(
+    index: int, flight: FlightLog, dt: float, smooth: bool, ignored: Stretches
+) -> Segments:
     zero = min(drone.t[0] for drone in flight.drones)
     seconds = max(drone.t[-1] for drone in flight.drones) - zero
     n_segments = max(1, math.ceil((seconds - WINDOW / 2) / (N_WINDOWS * WINDOW)))
     start = np.arange(n_segments) * N_WINDOWS * WINDOW - WINDOW
-    drones = [_Drone(drone, zero) for drone in flight.drones]
+    drones = [_Drone(drone, zero, smooth, ignored(drone)) for drone in flight.drones]
     edges = start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
     n_steps = round(WINDOW / dt)
     steps = start[:, None] + dt * (np.arange((N_WINDOWS + 1) * n_steps) + 0.5)
-    smooth = [drone.smoothed(edges) for drone in drones]
+    starts = [drone.smoothed(edges) for drone in drones]
     nodes = [drone.nodes(edges, dt) for drone in drones]
     return Segments(
         flight=np.full(n_segments, index),
         start=start,
-        pos=np.stack([s[0] for s in smooth], axis=2),
-        vel=np.stack([s[1] for s in smooth], axis=2),
-        quat=np.stack([s[2] for s in smooth], axis=2),
-        ang_vel=np.stack([s[3] for s in smooth], axis=2),
+        pos=np.stack([s[0] for s in starts], axis=2),
+        vel=np.stack([s[1] for s in starts], axis=2),
+        quat=np.stack([s[2] for s in starts], axis=2),
+        ang_vel=np.stack([s[3] for s in starts], axis=2),
         fresh=np.stack([drone.fresh(edges) for drone in drones], axis=2),
         doubtful=np.any([drone.doubtful(edges) for drone in drones], axis=0),
         cmd=np.stack([drone.command(steps) for drone in drones], axis=2),
@@ -120,19 +137,27 @@ def _cut_flight(index: int, flight: FlightLog, dt: float) -> Segments:
 class _Drone:
     """One drone's log with commands filled, time from the flight's start."""
 
-    def __init__(self, log: DroneLog, zero: float) -> None:
+    def __init__(
+        self, log: DroneLog, zero: float, smooth: bool, ignored: Sequence[tuple[float, float]]
+    ) -> None:
         if log.cmd is None:
             raise ValueError("The log has no commands.")
-        self.t = log.t - zero
+        self.t, self.smooth = log.t - zero, smooth
         self.rows = measured(log)
         self.cmd_t, self.cmd, unknown = filled(self.t, log.cmd)
+        shift = log.t[0] - zero
+        unknown = [*unknown, *((a + shift, b + shift) for a, b in ignored)]
         ends = [(begin, end, WINDOW * math.ceil(end / WINDOW - 1e-9)) for begin, end in unknown]
         self.unknown = [(-math.inf, 0.0, 0.0), *ends]
 
     def command(self, t: Float[np.ndarray, "segments steps"]) -> Float[np.ndarray, "..."]:
         """The command that is held at each time."""
         at = np.searchsorted(self.cmd_t, t + 1e-9, side="right") - 1
-        return self.cmd[np.clip(at, 0, None)]
+        held = self.cmd[np.clip(at, 0, None)]
+        if self.smooth:
+            angles = [np.interp(t, self.cmd_t, self.cmd[:, i]) for i in range(3)]
+            held = np.concatenate([np.stack(angles, axis=-1), held[..., 3:]], axis=-1)
+        return held
 
     def fresh(self, edges: Float[np.ndarray, "segments windows"]) -> Bool[np.ndarray, "..."]:
         """Windows at whose start the attitude is set to the measured one."""

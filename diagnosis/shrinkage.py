@@ -54,9 +54,7 @@ def left_out(problem: Problem, fit: Fit, flight: int) -> Float[np.ndarray, " par
     return vector
 
 
-def score(
-    problem: Problem, fit: Fit, scored: Likelihood, n_flights: int, lofo: bool
-) -> Drift:
+def score(problem: Problem, fit: Fit, scored: Likelihood, n_flights: int, lofo: bool) -> Drift:
     """Tracks of the flights in `scored`; leaving one out in turn where `lofo`."""
     nominal = problem.nominal()
     before = scored.tracks(nominal.vector)

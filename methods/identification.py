@@ -53,6 +53,8 @@ MOVING = 0.05
 """Speed from which a drone counts as flying [m/s]; a choice."""
 SETTLING = 0.1
 """Time after that which is left out, because the rotors spin up otherwise than they run [s]."""
+NO_CANDIDATES = ("gust",)
+"""What begins at a time of one flight is nothing to train for."""
 _HEIGHT = 1.2
 _RISE = ((2.0, 0.5), (3.0, -0.5), (4.0, -0.3), (4.7, 0.6), (5.6, -0.6), (6.4, 0.7), (7.6, -0.4))
 _STEPS_X = ((1.5, 0.8), (3.0, -0.8), (4.0, -0.6), (5.5, 1.0), (7.0, -0.8), (8.5, 0.6))
@@ -115,11 +117,9 @@ def identify(
     """
     flights = fly(nominal, reality)
     logs = [_log(nominal, flights, i, name) for i, name in enumerate(paths())]
-    likelihood = Likelihood(
-        make_replay(make_library(nominal), CONTROL_DT), cut(logs, CONTROL_DT), SIGMA
-    )
+    library = make_library(nominal, exclude=NO_CANDIDATES)
+    likelihood = Likelihood(make_replay(library, nominal.dt), cut(logs, nominal.dt), SIGMA)
     fit = choose(likelihood, len(logs), largest)
-    library = likelihood.replay.library
     found = {name: library.named(fit.vector, name) for name in sorted(fit.effects)}
     effects = tuple(library.effects[name](**values) for name, values in found.items())
     height = floor_height(with_effects(nominal, effects), flights)

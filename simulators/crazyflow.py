@@ -162,6 +162,9 @@ class Crazyflow(AbstractSimulator):
                 f"`duration` must be a positive multiple of {1 / self.freq:g} s, got {duration}."
             )
 
+        if n_steps == 1:
+            return self._physics_step(state, cmd)
+
         # Checkpointed per physics step as well: stacking the intermediates of ten steps costs more
         # than computing them again (0.094 s against 0.043 s an epoch at N = 3, equal at N = 12).
         @jax.checkpoint
@@ -193,7 +196,7 @@ class Crazyflow(AbstractSimulator):
     def flight(self, state: CrazyflowState) -> Flight:
         curve = _template(self.spec.name, self.freq).data.params.rpm2thrust
         flight = Flight(
-            t=state.steps / self.freq,
+            t=state.steps.astype(float) / self.freq,
             pos=state.pos,
             vel=state.vel,
             quat=state.quat,
@@ -269,7 +272,7 @@ class Crazyflow(AbstractSimulator):
     def _now(self, data: SimData) -> Flight:
         states = data.states
         return Flight(
-            t=data.core.steps[0, 0] / self.freq,
+            t=data.core.steps[0, 0].astype(float) / self.freq,
             pos=states.pos[0],
             vel=states.vel[0],
             quat=states.quat[0],

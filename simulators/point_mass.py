@@ -101,7 +101,9 @@ class PointMass(AbstractSimulator):
         repeats = math.ceil(CONTROL_DT / self.dt - 1e-9)
         h = CONTROL_DT / repeats
         memory, _ = chain.warm_up(self.effects, memory, flight, cmd_history, repeats, h)
-        steady = jnp.concatenate([rpy, flight.thrust[:, None]], axis=-1)
+        # What was measured includes the gain; the lags hold thrust before it.
+        _, vehicle = chain.plant(self.effects, memory, flight, self.spec.vehicle(drag=False), h)
+        steady = jnp.concatenate([rpy, flight.thrust[:, None] / vehicle.thrust_gain], axis=-1)
         return PointMassState(
             t=flight.t,
             pos=flight.pos,

@@ -50,6 +50,8 @@ class VehicleSpec(eqx.Module):
     """Smallest collective thrust while the rotors turn [N]."""
     thrust_max: float = eqx.field(static=True)
     """Largest collective thrust [N]."""
+    rpm2thrust: tuple[float, float, float] = eqx.field(static=True)
+    """Thrust of one rotor [N] as a polynomial of its speed in rev/min, constant term first."""
 
     def vehicle(self, drag: bool) -> Vehicle:
         """The nominal plant, with the airframe's linear drag or without any."""
@@ -72,6 +74,7 @@ VEHICLES = {
         drag=(0.021643637770852733, 0.021643637770852733, 0.02477138502714662),
         thrust_min=4 * 0.02136263065537499,
         thrust_max=0.8,
+        rpm2thrust=(0.0, -3.133427287299859e-07, 4.407354891648379e-10),
     ),
     "cf2x_L250": VehicleSpec(
         name="cf2x_L250",
@@ -80,6 +83,7 @@ VEHICLES = {
         drag=(0.014953790232821078, 0.014953790232821078, 0.013900090000325344),
         thrust_min=4 * 0.012817578393224994,
         thrust_max=0.48,
+        rpm2thrust=(0.0, -5.382196214637237e-07, 2.4582929831265485e-10),
     ),
 }
 """Airframes by the name of their crazyflow parameter set."""

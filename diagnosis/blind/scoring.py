@@ -17,6 +17,7 @@ import pandas as pd
 from scipy import stats
 
 from diagnosis.blind.cases import Case
+from diagnosis.blind.efficiency import Bounds, over_bound
 from diagnosis.blind.identifiable import compare
 
 FLAGGED = 0.1
@@ -24,6 +25,9 @@ FLAGGED = 0.1
 
 Answer = Mapping[str, Any]
 """Content of a `diagnosis.json`, schema 1; of it `verdict` and `effects` are required."""
+
+Measured = Mapping[str, Any]
+"""What `measures.measure` says of a case; without it, shrinks come from the answer's candidates."""
 
 Row = dict[str, Any]
 """One row of a table."""
@@ -61,28 +65,35 @@ def score(
     cases: Mapping[str, Case],
     answers: Mapping[str, Answer],
     decidable: Mapping[str, bool] | None = None,
+    measured: Mapping[str, Measured] | None = None,
 ) -> Scores:
     """All tables. A case that is not in `decidable` counts as decidable.
 
     Raises:
-        ValueError: An answer or a decidability belongs to no case.
+        ValueError: An answer, a decidability or a measure belongs to no case.
     """
-    for what, given in (("answers", answers), ("decidable", decidable or {})):
+    allowed = {"answers": answers, "decidable": decidable or {}, "measured": measured or {}}
+    for what, given in allowed.items():
         if strange := sorted(set(given) - set(cases)):
             raise ValueError(f"`{what}` names a case that has no label: {strange[0]}.")
+    own = {name: (measured or {}).get(name, {}) for name in cases}
     judged = [
-        _judge(case, answers.get(name), (decidable or {}).get(name, True))
+        _judge(case, answers.get(name), (decidable or {}).get(name, True), own[name])
         for name, case in cases.items()
     ]
-    parameters = [row for name, case in cases.items() for row in _compared(case, answers.get(name))]
+    parameters = [
+        row
+        for name, case in cases.items()
+        for row in _compared(case, answers.get(name), own[name].get("bound", {}))
+    ]
     stated = [row for name, case in cases.items() for row in _stated(case, answers.get(name))]
     singles = [row for row in judged if row["kind"] == "single"]
-    columns = ["case", "quantity", "error", "relative", "inside", "intervals"]
+    columns = ["case", "effect", "size", "quantity", "error", "relative", "over_bound", "inside"]
     return Scores(
         cases=pd.DataFrame(judged),
         proportions=_proportions(judged, parameters),
         by_effect=_by_effect(singles),
-        parameters=pd.DataFrame(parameters, columns=columns),
+        parameters=pd.DataFrame(parameters, columns=[*columns, "intervals"]),
         reliability=_reliability(stated),
         confusion=pd.crosstab(
             pd.Series([row["truth"] for row in singles], name="truth", dtype=object),
@@ -92,7 +103,7 @@ def score(
     )
 
 
-def _judge(case: Case, answer: Answer | None, decidable: bool) -> Row:
+def _judge(case: Case, answer: Answer | None, decidable: bool, measured: Measured) -> Row:
     truth = {effect.name for effect in case.effects}
     verdict = "failed" if answer is None else str(answer["verdict"])
     chosen = list(answer["effects"]) if answer is not None and verdict == "effect" else []
@@ -119,12 +130,12 @@ def _judge(case: Case, answer: Answer | None, decidable: bool) -> Row:
         "unexplained": verdict == "unexplained" or (not decidable and verdict == "none"),
         "abstained": abstained or (not decidable and verdict == "none"),
         "blamed": verdict == "effect" and not abstained,
-        **_shrink(answer or {}, truth),
+        **_shrink(answer or {}, truth, measured),
     }
 
 
-def _shrink(answer: Answer, truth: set[str]) -> dict[str, float | None]:
-    """Shrink of the answer, of the true set and of the best set without a true effect [%]."""
+def _shrink(answer: Answer, truth: set[str], measured: Measured) -> dict[str, float | None]:
+    """Shrink of the answer, of the true set and of the best without a true effect [%]."""
     by_set = {
         frozenset(candidate["effects"]): candidate["shrink_percent"]
         for candidate in answer.get("candidates", ())
@@ -133,12 +144,12 @@ def _shrink(answer: Answer, truth: set[str]) -> dict[str, float | None]:
     wrong = [percent for names, percent in by_set.items() if names and not names & truth]
     return {
         "shrink": (answer.get("shrink") or {}).get("percent"),
-        "shrink_oracle": by_set.get(frozenset(truth)),
-        "shrink_wrong": max(wrong, default=None),
+        "shrink_oracle": measured.get("shrink_oracle", by_set.get(frozenset(truth))),
+        "shrink_wrong": measured.get("shrink_wrong", max(wrong, default=None)),
     }
 
 
-def _compared(case: Case, answer: Answer | None) -> list[Row]:
+def _compared(case: Case, answer: Answer | None, bounds: Bounds) -> list[Row]:
     """Quantities of an answer that names exactly the true effects or partners of theirs."""
     rows: list[Row] = []
     if answer is None or answer["verdict"] != "effect" or case.kind not in ("single", "pair"):
@@ -153,7 +164,8 @@ def _compared(case: Case, answer: Answer | None) -> list[Row]:
                 if effect["name"] == truth.name and p in given and given[p]["low"] is not None
             ]
             for i, found in enumerate(compare(truth, effect["name"], values)):
-                own = {"case": case.id, **dataclasses.asdict(found)}
+                own = {"case": case.id, "effect": truth.name, "size": case.size}
+                own |= {**dataclasses.asdict(found), "over_bound": over_bound(truth, found, bounds)}
                 counts = {"inside": sum(inside), "intervals": len(inside)} if i == 0 else {}
                 rows.append({"inside": 0, "intervals": 0, **own, **counts})
     return rows
@@ -255,6 +267,7 @@ def _summary(
     judged: list[Row], parameters: list[Row], stated: list[tuple[float, bool]]
 ) -> dict[str, float | None]:
     errors = np.asarray([row["error"] for row in parameters if row["relative"]], float)
+    over = np.asarray([row["over_bound"] for row in parameters if row["relative"]], float)
     named = [row for row in judged if row["kind"] in ("single", "pair") and row["decidable"]]
     found, oracle, wrong = (
         np.asarray([row[column] for row in named], float)
@@ -265,6 +278,8 @@ def _summary(
     return {
         "median_parameter_error": _of(np.median, errors),
         "p90_parameter_error": _of(lambda x: np.quantile(x, 0.9), errors),
+        "rms_over_cramer_rao": _of(lambda x: np.sqrt(np.mean(x**2)), over),
+        "median_over_cramer_rao": _of(np.median, over),
         "median_shrink_over_oracle": _of(np.median, (found / oracle)[oracle > 0]),
         "median_shrink": _of(np.median, found[beside]),
         "median_shrink_of_best_wrong": _of(np.median, wrong[beside]),

@@ -1,11 +1,12 @@
-"""First-order lag of commanded roll and pitch, ahead of the simulator's own attitude loop.
+"""First-order lag of the commanded attitude, ahead of the simulator's own attitude loop.
 
-tau x' = u - x by backward Euler, h the step:
+tau x' = u - x, for steps of h:
 
-    x_k+1 = u + tau / (tau + h) (x_k - u),
+    x_k+1 = u + a (x_k - u),   a = t / (t + h),   t = tau (tau + h/2) / (tau + h)
 
-which is u exactly at tau = 0, with the derivative (x_k - u) / h there: unlike exp(-h / tau), whose
-derivatives all vanish at 0, so that a lag could not be told from none by its first derivative.
+At tau = 0 this is u exactly, with a slope: unlike the exact factor exp(-h / tau), whose derivatives
+all vanish at 0, so that a lag could not be told from none by its first derivative. From tau = 5 h
+on, a is exp(-h / tau) to 0.2 %.
 """
 
 from typing import ClassVar
@@ -17,12 +18,14 @@ from jaxtyping import Array, Float
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
+Memory = tuple[Float[Array, "drones 3"], Float[Array, ""]]
+
 
 class AttitudeLag(CommandEffect):
     """An autopilot that smooths its setpoints. Source: first-order model, a guess."""
 
     tau: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
-    """Time constant [s]."""
+    """Time constant of roll, pitch and yaw [s]."""
 
     parameters: ClassVar[dict[str, Parameter]] = {
         "tau": Parameter(unit="s", low=0.0, high=0.3, neutral=0.0, source="a guess")
@@ -32,16 +35,15 @@ class AttitudeLag(CommandEffect):
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
 
-    def init(self, n_drones: int, dt: float) -> Float[Array, "drones 2"]:
-        """Lagged roll and pitch [rad], level."""
-        return jnp.zeros((n_drones, 2))
+    def init(self, n_drones: int, dt: float) -> Memory:
+        """Lagged angles [rad], and whether there was a command yet: the first one is not lagged."""
+        return jnp.zeros((n_drones, 3)), jnp.asarray(0.0)
 
     def command(
-        self,
-        memory: Float[Array, "drones 2"],
-        flight: Flight,
-        cmd: Float[Array, "drones 4"],
-        dt: float,
-    ) -> tuple[Float[Array, "drones 2"], Float[Array, "drones 4"]]:
-        tilt = cmd[:, :2] + self.tau / (self.tau + dt) * (memory - cmd[:, :2])
-        return tilt, jnp.concatenate([tilt, cmd[:, 2:]], axis=-1)
+        self, memory: Memory, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
+    ) -> tuple[Memory, Float[Array, "drones 4"]]:
+        last, started = memory
+        last = jnp.where(started > 0, last, cmd[:, :3])
+        tau = self.tau * (self.tau + 0.5 * dt) / (self.tau + dt)
+        angles = cmd[:, :3] + tau / (tau + dt) * (last - cmd[:, :3])
+        return (angles, jnp.ones_like(started)), jnp.concatenate([angles, cmd[:, 3:]], axis=-1)

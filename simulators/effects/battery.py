@@ -24,7 +24,7 @@ class Battery(PlantEffect):
         "rate": Parameter(
             unit="1/s",
             low=0.0,
-            high=0.01,
+            high=0.05,
             neutral=0.0,
             source="0.3 to 0.5 V a minute of 3.8 V and thrust as voltage squared give 0.0026 to "
             "0.0044; the bound is a guess",

@@ -17,11 +17,11 @@ from simulators.rotation import body_z
 from simulators.vehicle import Vehicle
 
 ROTOR_RADIUS = 0.0231
-"""Radius of a Crazyflie's rotor [m]; source: arXiv 2103.02142."""
+"""Radius of a Crazyflie's rotor [m]; source: gym-pybullet-drones, arXiv 2103.02142."""
 
 
 class GroundEffect(WrenchEffect):
-    """Source: Cheeseman and Bennett (1955) to first order, coefficient as in arXiv 2103.02142."""
+    """Source: Cheeseman and Bennett (1955) to first order, with their 1 left free as `c`."""
 
     c: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
     """Strength [-]; 1 for a single rotor in theory."""
@@ -32,7 +32,7 @@ class GroundEffect(WrenchEffect):
             low=0.0,
             high=20.0,
             neutral=0.0,
-            source="published 4 to 16, 11.4 in arXiv 2103.02142",
+            source="published 4 to 16, 11.4 in gym-pybullet-drones (arXiv 2103.02142)",
         )
     }
     door: ClassVar[str] = "wrench"

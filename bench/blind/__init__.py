@@ -1,0 +1,1 @@
+"""`bench blind`: flights whose cause is withheld are made, diagnosed, scored and reported."""

@@ -1,0 +1,68 @@
+"""What simple baselines say of the same cases, calibrated on undisturbed flights.
+
+`python -m bench.blind.baselines` takes its settings as one JSON object and writes one file.
+"""
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bench.blind.children import Ended, Task, python, run_tasks
+from bench.blind.folders import Folders, write_json
+
+ALARMS = 0.02
+"""Share of undisturbed flight sets that a baseline may find something in: the aim that we have."""
+
+
+def answer_baselines(folders: Folders) -> dict[str, dict[str, Any]]:
+    """Answers by baseline and case, computed if they are not there yet.
+
+    Raises:
+        RuntimeError: The process that computes them failed.
+    """
+    path = folders.runs / "baselines.json"
+    if not path.is_file():
+        causes: list[str] = []
+        runs = folders.runs.resolve()
+
+        def make() -> Task:
+            settings = json.dumps({"out": str(folders.out.resolve())})
+            command = python("-m", "bench.blind.baselines", settings)
+            return Task("baselines", command, runs, runs / "logs" / "baselines")
+
+        def end(ended: Ended) -> None:
+            causes.append(ended.cause)
+
+        run_tasks([make], 1, end)
+        if causes[0]:
+            raise RuntimeError(f"the baselines failed, {causes[0]}")
+    return json.loads(path.read_text(encoding="utf-8"))["answers"]
+
+
+def _answers(folders: Folders) -> dict[str, Any]:
+    """Thresholds by baseline, and answers by baseline and case."""
+    from diagnosis.blind.baselines import BASELINES, answer, threshold
+    from diagnosis.blind.cases import read_labels
+    from diagnosis.logs import load_flights
+
+    reference = load_flights(folders.reference)
+    undisturbed = [load_flights(path) for path in sorted(folders.undisturbed.iterdir())]
+    cases = read_labels(folders.labels)
+    limits: dict[str, float] = {}
+    answers: dict[str, Mapping[str, Any]] = {}
+    for name, find in BASELINES.items():
+        limits[name] = threshold([find(f, reference).strength for f in undisturbed], ALARMS)
+        answers[name] = {
+            case.id: answer(
+                find(load_flights(folders.cases / case.id), reference), limits[name], case.seconds
+            )
+            for case in cases.values()
+        }
+    return {"thresholds": limits, "answers": answers}
+
+
+if __name__ == "__main__":
+    place = Folders(Path(json.loads(sys.argv[1])["out"]))
+    write_json(place.runs / "baselines.json", _answers(place))

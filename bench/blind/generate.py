@@ -1,0 +1,70 @@
+"""Draws and flies the cases of a blind run, in a process of its own that leaves nothing behind.
+
+`python -m bench.blind.generate` takes its settings as one JSON object.
+"""
+
+import dataclasses
+import datetime
+import json
+import secrets
+import sys
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from bench.blind.folders import Folders, write_json
+from diagnosis.blind.cases import draw_cases, fly_case, make_case, write_cases, write_flights
+
+PACKAGES = ("fidelity-bench", "crazyflow", "rotorpy", "jax", "numpy", "scipy")
+"""Packages whose versions are written down."""
+
+
+def generate(
+    folders: Folders, reality: str, counts: Mapping[str, int], seed: int | None, undisturbed: int
+) -> None:
+    """Writes cases, labels and undisturbed flight sets, and `run.json` last.
+
+    Args:
+        folders: Where to; nothing may be there yet.
+        reality: Where cases are flown.
+        counts: Number of cases by kind.
+        seed: Seed of everything but the labels' salt; from the operating system if None.
+        undisturbed: Number of flight sets on which baselines are calibrated.
+    """
+    entropy = secrets.randbits(128) if seed is None else seed
+    rng = np.random.default_rng([entropy, 1])
+    for i in range(undisturbed + 1):
+        case = make_case("clean", (), rng, reality=reality)
+        flown = fly_case(dataclasses.replace(case, drones=1))
+        folder = folders.undisturbed / str(i) if i else folders.reference
+        write_flights(folder, [one.logged for one in flown])
+        if not i:
+            # The same without noise, for what needs the labels anyway.
+            write_flights(folders.labels.parent / "reference", [one.true for one in flown])
+    cases = draw_cases(counts, reality, entropy)
+    sha256 = write_cases(folders.cases, folders.labels.parent, cases)
+    write_json(
+        folders.state,
+        {
+            "reality": reality,
+            "counts": dict(counts),
+            "seed": seed,
+            "sha256": sha256,
+            "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "versions": {name: _version(name) for name in PACKAGES},
+        },
+    )
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+if __name__ == "__main__":
+    settings = json.loads(sys.argv[1])
+    generate(Folders(Path(settings.pop("out"))), **settings)

@@ -1,0 +1,75 @@
+"""Traced programs kept on disk, beside XLA's own cache of compiled ones.
+
+Tracing the whole library in forward mode takes longer than flying a minute of logs through it. A
+program is kept under the hash of everything that goes into it: the source of every module that the
+simulator and its effects come from, the versions of JAX and crazyflow, shapes and constants. It is
+kept only where `JAX_COMPILATION_CACHE_DIR` names a folder; a file that cannot be read is traced
+anew.
+"""
+
+import hashlib
+import importlib.metadata
+import inspect
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+from jax import export
+
+from diagnosis.library import Library
+
+
+def cached(name: str, trace: Callable, library: Library, settings: str, args: tuple) -> Callable:
+    """`trace` compiled for `args`, from disk where it was traced before."""
+    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    if not folder:
+        return jax.jit(trace)
+    path = Path(folder) / f"{name}-{_key(library, settings, args)}.stablehlo"
+    try:
+        return jax.jit(export.deserialize(bytearray(path.read_bytes())).call)
+    except Exception:
+        # Missing, cut off or of another version: the folder is a cache and may hold anything.
+        exported = export.export(jax.jit(trace))(*args)
+    _keep(path, bytes(exported.serialize()))
+    return jax.jit(exported.call)
+
+
+def _keep(path: Path, content: bytes) -> None:
+    """Written beside and renamed; a folder that cannot be written to is no cache."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(content)
+        Path(file.name).replace(path)
+    except OSError:
+        return
+
+
+def _key(library: Library, settings: str, args: tuple) -> str:
+    digest = hashlib.sha256()
+    shapes = jax.tree.map(lambda x: (x.shape, str(x.dtype)), args)
+    versions = [f"{p}={importlib.metadata.version(p)}" for p in ("jax", "crazyflow", "equinox")]
+    for text in (settings, repr(shapes), repr(versions), jax.default_backend(), _shown(library)):
+        digest.update(text.encode())
+    for module in _modules(library):
+        digest.update(inspect.getsource(module).encode())
+    return digest.hexdigest()[:32]
+
+
+def _shown(library: Library) -> str:
+    """The library's constants as text."""
+    leaves, structure = jax.tree.flatten(library)
+    return repr(([str(leaf) for leaf in leaves], structure, library.slots))
+
+
+def _modules(library: Library) -> list[Any]:
+    """Every module of the simulators and of the effects, sorted by name."""
+    packages = {kind.__module__.split(".")[0] for kind in library.effects.values()}
+    packages |= {"simulators", type(library.simulator).__module__.split(".")[0]}
+    found = [m for n, m in sys.modules.items() if m and n.split(".")[0] in packages]
+    found.append(sys.modules["diagnosis.replay"])
+    return sorted((m for m in found if getattr(m, "__file__", None)), key=lambda m: m.__name__)

@@ -1,0 +1,311 @@
+"""A blind run end to end with a stub in the place of `bench diagnose`, and what may go wrong."""
+
+import json
+import os
+import shutil
+import sys
+
+import pandas as pd
+import pytest
+
+from bench.blind import command as blind
+from bench.blind.answering import STATUS, answer_all, missing, read_answers
+from bench.blind.children import scrubbed
+from bench.blind.failures import failed
+from bench.blind.folders import DEFAULT_COUNTS, Folders, scaled_counts, write_json
+from bench.blind.report import write_report
+from bench.blind.tables import OURS, Tables, make_tables
+from bench.cli import main
+from bench.errors import UsageError
+from diagnosis.blind.cases import Case, read_labels, write_labels
+from diagnosis.blind.catalogue import Withheld
+
+STUB = """
+import json, os, pathlib, sys
+flights, out = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
+what = (flights / "flights" / "what").read_text()
+if what == "crash":
+    sys.exit("no such luck")
+if what == "hang":
+    import time; time.sleep(60)
+out.mkdir()
+effects = [] if what == "none" else [
+    {"name": what, "probability": 0.9, "aliases": [], "parameters": {
+        "e": {"value": 0.1, "low": 0.08, "high": 0.13, "unit": "-"}}}]
+seen = {"argv": sys.argv[1:], "cwd": os.listdir("."), "environment": sorted(os.environ),
+        "beside": sorted(p.name for p in flights.parent.iterdir())}
+content = {"schema": 1, "verdict": "effect" if effects else "none", "effects": effects,
+           "candidates": [], "shrink": {"percent": 50.0}, "unexplained_share": 0.0, "seen": seen}
+(out / "diagnosis.json").write_text(json.dumps(content) if what != "half" else '{"schema": 1, ')
+"""
+
+
+def case(number, kind, *effects):
+    return Case(f"{number:016x}", kind, effects, "small" if effects else "", seed=number)
+
+
+MASS = case(1, "single", Withheld("mass", {"e": 0.12}))
+GAIN = case(2, "excluded", Withheld("thrust_gain", {"e": -0.1}))
+CLEAN = case(3, "clean")
+
+
+@pytest.fixture
+def stub(tmp_path):
+    path = tmp_path / "stub.py"
+    path.write_text(STUB)
+    return [sys.executable, str(path)]
+
+
+def made(out, *cases):
+    """Folders of cases as if they had been flown; each with what the stub shall say of it."""
+    folders = Folders(out)
+    for one, what in cases:
+        place = folders.cases / one.id / "flights"
+        place.mkdir(parents=True)
+        (place / "what").write_text(what)
+    sha256 = write_labels(folders.labels, [one for one, _ in cases])
+    counts = {"single": 1, "pair": 0, "clean": 1, "unknown": 0, "excluded": 1}
+    versions = {"fidelity-bench": "0"}
+    write_json(
+        folders.state,
+        {
+            "reality": "crazyflow",
+            "counts": counts,
+            "seed": 5,
+            "sha256": sha256,
+            "started": "2026-01-01",
+            "versions": versions,
+        },
+    )
+    return folders
+
+
+def answered(folders, stub, timeout=20.0):
+    """Statuses by case after answering what is missing."""
+    cases = read_labels(folders.labels)
+    found = {}
+    answer_all(
+        folders,
+        missing(folders, cases),
+        2,
+        lambda one, status: found.update({one.id: status}),
+        command=stub,
+        timeout=timeout,
+    )
+    return found
+
+
+def measured(*_):
+    return {"decidable": True, "shrink_oracle": 80.0, "bound": {"mass": {"e": 0.005}}}
+
+
+@pytest.fixture
+def no_measuring(monkeypatch):
+    """Measures and baselines without flights."""
+
+    def measure_all(folders, cases, jobs, on_done):
+        for one in cases:
+            write_json(folders.measures / f"{one.id}.json", measured())
+
+    monkeypatch.setattr(blind, "measure_all", measure_all)
+    monkeypatch.setattr(blind, "answer_baselines", lambda folders: {})
+
+
+def test_counts_keep_proportions_and_every_kind():
+    assert scaled_counts(None) == DEFAULT_COUNTS
+    assert scaled_counts(sum(DEFAULT_COUNTS.values())) == DEFAULT_COUNTS
+    for total in (5, 6, 40, 107, 640):
+        counts = scaled_counts(total)
+        assert sum(counts.values()) == total
+        assert min(counts.values()) >= 1
+    assert scaled_counts(107)["single"] == 42
+    with pytest.raises(UsageError, match=r"`--cases` must be at least 5.*got 4"):
+        scaled_counts(4)
+
+
+def test_a_diagnosis_sees_its_flights_and_nothing_else(tmp_path, monkeypatch, stub):
+    monkeypatch.setenv("BLIND_LABELS", str(tmp_path / "secret"))
+    folders = made(tmp_path / "out", (GAIN, "none"))
+    answered(folders, stub)
+    seen = read_answers(folders, {GAIN.id: GAIN})[0][GAIN.id]["seen"]
+    assert seen["cwd"] == []
+    assert set(seen["beside"]) == {GAIN.id, "empty", "log", "answer"}
+    assert not any(str(tmp_path / "out") in argument for argument in seen["argv"])
+    assert seen["argv"][-2:] == ["--exclude", "thrust_gain"]
+    assert "BLIND_LABELS" not in seen["environment"]
+    assert "BLIND_LABELS" not in scrubbed()
+    assert "--xla_cpu_multi_thread_eigen=false" in scrubbed()["XLA_FLAGS"]
+
+
+@pytest.mark.parametrize(
+    ("what", "cause"),
+    [
+        ("crash", "exit status 1: no such luck"),
+        ("half", "diagnosis.json cannot be read"),
+        ("hang", "took longer than 1 s"),
+    ],
+)
+def test_a_failing_diagnosis_is_counted_and_kept(tmp_path, stub, what, cause):
+    folders = made(tmp_path / "out", (MASS, what), (CLEAN, "none"))
+    statuses = answered(folders, stub, timeout=1.0 if what == "hang" else 20.0)
+    assert statuses[MASS.id]["status"] == "failed"
+    assert cause in statuses[MASS.id]["cause"]
+    assert statuses[CLEAN.id]["status"] == "ok"
+    assert missing(folders, read_labels(folders.labels)) == []
+
+
+def test_resuming_redoes_what_is_half_written_and_nothing_else(tmp_path, stub):
+    folders = made(tmp_path / "out", (MASS, "mass"), (GAIN, "mass"), (CLEAN, "none"))
+    assert set(answered(folders, stub)) == {MASS.id, GAIN.id, CLEAN.id}
+    assert answered(folders, stub) == {}
+    (folders.answers / GAIN.id / STATUS).unlink()  # killed before the answer was whole
+    shutil.rmtree(folders.answers / CLEAN.id)
+    (folders.answers / f".{CLEAN.id}.part").mkdir()
+    assert set(answered(folders, stub)) == {GAIN.id, CLEAN.id}
+    assert sorted(os.listdir(folders.answers)) == [MASS.id, GAIN.id, CLEAN.id]
+
+
+def test_a_run_prints_the_hash_scores_and_reports(tmp_path, stub, no_measuring, capsys):
+    out = tmp_path / "out"
+    folders = made(out, (MASS, "mass"), (GAIN, "mass"), (CLEAN, "none"))
+    assert blind.run_blind(None, "crazyflow", out, None, 1, stub) == 0
+    printed = capsys.readouterr().out
+    sha256 = folders.read_state()["sha256"]
+    assert printed.index(sha256) < printed.index(MASS.id)
+    table = Tables.load(out).cases.set_index("case")
+    assert table.loc[MASS.id, "exact"]
+    assert not table.loc[GAIN.id, "abstained"]
+    text = (out / "blind.md").read_text()
+    assert sha256 in text
+    assert f"#### {GAIN.id}" in text
+    assert f"#### {MASS.id}" not in text
+    assert "data:image/png" in (out / "blind.html").read_text()
+    assert (out / "labels.json").read_bytes() == folders.labels.read_bytes()
+
+
+def test_a_run_with_a_failed_diagnosis_says_so(tmp_path, stub, no_measuring, capsys):
+    out = tmp_path / "out"
+    made(out, (MASS, "crash"), (CLEAN, "none"))
+    assert blind.run_blind(None, "crazyflow", out, None, 1, stub) == 1
+    assert "1 of 2 diagnoses failed" in capsys.readouterr().out
+    assert "exit status 1: no such luck" in (out / "blind.md").read_text()
+
+
+def test_tampered_labels_are_noticed_before(tmp_path, stub, no_measuring, capsys):
+    out = tmp_path / "out"
+    folders = made(out, (MASS, "drag"))
+    folders.labels.write_text(folders.labels.read_text().replace('"mass"', '"drag"'))
+    assert blind.run_blind(None, "crazyflow", out, None, 1, stub) == 1
+    assert "has changed" in capsys.readouterr().out
+    assert not folders.answers.exists()
+
+
+def test_labels_that_change_meanwhile_are_noticed_after(
+    tmp_path, stub, no_measuring, monkeypatch, capsys
+):
+    out = tmp_path / "out"
+    folders = made(out, (MASS, "drag"))
+    answer = blind.answer_all
+
+    def tamper(*arguments, **settings):
+        answer(*arguments, **settings)
+        folders.labels.write_text(folders.labels.read_text().replace('"mass"', '"drag"'))
+
+    monkeypatch.setattr(blind, "answer_all", tamper)
+    assert blind.run_blind(None, "crazyflow", out, None, 1, stub) == 1
+    assert "Nothing is scored" in capsys.readouterr().out.replace("\n", " ")
+    assert not (out / "cases.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--cases", "2"], "`--cases` must be at least 5"),
+        (["--reality", "mars"], "`--reality` must be one of crazyflow, rotorpy, got 'mars'."),
+        (["--jobs", "0"], "`--jobs` must be at least 1, got 0."),
+        (["--seed", "-1"], "`--seed` must be at least 0, got -1."),
+        (["--report"], "is missing; `bench blind` writes it"),
+    ],
+)
+def test_a_wrong_request_gets_one_line(tmp_path, capsys, arguments, message):
+    assert main(["blind", "--out", str(tmp_path / "out"), *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_run_in_the_same_folder_is_refused(tmp_path, capsys):
+    made(tmp_path, (MASS, "mass"))
+    for arguments, message in (
+        (["--cases", "40"], "holds 3 cases, not 40"),
+        (["--reality", "rotorpy"], "holds cases of reality crazyflow, not rotorpy"),
+        (["--seed", "6"], "was not drawn with seed 6"),
+    ):
+        assert main(["blind", "--out", str(tmp_path), *arguments]) == 2
+        assert message in capsys.readouterr().err
+
+
+def tables(answers, statuses=None):
+    cases = {one.id: one for one in (MASS, GAIN, CLEAN)}
+    ok = {"status": "ok", "cause": "", "seconds": 1.0, "sources": "a" * 64}
+    run = {
+        "reality": "crazyflow",
+        "counts": {"single": 1},
+        "seed": None,
+        "sha256": "b" * 64,
+        "started": "",
+        "versions": {},
+    }
+    return make_tables(
+        cases,
+        answers,
+        {name: (statuses or {}).get(name, ok) for name in cases},
+        {MASS.id: measured()},
+        {"stlsq": {MASS.id: {"verdict": "none", "effects": []}}},
+        run,
+    )
+
+
+def answer(*names, e=0.125):
+    interval = {"value": e, "low": e - 0.01, "high": e + 0.01, "unit": "-"}
+    effects = [
+        {"name": n, "probability": 0.9, "aliases": [], "parameters": {"e": interval}} for n in names
+    ]
+    return {"verdict": "effect" if effects else "none", "effects": effects}
+
+
+def test_tables_survive_the_disk_and_compare_with_baselines(tmp_path):
+    given = tables({MASS.id: answer("mass"), GAIN.id: answer(), CLEAN.id: answer()})
+    given.save(tmp_path)
+    again = Tables.load(tmp_path)
+    for name in ("cases", "parameters", "proportions", "confusion"):
+        pd.testing.assert_frame_equal(getattr(again, name), getattr(given, name), check_dtype=False)
+    top1 = again.proportions.query("score == 'top-1 of singles' and cases == 'all'")
+    assert dict(zip(top1["who"], top1["value"], strict=True)) == {OURS: 1.0, "stlsq": 0.0}
+    # e is off by 0.005, its bound, and thrust over mass is off as much as its own.
+    assert again.parameters["over_bound"].iloc[0] == pytest.approx(1.0, rel=0.02)
+
+
+def test_remarks_stand_at_their_failure_and_other_notes_at_the_end(tmp_path):
+    given = tables({MASS.id: answer("mass"), GAIN.id: answer("mass"), CLEAN.id: answer()})
+    notes = tmp_path / "notes.md"
+    notes.write_text(f"### {GAIN.id}\n\nNames the partner.\n\n## Why\n\nBecause.\n")
+    text = write_report([given], tmp_path / "blind.md", notes).read_text()
+    place = text.index(f"#### {GAIN.id}")
+    assert place < text.index("Remark: Names the partner.") < text.index("## Why")
+    assert text.rstrip().endswith("Because.")
+
+
+def test_every_wrong_kind_of_answer_is_a_failure():
+    given = tables({MASS.id: answer("drag"), GAIN.id: answer("mass"), CLEAN.id: answer("mass")})
+    assert all(failed(row) for row in given.cases.to_dict("records"))
+    status = {"status": "failed", "cause": "lost", "seconds": 1.0, "sources": "a" * 64}
+    given = tables({GAIN.id: answer(), CLEAN.id: answer()}, {MASS.id: status})
+    assert [failed(row) for row in given.cases.to_dict("records")] == [True, True, False]
+
+
+def test_labels_hold_what_was_withheld(tmp_path):
+    folders = made(tmp_path, (MASS, "mass"))
+    assert read_labels(folders.labels)[MASS.id].effects == MASS.effects
+    assert len(json.loads(folders.labels.read_text())["salt"]) == 64

@@ -1,0 +1,149 @@
+"""Decidability on a linear toy whose chi-squares are known, and the bound against closed forms."""
+
+import types
+
+import numpy as np
+import pytest
+
+from diagnosis import decidable
+from diagnosis.blind.catalogue import Withheld
+from diagnosis.blind.efficiency import over_bound
+from diagnosis.blind.identifiable import compare
+from diagnosis.decidable import contains, cramer_rao, decidability, rivals, truth_fit, unexplained
+from diagnosis.likelihood import Normal
+from diagnosis.search import Problem
+
+NAMES = ("drag", "mass", "trim", "wind")
+
+
+class Library:
+    """Four effects of one parameter each."""
+
+    effects = dict.fromkeys(NAMES)
+    slots = tuple(
+        types.SimpleNamespace(effect=n, parameter="p", neutral=0.0, low=-100.0, high=100.0)
+        for n in NAMES
+    )
+    neutral, low, high = np.zeros(4), np.full(4, -100.0), np.full(4, 100.0)
+
+    def indices(self, effect):
+        return [NAMES.index(effect)]
+
+
+class Linear:
+    """Measurements y = J theta, noise one: chi-square of theta is |y - J theta|^2."""
+
+    def __init__(self, columns, truth):
+        self.J = np.asarray(columns, float).T
+        self.y = self.J @ truth
+        self.replay = types.SimpleNamespace(library=Library())
+
+    def normal(self, vector):
+        J, r = self.J, self.y - self.J @ vector
+        one = np.zeros(1)
+        return Normal(
+            vector=np.array(vector),
+            H=(J.T @ J)[None],
+            g=(J.T @ r)[None],
+            c=np.asarray([r @ r]),
+            dof=np.asarray([float(len(r))]),
+            flight=one.astype(int),
+            t=one,
+            kind=np.zeros((1, 9)),
+            doubtful=one.astype(bool),
+        )
+
+
+def problem(angle, size=100.0, hidden=0.0):
+    """Drag is true; mass has a signature at `angle` to drag's, the others are orthogonal."""
+    columns = [
+        [1.0, 0.0, 0.0, 0.0, 0.0],
+        [np.cos(angle), np.sin(angle), 0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0, 0.0],
+    ]
+    linear = Linear(columns, np.asarray([size, 0.0, 0.0, 0.0]))
+    linear.y = linear.y + np.asarray([0.0, 0.0, 0.0, 0.0, hidden])
+    return Problem(linear)
+
+
+@pytest.mark.parametrize("angle", [0.03, 0.06, 0.3])
+def test_the_margin_is_the_squared_distance_to_the_nearest_rival(angle):
+    found = decidability(problem(angle, 99.0), {"drag": {"p": 99.0}})
+    expected = (99.0 * np.sin(angle)) ** 2
+    assert found.rival == ("mass",)
+    assert found.margin == pytest.approx(expected, rel=1e-3)
+    assert found.decidable == (expected >= decidable.DECIDABLE)
+    assert found.gap == pytest.approx(99.0**2)
+    assert found.left == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_small_effect_is_undecidable_from_nominal():
+    found = decidability(problem(1.2, size=3.0), {"drag": {"p": 3.0}})
+    assert not found.decidable
+    assert found.margin <= 9.0
+
+
+def test_pairs_compete_with_their_parts_and_with_other_pairs():
+    linear = problem(0.5)
+    linear.likelihood.y = linear.likelihood.J @ np.asarray([50.0, 0.0, 4.0, 0.0])
+    found = decidability(linear, {"drag": {"p": 50.0}, "trim": {"p": 4.0}})
+    assert not found.decidable
+    assert found.margin == pytest.approx(16.0, rel=1e-3)
+    assert "trim" not in found.rival
+
+
+def test_supersets_and_special_cases_are_no_rivals():
+    names = ("drag", "gust", "wind")
+    assert list(rivals(frozenset({"wind"}), names)) == [frozenset({"drag"})]
+    assert frozenset({"wind"}) in list(rivals(frozenset({"gust"}), names))
+    assert not any(contains(r, frozenset({"drag"})) for r in rivals(frozenset({"drag"}), names))
+    pairs = list(rivals(frozenset({"drag", "wind"}), names))
+    assert frozenset({"drag", "gust"}) not in pairs
+    assert frozenset({"drag"}) in pairs
+
+
+def test_what_no_allowed_effect_explains_is_decidable():
+    found = unexplained(problem(0.5, hidden=30.0), NAMES, left=0.0)
+    assert found.decidable
+    assert found.margin == pytest.approx(900.0, rel=1e-3)
+    assert not unexplained(problem(0.5, hidden=4.0), NAMES, left=0.0).decidable
+    # Without the true effect, and with the one at an angle to it.
+    found = unexplained(problem(0.5, 99.0), ("mass", "trim"), left=0.0)
+    assert found.margin == pytest.approx((99.0 * np.sin(0.5)) ** 2, rel=1e-3)
+
+
+def test_the_bound_of_two_correlated_parameters_is_the_inverse_of_their_normal_equations():
+    linear = problem(0.4)
+    fit = truth_fit(linear, {"drag": {"p": 100.0}, "mass": {"p": 0.0}})
+    # Unit signatures at an angle: variance 1 / sin^2.
+    assert cramer_rao(linear, fit)["drag"]["p"] == pytest.approx(1.0 / np.sin(0.4))
+    alone = truth_fit(linear, {"drag": {"p": 100.0}})
+    assert cramer_rao(linear, alone)["drag"]["p"] == pytest.approx(1.0)
+
+
+def test_a_true_effect_outside_the_library_is_an_error():
+    with pytest.raises(ValueError, match=r"`truth` must name effects of the library.*'gale'"):
+        truth_fit(problem(0.5), {"gale": {"p": 1.0}})
+
+
+@pytest.mark.parametrize(
+    ("truth", "name", "values", "bounds", "expected"),
+    [
+        (Withheld("drag", {"c": 0.4}), "drag", {"c": 0.43}, {"drag": {"c": 0.01}}, 3.0),
+        (Withheld("gust", {"onset": 3.0}), "gust", {"onset": 3.2}, {"gust": {"onset": 0.1}}, 2.0),
+        (
+            Withheld("wind", {"x": 0.3, "y": 0.4}),
+            "wind",
+            {"x": 0.33, "y": 0.44},
+            {"wind": {"x": 0.03, "y": 0.04}},
+            1.0,
+        ),
+        (Withheld("motor_lag", {"scale": 1.5}), "motor_lag", {"scale": 1.6}, {}, None),
+        # A small e: thrust over mass is off by as much as e.
+        (Withheld("mass", {"e": 1e-4}), "mass", {"e": 3e-4}, {"mass": {"e": 1e-4}}, 2.0),
+    ],
+)
+def test_errors_are_counted_in_bounds(truth, name, values, bounds, expected):
+    (found,) = compare(truth, name, values)
+    assert over_bound(truth, found, bounds) == (expected and pytest.approx(expected, rel=1e-3))
