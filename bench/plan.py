@@ -219,7 +219,7 @@ def _residual(row: Row, method_class: type) -> str:
         raise PlanError(
             f"Method '{row.method}' needs a `residual`: {', '.join(registry.names('residual'))}."
         )
-    return row.residual or field.default or ""
+    return row.residual or str(field.default or "")
 
 
 def _version(plugin: str, cls: type) -> str:

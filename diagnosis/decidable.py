@@ -74,7 +74,10 @@ def truth_fit(problem: Problem, truth: Parameters) -> Fit:
             vector[i] = values.get(parameter, vector[i]) + problem.origin[i]
     effects = Set(truth)
     problem.starts[effects] = vector
-    return problem.refit(effects, problem.nominal())
+    # Nominal has shifted what it shares with the reference towards the effect; the truth has not.
+    nothing = np.zeros_like(vector)
+    near = dataclasses.replace(problem.nominal(), shared=nothing, penalty=0.0)
+    return problem.refit(effects, near)
 
 
 def decidability(problem: Problem, truth: Parameters) -> Decidability:

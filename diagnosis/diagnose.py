@@ -200,7 +200,7 @@ def attribute(
     progress("weighing windows after gaps", 0.5)
     if likelihood.distrust(best.vector, DISTRUST):
         problem.renew()
-        best = problem.refit(best.effects, problem.nominal())
+        best = problem.refit(best.effects, problem.anchor())
     problem.phi = max(floor, dispersion(best.normal, n_flights))
     progress("comparing sets of effects", 0.6)
     fits = problem.search()
@@ -210,7 +210,7 @@ def attribute(
 
 def _content(flights: FlightSet, simulator: str, study: Study) -> dict[str, Any]:
     problem, verdict, logs = study.problem, study.verdict, study.inputs.flights
-    where = gap.where(study.every.tracks(problem.nominal().vector), study.every.sigma)
+    where = gap.where(study.every.tracks(problem.base), study.every.sigma)
     found = verdict.chosen.fit
     reported = sorted(found.effects) if verdict.kind == "effect" else []
     seen = limits(problem, found)
@@ -266,7 +266,7 @@ def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:
 
 def _candidates(problem: Problem, verdict: Verdict) -> list[dict[str, Any]]:
     nominal = problem.nominal()
-    before = _drift(problem, nominal.vector)
+    before = _drift(problem, problem.base)
     return [
         {
             "effects": sorted(ranked.effects),
@@ -320,7 +320,7 @@ def _details(study: Study, seen: Sequence[tuple[int, float]]) -> dict[str, Any]:
     return {
         "flights_seconds": {f.name: float(f.seconds) for f in logs},
         "before_after": _along(study.drift, logs),
-        "gap_in_time": gap.in_time(every.tracks(problem.nominal().vector), every.sigma),
+        "gap_in_time": gap.in_time(every.tracks(problem.base), every.sigma),
         "chi2_per_dof": {
             "before": nominal.chi2 / float(nominal.dof.sum()),
             "after": chosen.chi2 / float(chosen.dof.sum()),

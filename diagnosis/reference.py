@@ -1,7 +1,7 @@
 r"""What separates the nominal simulator from reference flights, as knowledge for the next set.
 
 The whole library is fitted to the reference flights with a Gaussian prior on every parameter
-(a tenth of its allowed range), so that what these flights cannot tell stays near neutral. Three
+(a thirtieth of its allowed range), so that what these flights cannot tell stays near neutral. Three
 things carry over to the target flights: the vector itself, its precision, and the noise, which is
 enlarged per channel until the reference flights agree with their own fit. What no effect explains
 on both sets is thereby noise and not a finding.
@@ -18,9 +18,10 @@ from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.search import Problem, dispersion
 from diagnosis.verdict import structure
 
-UNSHARED = ("gust", "attitude_loop")
-"""Effects that are not fitted to the reference: their slopes at neutral say nothing."""
-PRIOR = 0.1
+UNSHARED = ("gust", "attitude_loop", "mass", "quadratic_drag")
+"""Effects that are not fitted to the reference: the slopes of two say nothing at neutral, the other
+two would run against their aliases thrust_gain and drag, which stand for them."""
+PRIOR = 0.03
 """Standard deviation of the prior over the allowed range; a choice."""
 STEPS = 6
 """Gauss-Newton steps."""
@@ -65,6 +66,9 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     vector = _descended(likelihood, library, vector)
     normal = likelihood.normal(vector)
     per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / 9.0)
+    # A channel that these flights hardly excited would be believed too much: both horizontal
+    # directions, and roll and pitch, take the larger of their two.
+    per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])
     sigma = sigma * np.sqrt(np.maximum(per_channel, 1.0))
     likelihood.sigma = sigma
     normal = likelihood.normal(vector)

@@ -34,10 +34,14 @@ START = {
     "gust": {"onset": 0.0},
 }
 """Where a fit starts whose slope at neutral vanishes; gust's onset is found by scanning."""
+QUIET = 3
+"""Windows before the earliest onset: a gust that blows from the start is a wind."""
 REFITS = 4
 """Most sets of one size that are refitted."""
 NEAR = 0.85
 """Share of the best linear gain from which a set is worth refitting."""
+PARTS = (1.0, 0.5, 0.2, 0.05)
+"""Parts of a Gauss-Newton step that are tried until one is better."""
 STEPS = 8
 """Most Gauss-Newton steps of a refit."""
 WORTH = 3.0
@@ -80,31 +84,34 @@ class Problem:
         self.base = self.library.neutral if base is None else base
         neutral = self.library.neutral
         self.origin = np.where(np.isfinite(neutral), self.base - neutral, 0.0)
+        self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
         self.fits: dict[Set, Fit] = {}
-        self.starts: dict[Set, np.ndarray] = {}
+        self.known: dict[Set, Fit] = {}
 
     def renew(self) -> None:
         """Forgets all fits but where they ended: the trusted windows have changed."""
-        self.starts = {effects: fit.vector for effects, fit in self.fits.items()}
-        self.fits = {}
+        self.known, self.fits = self.fits, {}
 
     def free(self, effects: Iterable[str]) -> list[int]:
         """Entries of the vector that a set sets free."""
         return [i for name in sorted(effects) for i in self.library.indices(name)]
 
+    def anchor(self) -> Fit:
+        """The base vector as it is, from which candidates are screened."""
+        zero = np.zeros(len(self.base))
+        return Fit(Set(), self.base, self.likelihood.normal(self.base), zero, 0.0)
+
     def nominal(self) -> Fit:
-        """The fit without any effect."""
+        """The fit without any effect: the anchor, but for a shared shift."""
         if Set() not in self.fits:
-            zero = np.zeros(len(self.base))
-            nothing = Fit(Set(), self.base, self.likelihood.normal(self.base), zero, 0.0)
-            self.fits[Set()] = self._descended(nothing, [])
+            self.fits[Set()] = self._descended(self.anchor(), [])
         return self.fits[Set()]
 
     def refit(self, effects: Set, near: Fit) -> Fit:
         """The set at its most likely parameters, started from what `near` promises."""
         if effects not in self.fits:
-            known = self.starts.get(effects)
-            starts = self._starts(effects, near) if known is None else [known]
+            near = self.known.get(effects, near)
+            starts = [near.vector] if near.effects == effects else self._starts(effects, near)
             fits = [
                 Fit(effects, start, self.likelihood.normal(start), near.shared, near.penalty)
                 for start in starts
@@ -148,7 +155,7 @@ class Problem:
     def onset(self, near: Fit, effects: Set) -> float:
         """The time [s] at which a gust would begin to explain most."""
         free = self.free(effects)
-        times = np.unique(near.normal.t)
+        times = np.unique(near.normal.t)[QUIET:]
         gust = self.library.indices("gust")
         gains = [self.solve(_switched(near.normal, gust, t), near, free)[1] for t in times[:-1]]
         return float(times[int(np.argmax(gains))]) if gains else 0.0
@@ -160,8 +167,10 @@ class Problem:
         return next(i for i in self.library.indices(effect) if self._is(i, parameter))
 
     def _within(self, vector: np.ndarray, free: list[int]) -> np.ndarray:
-        low, high = self.library.low, self.library.high
+        low, high = self.library.low.copy(), self.library.high
         vector = vector.copy()
+        if "gust" in self.library.effects:
+            low[self._place("gust", "onset")] = self.earliest
         vector[free] = np.clip(vector[free], low[free], high[free])
         return vector
 
@@ -200,18 +209,22 @@ class Problem:
     def _step(self, fit: Fit, free: list[int]) -> Fit | None:
         """A fit that is better, along the Gauss-Newton step or a part of it."""
         step, promise = self.solve(fit.normal, fit, free)
-        shift = self._shared_step(fit, free, step)
-        if promise < 0.02 * self.phi and not np.any(shift):
+        if promise < 0.02 * self.phi and not np.any(self._shared_step(fit, free, step)):
             return None
-        for part in (1.0, 0.4, 0.1):
-            vector = fit.vector + part * shift
-            vector[free] += part * step
-            vector = self._within(vector, free)
-            shared = fit.shared + part * shift
-            normal = self.likelihood.normal(vector)
-            penalty = 0.0 if self.precision is None else float(shared @ self.precision @ shared)
+        for part in PARTS:
+            own = fit.vector.copy()
+            own[free] += part * step
+            taken = (self._within(own, free) - fit.vector)[free]
+            shift = part * self._shared_step(fit, free, taken / part)
+            own = fit.vector + shift
+            own[free] += taken
+            shared = fit.shared + shift
             tried = dataclasses.replace(
-                fit, vector=vector, normal=normal, shared=shared, penalty=penalty
+                fit,
+                vector=own,
+                normal=self.likelihood.normal(own),
+                shared=shared,
+                penalty=0.0 if self.precision is None else float(shared @ self.precision @ shared),
             )
             if tried.objective < fit.objective:
                 return tried
@@ -249,7 +262,7 @@ class Problem:
 
     def search(self, largest: int = 3) -> list[Fit]:
         """Fits of every set that came near the top, best evidence first."""
-        best = front = [self.nominal()]
+        best, front = [self.nominal()], [self.anchor()]
         for _ in range(largest):
             grown = list(self._grow(front))
             if not grown:

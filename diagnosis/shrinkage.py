@@ -56,8 +56,7 @@ def left_out(problem: Problem, fit: Fit, flight: int) -> Float[np.ndarray, " par
 
 def score(problem: Problem, fit: Fit, scored: Likelihood, n_flights: int, lofo: bool) -> Drift:
     """Tracks of the flights in `scored`; leaving one out in turn where `lofo`."""
-    nominal = problem.nominal()
-    before = scored.tracks(nominal.vector)
+    before = scored.tracks(problem.base)
     if not lofo:
         return Drift(before, scored.tracks(fit.vector))
     vectors = np.stack([left_out(problem, fit, flight) for flight in range(n_flights)])

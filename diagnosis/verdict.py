@@ -98,10 +98,10 @@ def log_posterior(problem: Problem, fit: Fit) -> float:
 def _posterior(problem: Problem, fits: Sequence[Fit]) -> list[Ranked]:
     """Sets by probability; single effects that were only screened count with what they promise."""
     log = np.asarray([log_posterior(problem, fit) for fit in fits])
-    nominal = problem.nominal()
+    anchor = problem.anchor()
     seen = {fit.effects for fit in fits}
     screened = [
-        problem.promised(nominal, Set({name})) - EFFECT_COST
+        problem.promised(anchor, Set({name})) - EFFECT_COST
         for name in problem.library.effects
         if Set({name}) not in seen
     ]

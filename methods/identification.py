@@ -10,17 +10,18 @@ every episode does; the PD controller then tracks a path of its own, a dither on
 A step of size s at time t_k is the critically damped s (1 - exp(-r) (1 + r)), r = (t - t_k) / T.
 
 The rows from when the drone moves are diagnosed (`diagnosis`): candidate sets of the whole library
-are refitted in the simulator in which policies will be trained, at its own step, and compared by
+are refitted in the simulator in which policies will be trained, at its step, and compared by
 evidence, twice: first as if all that is left were noise, then with how far the flights disagree
-about what that choice leaves. The flights carry no noise; `SIGMA` weighs what a point mass at a
-step of 0.02 s cannot reproduce.
+about what that choice leaves. The flights carry no noise; `SIGMA` weighs what no point mass can
+reproduce.
 
 A floor has no slope and is no candidate: it is where the drone stood while its produced thrust,
 the identified lag included, was below its weight.
 """
 
 import dataclasses
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -28,7 +29,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
-from diagnosis.library import make_library
+from diagnosis.library import Library, make_library
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import DroneLog, FlightLog
 from diagnosis.replay import make_replay
@@ -42,10 +43,12 @@ from simulators.flight import Flight
 from simulators.vehicle import CONTROL_DT
 from tasks.contact import onsets
 
+T = TypeVar("T")
+
 SECONDS = 10.0
 """Length of a flight [s]; with three, 0.5 fleet-minutes."""
 SIGMA = np.asarray([1e-2] * 3 + [1e-2] * 3 + [1e-2] * 3)
-"""Size of what may stay unexplained: 1 cm (a semi-implicit Euler step of 0.02 s is off by half of
+"""Size of what may stay unexplained: 1 cm (a semi-implicit Euler step of 0.01 s is off by half of
 it times the change of velocity), 1 cm/s, 10 mrad (yaw couples into tilt); a choice."""
 DITHER = 0.2
 """Amplitude of the dither on the actions [-], as in Hybrid's calibration flights."""
@@ -88,29 +91,30 @@ class Identification:
         return int(jnp.sum(onsets(self.flights.contact)))
 
 
-_KEPT: dict[tuple, Identification] = {}
+_KEPT: dict[tuple, Any] = {}
 
 
-def identify_once(
-    nominal: AbstractSimulator, reality: AbstractSimulator, largest: int
-) -> Identification:
-    """`identify`, done once per process for equal simulators."""
-    name = (_contents(nominal), _contents(reality), largest)
-    if name not in _KEPT:
-        _KEPT[name] = identify(nominal, reality, largest)
-    return _KEPT[name]
+def once(make: Callable[..., T], *args: Any) -> T:
+    """`make(*args)`, called once per process for equal arguments: pytrees, numbers, texts."""
+    key = (make, *(_contents(arg) for arg in args))
+    if key not in _KEPT:
+        _KEPT[key] = make(*args)
+    return _KEPT[key]
 
 
 def _contents(tree: Any) -> tuple:
     """What is equal for equal pytrees, and hashable."""
     leaves, structure = jax.tree.flatten(tree)
-    return structure, tuple((np.asarray(leaf).tobytes(), np.shape(leaf)) for leaf in leaves)
+    arrays = [np.asarray(leaf) for leaf in leaves]
+    return structure, tuple((x.tobytes(), x.shape, x.dtype.str) for x in arrays)
 
 
 def identify(
-    nominal: AbstractSimulator, reality: AbstractSimulator, largest: int
+    nominal: AbstractSimulator, reality: AbstractSimulator, dt: float, largest: int
 ) -> Identification:
     """At most `largest` named effects, and a floor, that `nominal` lacks; flown in `reality`.
+
+    `dt` is the integration step of `nominal` [s].
 
     Raises:
         ValueError: A drone never left the ground.
@@ -118,17 +122,28 @@ def identify(
     flights = fly(nominal, reality)
     logs = [_log(nominal, flights, i, name) for i, name in enumerate(paths())]
     library = make_library(nominal, exclude=NO_CANDIDATES)
-    likelihood = Likelihood(make_replay(library, nominal.dt), cut(logs, nominal.dt), SIGMA)
+    likelihood = Likelihood(make_replay(library, dt), cut(logs, dt), SIGMA)
     fit = choose(likelihood, len(logs), largest)
-    found = {name: library.named(fit.vector, name) for name in sorted(fit.effects)}
-    effects = tuple(library.effects[name](**values) for name, values in found.items())
+    found: dict[str, dict[str, Any]] = {
+        name: library.named(fit.vector, name) for name in sorted(fit.effects)
+    }
+    # What ended where it does nothing would only cost time.
+    found = {name: values for name, values in found.items() if _acts(library, name, values)}
+    effects: tuple[AbstractEffect, ...] = tuple(
+        library.effects[name](**values) for name, values in found.items()
+    )
     height = floor_height(with_effects(nominal, effects), flights)
     if height is not None:
         found["floor"] = {"height": height}
-        effects = (*effects, Floor(height=height))
+        effects = (*effects, Floor(jnp.asarray(height)))
     notes = {f"{name}.{p}": value for name, values in found.items() for p, value in values.items()}
     notes["identification_chi2"] = fit.normal.chi2 / float(fit.normal.dof.sum())
     return Identification(flights=flights, effects=effects, notes=notes)
+
+
+def _acts(library: Library, name: str, values: Mapping[str, float]) -> bool:
+    parameters = library.effects[name].parameters
+    return any(values[p] != info.neutral for p, info in parameters.items())
 
 
 def choose(likelihood: Likelihood, n_flights: int, largest: int) -> Fit:

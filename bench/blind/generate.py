@@ -40,9 +40,6 @@ def generate(
         flown = fly_case(dataclasses.replace(case, drones=1))
         folder = folders.undisturbed / str(i) if i else folders.reference
         write_flights(folder, [one.logged for one in flown])
-        if not i:
-            # The same without noise, for what needs the labels anyway.
-            write_flights(folders.labels.parent / "reference", [one.true for one in flown])
     cases = draw_cases(counts, reality, entropy)
     sha256 = write_cases(folders.cases, folders.labels.parent, cases)
     write_json(

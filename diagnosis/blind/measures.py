@@ -1,9 +1,14 @@
 """What a case allows, measured with its label: decidability, Cramer-Rao bound, the oracle's shrink.
 
-Everything here reads labels and flights without noise, so it runs after the last diagnosis.
+Everything here knows what was withheld, so it runs after the last diagnosis. Decidability and bound
+come from flights without noise in the reality whose equations are the nominal simulator's: the case
+itself, or for another reality the same effects flown on the same references there. Otherwise the
+chi-square of what both simulators do differently would stand in the place of the effect's. Where
+the diagnosis has a reference, so has this, and what it leaves open is counted.
 """
 
 import dataclasses
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -11,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from diagnosis import shrinkage
-from diagnosis.blind.cases import Case
+from diagnosis.blind.cases import Case, fly_case, make_case, write_flights
 from diagnosis.blind.flying import Noise
 from diagnosis.decidable import (
     Decidability,
@@ -25,64 +30,84 @@ from diagnosis.decidable import (
 )
 from diagnosis.diagnose import DISTRUST, STEPS, make_likelihood, nominal_simulator
 from diagnosis.library import make_library, with_aliases
+from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightSet, load_flights
 from diagnosis.noise import estimate_noise
 from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Fit, Problem, Set, dispersion
 
-SIMULATOR = "crazyflow"
-"""The simulator that the diagnosis is asked about."""
+OWN = "crazyflow"
+"""The reality whose equations are those of the simulator that the diagnosis is asked about."""
+TWIN_SEED = 20260917
+"""Seed of the undisturbed flights in that reality that stand for the reference; any would do."""
 
 
 class Workbench:
-    """Compiled replays and the reference, shared by all cases of a process."""
+    """Compiled replays and references, shared by all cases of a process."""
 
     def __init__(self, runs: Path, with_reference: bool) -> None:
         self.runs, self.with_reference = runs, with_reference
         self._replays: dict[bool, Replay] = {}
-        self._known: dict[tuple, Reference] = {}
+        self._twin: dict[bool, Reference] = {}
 
     def replay(self, flights: FlightSet) -> Replay:
         """The replay for flights of one drone or of several."""
-        several = any(len(flight.drones) > 1 for flight in flights.flights)
+        several = _several(flights)
         if several not in self._replays:
-            library = make_library(nominal_simulator(SIMULATOR, flights), (), several)
-            self._replays[several] = make_replay(library, STEPS[SIMULATOR])
+            library = make_library(nominal_simulator(OWN, flights), (), several)
+            self._replays[several] = make_replay(library, STEPS[OWN])
         return self._replays[several]
 
-    def problem(self, flights: FlightSet, folder: str, sigma: np.ndarray) -> Problem:
-        """The problem of some flights, with the reference in `folder` if there is one."""
-        replay = self.replay(flights)
+    def exact(self, case: Case) -> Problem:
+        """The problem of a case without noise, at the noise that was logged."""
+        flights = without_noise(case)
+        noise = Noise().scaled(case.noise)
+        sigma = np.repeat([noise.pos, noise.vel, noise.attitude], 3)
+        likelihood = make_likelihood(self.replay(flights), flights.flights, sigma)
         if not self.with_reference:
-            return Problem(make_likelihood(replay, flights.flights, sigma))
-        base = self._reference(replay, folder, sigma)
-        # Without noise the reference's own misfit must not hide what noise would not.
-        own = sigma if folder == TRUE else base.sigma
-        likelihood = make_likelihood(replay, flights.flights, own)
+            return Problem(likelihood)
+        base = self._reference(likelihood, _several(flights))
         return Problem(likelihood, base.vector, base.precision)
 
-    def _reference(self, replay: Replay, folder: str, sigma: np.ndarray) -> Reference:
-        key = (folder, replay.library.slots, sigma.tobytes())
-        if key not in self._known:
-            flights = load_flights(self.runs / folder).flights
-            self._known[key] = fit_reference(make_likelihood(replay, flights, sigma))
-        return self._known[key]
+    def _reference(self, likelihood: Likelihood, several: bool) -> Reference:
+        if several not in self._twin:
+            self._twin[several] = fit_reference(self._undisturbed(likelihood))
+        return self._twin[several]
+
+    def _undisturbed(self, likelihood: Likelihood) -> Likelihood:
+        clean = make_case("clean", (), np.random.default_rng(TWIN_SEED))
+        flights = without_noise(dataclasses.replace(clean, drones=1)).flights
+        return make_likelihood(likelihood.replay, flights, likelihood.sigma)
 
     def left(self, problem: Problem) -> float:
         """The chi-square that undisturbed flights without noise leave, scaled to a problem's."""
-        likelihood = problem.likelihood
-        flights = load_flights(self.runs / TRUE).flights
-        same = make_likelihood(likelihood.replay, flights, likelihood.sigma)
-        normal = same.normal(problem.base)
-        dof = float(problem.nominal().normal.dof.sum())
-        return normal.chi2 * dof / float(normal.dof.sum())
+        normal = self._undisturbed(problem.likelihood).normal(problem.library.neutral)
+        return normal.chi2 * float(problem.nominal().normal.dof.sum()) / float(normal.dof.sum())
+
+    def logged(self, case: Case) -> tuple[Problem, int]:
+        """The problem that the diagnosis had, with every effect, and the number of flights."""
+        flights = load_flights(self.runs / "cases" / case.id)
+        replay, sigma = self.replay(flights), estimate_noise(flights.flights)
+        n = len(flights.flights)
+        if not self.with_reference:
+            return Problem(make_likelihood(replay, flights.flights, sigma)), n
+        reference = load_flights(self.runs / "reference").flights
+        base = fit_reference(make_likelihood(replay, reference, sigma))
+        likelihood = make_likelihood(replay, flights.flights, base.sigma)
+        return Problem(likelihood, base.vector, base.precision), n
 
 
-LOGGED = "reference"
-"""Folder of the reference flights as logged, in `runs`."""
-TRUE = "labels/reference"
-"""Folder of the same without noise."""
+def without_noise(case: Case) -> FlightSet:
+    """The case flown in the nominal simulator's reality, as it was and not as it was measured."""
+    flown = fly_case(dataclasses.replace(case, reality=OWN))
+    with tempfile.TemporaryDirectory() as folder:
+        write_flights(Path(folder) / case.id, [one.true for one in flown])
+        return load_flights(Path(folder) / case.id)
+
+
+def _several(flights: FlightSet) -> bool:
+    return any(len(flight.drones) > 1 for flight in flights.flights)
 
 
 def measure(desk: Workbench, case: Case) -> dict[str, Any]:
@@ -98,10 +123,7 @@ def measure(desk: Workbench, case: Case) -> dict[str, Any]:
 def _without_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any]:
     if case.kind == "clean":
         return {"decidable": True}
-    flights = load_flights(desk.runs / "labels" / "true" / case.id)
-    noise = Noise().scaled(case.noise)
-    sigma = np.repeat([noise.pos, noise.vel, noise.attitude], 3)
-    problem = desk.problem(flights, TRUE, sigma)
+    problem = desk.exact(case)
     if case.kind == "unknown":
         found = unexplained(problem, list(problem.library.effects), desk.left(problem))
     elif case.kind == "excluded":
@@ -123,9 +145,7 @@ def _json(found: Decidability) -> dict[str, Any]:
 
 def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any]:
     """Held-out shrink under the true set and under the single wrong effect that looks best."""
-    flights = load_flights(desk.runs / "cases" / case.id)
-    problem = desk.problem(flights, LOGGED, estimate_noise(flights.flights))
-    n = len(flights.flights)
+    problem, n = desk.logged(case)
     fit = truth_fit(problem, truth)
     if problem.likelihood.distrust(fit.vector, DISTRUST):
         problem.renew()
