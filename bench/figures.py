@@ -24,6 +24,8 @@ BUILT_IN = (
     Entry("hybrid", "affine"),
     Entry("hybrid", "sindy"),
     Entry("hybrid", "mlp"),
+    Entry("grey_box"),
+    Entry("grey_box", "mlp"),
 )
 """The order in which methods are shown; others follow by name."""
 COLORS = (

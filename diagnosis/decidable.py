@@ -73,11 +73,9 @@ def truth_fit(problem: Problem, truth: Parameters) -> Fit:
             parameter = library.slots[i].parameter
             vector[i] = values.get(parameter, vector[i]) + problem.origin[i]
     effects = Set(truth)
-    problem.starts[effects] = vector
-    # Nominal has shifted what it shares with the reference towards the effect; the truth has not.
-    nothing = np.zeros_like(vector)
-    near = dataclasses.replace(problem.nominal(), shared=nothing, penalty=0.0)
-    return problem.refit(effects, near)
+    return problem.refit(
+        effects, dataclasses.replace(problem.anchor(), effects=effects, vector=vector)
+    )
 
 
 def decidability(problem: Problem, truth: Parameters) -> Decidability:
@@ -112,8 +110,7 @@ def unexplained(
         largest: Number of effects in the largest sets.
     """
     nominal = problem.nominal()
-    front = [nominal]
-    best = nominal
+    front, best = [problem.anchor()], nominal
     for _ in range(largest):
         grown = {
             fit.effects | {name}: fit
@@ -172,22 +169,22 @@ def contains(effects: Set, truth: Set) -> bool:
 
 def _screened(problem: Problem, true: Fit) -> Iterator[tuple[Set, float]]:
     """Every rival with the chi-square beyond the truth's that it promises at least."""
-    nominal = problem.nominal()
+    anchor = problem.anchor()
     for rival in rivals(true.effects, problem.library.effects):
-        from_nominal = nominal.objective - _gain(problem, nominal, rival)
+        from_nominal = anchor.objective - _gain(problem, anchor, rival)
         from_truth = true.objective + _exchanged(problem, true, rival)
         yield rival, min(from_nominal, from_truth) - true.objective
 
 
-def _gain(problem: Problem, nominal: Fit, rival: Set) -> float:
+def _gain(problem: Problem, near: Fit, rival: Set) -> float:
     """Fall of chi-square that a set promises at nominal."""
     if "gust" not in rival:
-        return problem.solve(nominal.normal, nominal, problem.free(rival))[1]
+        return problem.solve(near.normal, near, problem.free(rival))[1]
     # The evidence that is promised knows the onset; what the parameters cost is taken out again.
     free = problem.free(rival)
-    H, _ = problem.reduced(nominal.normal, nominal, free)
-    log_evidence = problem.promised(nominal, rival) + problem.occam(H, free)
-    return nominal.objective + 2.0 * problem.phi * log_evidence
+    H, _ = problem.reduced(near.normal, near, free)
+    log_evidence = problem.promised(near, rival) + problem.occam(H, free)
+    return near.objective + 2.0 * problem.phi * log_evidence
 
 
 def _exchanged(problem: Problem, true: Fit, rival: Set) -> float:
@@ -204,5 +201,5 @@ def _exchanged(problem: Problem, true: Fit, rival: Set) -> float:
 
 def _near(problem: Problem, rival: Set) -> Fit:
     """The best fit of a part of `rival` to start from."""
-    parts = [fit for effects, fit in problem.fits.items() if effects < rival]
-    return min(parts, key=lambda fit: fit.objective)
+    parts = [fit for effects, fit in problem.fits.items() if effects and effects < rival]
+    return min(parts, key=lambda fit: fit.objective, default=problem.anchor())

@@ -273,7 +273,26 @@ class Problem:
             front = sorted(grown, key=self.log_evidence, reverse=True)[:3]
             if not improved:
                 break
+        self._prune()
         return sorted(self.fits.values(), key=self.log_evidence, reverse=True)
+
+    def _prune(self) -> None:
+        """Refits the best set without each of its effects, as long as that is better.
+
+        Growing one by one may pass through an effect that the last one made needless.
+        """
+        while True:
+            best = max(self.fits.values(), key=self.log_evidence)
+            for name in best.effects:
+                less = best.effects - {name}
+                if less not in self.fits:
+                    vector = best.vector.copy()
+                    gone = self.library.indices(name)
+                    vector[gone] = self.base[gone] + best.shared[gone]
+                    near = dataclasses.replace(best, effects=less, vector=vector)
+                    self.refit(less, near)
+            if best is max(self.fits.values(), key=self.log_evidence):
+                return
 
     def _grow(self, front: list[Fit]) -> Iterator[Fit]:
         """Refitted sets with one effect more than those of the front."""

@@ -27,7 +27,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, PRNGKeyArray
+from jaxtyping import Array, Float, Key
 
 from diagnosis.library import Library, make_library
 from diagnosis.likelihood import Likelihood
@@ -166,7 +166,7 @@ def _fly(
     nominal: AbstractSimulator,
     reality: AbstractSimulator,
     references: Reference,
-    keys: PRNGKeyArray,
+    keys: Key[Array, " flights"],
 ) -> TrackingFlight:
     one = lambda r, k: track(nominal, reality, r, "filtered", DITHER, k)  # noqa: E731
     return jax.vmap(one)(references, keys)

@@ -37,6 +37,7 @@ class Linear:
         self.J = np.asarray(columns, float).T
         self.y = self.J @ truth
         self.replay = types.SimpleNamespace(library=Library())
+        self.groups = [types.SimpleNamespace(start=np.zeros(1))]
 
     def normal(self, vector):
         J, r = self.J, self.y - self.J @ vector
