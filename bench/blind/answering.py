@@ -21,7 +21,7 @@ from bench.blind.children import Ended, Task, python, run_tasks
 from bench.blind.folders import Folders, write_json
 from diagnosis.blind.cases import Case
 
-DIAGNOSE = tuple(python("-m", "bench", "diagnose"))
+DIAGNOSE = tuple(python("-m", "bench.blind.one"))
 """The command that diagnoses a folder."""
 TIMEOUT = 600.0
 """Longest time for one diagnosis [s]."""

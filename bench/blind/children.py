@@ -14,7 +14,10 @@ from pathlib import Path
 from bench.environment import environment
 from bench.pool import share_of_cores
 
-PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "TMPDIR", "JAX_PLATFORMS")
+PASSED_ON = (
+    *("PATH", "HOME", "LANG", "LC_ALL", "LD_LIBRARY_PATH"),
+    *("PYTHONPATH", "TMPDIR", "JAX_PLATFORMS"),
+)
 """What a child inherits beside the variables of `bench.environment`; nothing else gets through."""
 POLL = 0.1
 """Time between two looks at the children [s]."""
