@@ -159,18 +159,23 @@ def claims(directory: Path, /, *, out: Path | None = None, notes: Path | None = 
 
 @app.command
 def diagnose(
-    flights: Path,
+    flights: Path | None = None,
     /,
     *,
     simulator: str = "crazyflow",
     reference: Path | None = None,
     out: Path | None = None,
     exclude: Annotated[list[str] | None, Repeatable] = None,
+    deploy: str | None = None,
+    reality: str | None = None,
+    team_size: int = 3,
+    seeds: int = 1,
 ) -> int:
     """Say why a simulator and real flights differ: where, which effect, how much it explains.
 
     Writes diagnosis.json, diagnosis.md and diagnosis.html, one page that opens offline; nothing if
-    no flight is usable.
+    no flight is usable. With --deploy it says instead what a diagnosis is worth to a team: policies
+    for a task, trained in the nominal and in the corrected simulator, deployed in --reality.
 
     Parameters
     ----------
@@ -184,13 +189,31 @@ def diagnose(
         Folder for the documents; without it, reports/diagnosis/NAME for flights in a folder NAME.
     exclude
         Withhold this effect, and all that these flights cannot tell from it, from the candidates.
+    deploy
+        Task to train and deploy in --reality; takes no flights.
+    reality
+        Simulated reality for --deploy, such as "crazyflow+mass(e=0.2)+wind(x=1)".
+    team_size
+        Drones of the team for --deploy.
+    seeds
+        Seeds of --deploy.
     """
     from bench.environment import environment
 
+    if (flights is None) == (deploy is None) or (deploy is None) != (reality is None):
+        raise UsageError("Give either a folder of flights, or --deploy TASK with --reality.")
     os.environ.update(environment())
-    from bench.diagnosis.command import run_diagnosis
+    if flights is not None:
+        from bench.diagnosis.command import run_diagnosis
 
-    return run_diagnosis(flights, simulator, reference, exclude or (), out)
+        return run_diagnosis(flights, simulator, reference, exclude or (), out)
+    from rich.console import Console
+
+    from bench.diagnosis.deploy import deploy as deploy_team
+
+    assert deploy is not None and reality is not None  # noqa: PT018 - asked above
+    place = out or Path("reports") / "diagnosis" / f"deploy-{deploy}"
+    return deploy_team(deploy, reality, team_size, seeds, place, Console())
 
 
 @app.command

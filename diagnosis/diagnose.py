@@ -182,7 +182,9 @@ def nominal_simulator(name: str, flights: FlightSet) -> AbstractSimulator:
     """The simulator as the operator believes it: her airframe, her mass."""
     spec = VEHICLES[flights.vehicle.drone]
     spec = dataclasses.replace(spec, mass=flights.vehicle.mass)
-    return registry.load("simulator", name)(spec=spec)
+    # Buffers of effects are as fine as the simulator's own step, so that is the replay's.
+    own = {"dt": STEPS[name]} if name == "point_mass" else {}
+    return registry.load("simulator", name)(spec=spec, **own)
 
 
 def attribute(

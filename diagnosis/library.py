@@ -48,6 +48,10 @@ FAMILIES: Mapping[str, frozenset[str]] = {
 """Static aliases, a lower bound: effects that ordinary flights often cannot tell apart."""
 
 
+FAR = 1e9
+"""Stands for an infinite neutral value (a natural frequency), so that vectors can be compared."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Slot:
     """One number of the vector."""
@@ -59,7 +63,7 @@ class Slot:
     unit: str
     """Unit."""
     neutral: float
-    """Neutral value, where the simulator is exactly nominal; may be infinite."""
+    """Neutral value, where the simulator is nominal; `FAR` where that is infinite."""
     low: float
     """Smallest value that a fit may try."""
     high: float
@@ -131,7 +135,8 @@ def make_library(
             continue
         effects[name] = kind
         for parameter, info in kind.parameters.items():
-            slots.append(Slot(name, parameter, info.unit, info.neutral, info.low, info.high))
+            neutral = min(info.neutral, FAR)
+            slots.append(Slot(name, parameter, info.unit, neutral, info.low, info.high))
     return Library(simulator=simulator, effects=effects, slots=tuple(slots))
 
 

@@ -53,7 +53,7 @@ class Reference:
                 "unit": slot.unit,
             }
             for i, slot in enumerate(library.slots)
-            if np.isfinite(slot.neutral) and abs(self.vector[i] - slot.neutral) > 3.0 * error[i]
+            if abs(self.vector[i] - slot.neutral) > 3.0 * error[i]
         ]
 
 
@@ -94,11 +94,10 @@ def _bounded(
     vector: Float[np.ndarray, " params"],
 ) -> Float[np.ndarray, " params"]:
     """The step that solves H step = g as well as the bounds allow."""
-    at = np.where(np.isfinite(vector), vector, library.low)
     root = np.linalg.cholesky(H).T
     target = np.linalg.solve(root.T, g)
     scale = np.sqrt(np.diag(H))
-    low, high = np.minimum(library.low - at, 0.0), np.maximum(library.high - at, 0.0)
+    low, high = np.minimum(library.low - vector, 0.0), np.maximum(library.high - vector, 0.0)
     bounds = (scale * low - 1e-12, scale * high + 1e-12)
     return lsq_linear(root / scale, target, bounds).x / scale
 
@@ -107,20 +106,18 @@ def _descended(
     likelihood: Likelihood, library: Library, start: Float[np.ndarray, " params"] | None = None
 ) -> Float[np.ndarray, " params"]:
     neutral, prior = library.neutral, _prior(library)
-    finite = np.isfinite(neutral)
     vector = neutral.copy() if start is None else start
 
     def objective(normal: Normal) -> float:
-        off = np.where(finite, normal.vector, 0.0) - np.where(finite, neutral, 0.0)
-        return normal.chi2 + float(prior @ off**2)
+        return normal.chi2 + float(prior @ (normal.vector - neutral) ** 2)
 
     normal = likelihood.normal(vector)
     for _ in range(STEPS):
-        off = np.where(finite, vector, 0.0) - np.where(finite, neutral, 0.0)
+        off = vector - neutral
         H = normal.H.sum(axis=0) + np.diag(prior)
         step = _bounded(H, normal.g.sum(axis=0) - prior * off, library, vector)
         for part in (1.0, 0.4, 0.1):
-            new = np.where(finite, vector + part * step, neutral)
+            new = vector + part * step
             tried = likelihood.normal(new)
             if objective(tried) < objective(normal):
                 break

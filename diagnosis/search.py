@@ -82,8 +82,7 @@ class Problem:
         self.likelihood, self.precision, self.phi = likelihood, precision, phi
         self.library: Library = likelihood.replay.library
         self.base = self.library.neutral if base is None else base
-        neutral = self.library.neutral
-        self.origin = np.where(np.isfinite(neutral), self.base - neutral, 0.0)
+        self.origin = self.base - self.library.neutral
         self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
         self.fits: dict[Set, Fit] = {}
         self.known: dict[Set, Fit] = {}
@@ -214,7 +213,7 @@ class Problem:
         for part in PARTS:
             own = fit.vector.copy()
             own[free] += part * step
-            taken = (self._within(own, free) - fit.vector)[free]
+            taken = self._within(own, free)[free] - fit.vector[free]
             shift = part * self._shared_step(fit, free, taken / part)
             own = fit.vector + shift
             own[free] += taken

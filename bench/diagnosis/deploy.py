@@ -1,0 +1,205 @@
+"""What a diagnosis is worth to a team: policies trained in the corrected simulator, deployed.
+
+In a simulated reality (`crazyflow+mass(e=0.2)+wind(x=1)`) the same task is trained four ways: in
+the nominal point mass, in the point mass with the effects that the diagnosis identified from three
+flights there, with a black-box residual, and in the reality itself from a hot start. All four are
+deployed in that reality from the same initial states. The gap that counts is the one between the
+nominal policy and the hot start.
+"""
+
+import json
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+from rich.console import Console
+from rich.table import Table
+
+from bench import markdown
+from bench.errors import UsageError
+from bench.plan import NOMINAL
+from methods.contract import Setup, Trained
+from methods.evaluate import evaluate
+from methods.policy import PolicyController
+from simulators import registry
+from simulators.contract import AbstractSimulator, MissingDoorError, with_effects
+from simulators.effects.chain import canonical
+
+WAYS = (
+    ("lf_baseline", ""),
+    ("grey_box", ""),
+    ("hybrid", "mlp"),
+    ("hf_hotstart", ""),
+)
+"""Methods and residuals that are compared; the first is the parent of the others."""
+_PART = re.compile(r"([a-z_0-9]+)\(([^()]*)\)")
+
+
+def parse_reality(text: str) -> AbstractSimulator:
+    """The simulator with effects that `text` names, such as `crazyflow+mass(e=0.2)+drag(c=1)`.
+
+    Raises:
+        UsageError: A part is not understood, or the simulator lacks a door for it.
+        UnknownPluginError: No simulator or effect has that name.
+    """
+    name, *parts = [part.strip() for part in text.split("+")]
+    simulator = registry.load("simulator", name)()
+    effects = []
+    for part in parts:
+        match = _PART.fullmatch(part)
+        if match is None:
+            raise UsageError(f"`--reality`: {part!r} is no effect; write NAME(PARAMETER=VALUE).")
+        kind = registry.load("effect", match[1])
+        effects.append(kind(**_values(match[1], match[2], kind.parameters)))
+    try:
+        return with_effects(simulator, effects)
+    except MissingDoorError as error:
+        raise UsageError(f"`--reality`: {error}") from error
+
+
+def _values(effect: str, text: str, known: Sequence[str]) -> dict[str, float]:
+    values = {}
+    for pair in filter(None, (p.strip() for p in text.split(","))):
+        name, _, number = (x.strip() for x in pair.partition("="))
+        try:
+            value = float(number)
+        except ValueError:
+            value = math.nan
+        if name not in known or not math.isfinite(value):
+            raise UsageError(
+                f"`--reality`: {pair!r} is no setting of '{effect}'; its parameters are "
+                f"{', '.join(known)}, each with a number."
+            )
+        values[name] = value
+    return values
+
+
+def deploy(
+    task_name: str, reality_text: str, team_size: int, seeds: int, out: Path, console: Console
+) -> int:
+    """Trains and deploys all ways, writes deploy.json and deploy.md, shows the table.
+
+    Raises:
+        UsageError: The reality is not understood, or a number is out of range.
+    """
+    if seeds < 1 or team_size < 2:
+        raise UsageError(
+            f"`--seeds` must be 1 or more and `--team-size` 2 or more, got {seeds} and {team_size}."
+        )
+    reality = parse_reality(reality_text)
+    task = registry.load("task", task_name)(n_drones=team_size)
+    rows = [row for seed in range(seeds) for row in _seed(task, reality, seed, console)]
+    content = {
+        "task": task_name,
+        "team_size": team_size,
+        "reality": f"{reality.name}+{canonical(reality.effects)}".rstrip("+"),
+        "runs": rows,
+        "ways": _summary(rows),
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "deploy.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    (out / "deploy.md").write_text(_markdown(content), encoding="utf-8")
+    _show(content, console)
+    console.print(f"Written: {out / 'deploy.md'}", markup=False)
+    return 0
+
+
+def _seed(
+    task: Any, reality: AbstractSimulator, seed: int, console: Console
+) -> list[dict[str, Any]]:
+    """One row a way, all from the same initial states."""
+    nominal = registry.load("simulator", NOMINAL)()
+    parents: dict[str, Trained] = {}
+    rows = []
+    with console.status("training") as status:
+        for name, residual in WAYS:
+            way = _name(name, residual)
+
+            def shown(stage: str, epoch: int, epochs: int, reward: float, way: str = way) -> None:
+                status.update(f"seed {seed}, {way}: {stage} {epoch} of {epochs}")
+
+            method = registry.load("method", name)(**({"residual": residual} if residual else {}))
+            setup = Setup(task, nominal, reality, parents, shown)
+            trained = method.train(setup, jax.random.fold_in(jax.random.key(seed), 0))
+            parents.setdefault(name, trained)
+            deployed = evaluate(task, reality, PolicyController(task, trained.policy), seed)
+            rows.append(
+                {
+                    "way": way,
+                    "seed": seed,
+                    "reward": deployed.reward,
+                    "crashes": deployed.crashes,
+                    "fleet_minutes": trained.ledger.hf_fleet_seconds / 60.0,
+                    "train_seconds": trained.ledger.train_seconds,
+                    "status": trained.status,
+                    "effects": canonical(trained.effects),
+                }
+            )
+            console.print(f"seed {seed}, {way}: reward {deployed.reward:.1f}", markup=False)
+    return rows
+
+
+def _name(method: str, residual: str) -> str:
+    return f"{method} ({residual})" if residual else method
+
+
+def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Mean over seeds, and the share of the gap from nominal to hot start that is closed."""
+    mean: dict[str, dict[str, float]] = {}
+    for row in rows:
+        mine = [r for r in rows if r["way"] == row["way"]]
+        numbers = ("reward", "crashes", "fleet_minutes", "train_seconds")
+        mean[row["way"]] = {key: sum(r[key] for r in mine) / len(mine) for key in numbers}
+    low, high = (mean[_name(*way)]["reward"] for way in (WAYS[0], WAYS[-1]))
+    return [
+        {"way": way, **values, "closed": (values["reward"] - low) / (high - low)}
+        if abs(high - low) > 1e-9
+        else {"way": way, **values, "closed": None}
+        for way, values in mean.items()
+    ]
+
+
+_HEADINGS = ("trained by", "reward", "gap closed", "crashes", "HF fleet-minutes", "training time")
+
+
+def _cells(line: dict[str, Any]) -> list[str]:
+    closed = "" if line["closed"] is None else f"{100 * line['closed']:.0f} %"
+    return [
+        line["way"],
+        f"{line['reward']:.1f}",
+        closed,
+        f"{line['crashes']:.2f}",
+        f"{line['fleet_minutes']:.1f}",
+        f"{line['train_seconds']:.0f} s",
+    ]
+
+
+def _markdown(content: dict[str, Any]) -> str:
+    seeds = len({row["seed"] for row in content["runs"]})
+    found = {row["effects"] for row in content["runs"] if row["way"] == "grey_box"}
+    return (
+        "\n\n".join(
+            [
+                f"# {content['task']}, N = {content['team_size']}, in `{content['reality']}`",
+                f"Mean over {seeds} seed{'s' if seeds > 1 else ''}; gap closed: 0 % is the nominal "
+                "policy, 100 % the hot start.",
+                markdown.table(
+                    _HEADINGS, [[markdown.escape(c) for c in _cells(x)] for x in content["ways"]]
+                ),
+                "Effects that were identified: " + "; ".join(f"`{text}`" for text in sorted(found)),
+            ]
+        )
+        + "\n"
+    )
+
+
+def _show(content: dict[str, Any], console: Console) -> None:
+    table = Table(title=f"{content['task']}, N = {content['team_size']}, {content['reality']}")
+    for i, heading in enumerate(_HEADINGS):
+        table.add_column(heading, justify="left" if i == 0 else "right")
+    for line in content["ways"]:
+        table.add_row(*_cells(line))
+    console.print(table)

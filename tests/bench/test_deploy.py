@@ -1,0 +1,74 @@
+"""`bench diagnose --deploy`: the reality as text, and what its table says."""
+
+import json
+
+import pytest
+from rich.console import Console
+
+from bench.cli import main
+from bench.diagnosis import deploy as module
+from bench.diagnosis.deploy import deploy, parse_reality
+from bench.errors import UsageError
+from methods.bptt import BPTT
+from methods.lf_baseline import LFBaseline
+from simulators.registry import UnknownPluginError
+
+
+def test_a_reality_is_a_simulator_with_effects():
+    reality = parse_reality("crazyflow+mass(e=0.2)+wind(x=1, y=-0.5)")
+    assert reality.name == "crazyflow"
+    found = {type(e).__name__: e for e in reality.effects}
+    assert float(found["Mass"].e) == pytest.approx(0.2)
+    assert float(found["Wind"].y) == pytest.approx(-0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("crazyflow+mass", "is no effect; write NAME"),
+        ("crazyflow+mass(q=1)", "its parameters are e"),
+        ("crazyflow+mass(e=lots)", "each with a number"),
+        ("crazyflow+mass(e=nan)", "each with a number"),
+        ("crazyflow+attitude_loop(damping=1)", "does not have"),
+    ],
+)
+def test_a_reality_that_makes_no_sense_is_refused(text, match):
+    with pytest.raises(UsageError, match=match):
+        parse_reality(text)
+
+
+def test_an_unknown_effect_is_named():
+    with pytest.raises(UnknownPluginError, match="Did you mean 'mass'"):
+        parse_reality("crazyflow+mas(e=0.2)")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["diagnose"],
+        ["diagnose", "--deploy", "circle"],
+        ["diagnose", "--reality", "crazyflow"],
+        ["diagnose", "flights", "--deploy", "circle", "--reality", "crazyflow"],
+        ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--seeds", "0"],
+    ],
+)
+def test_flights_and_deploy_exclude_each_other(arguments, capsys):
+    assert main(arguments) == 2
+    assert "bench:" in capsys.readouterr().err
+
+
+def test_every_way_is_trained_and_its_share_of_the_gap_stated(tmp_path, monkeypatch):
+    """With one method under two names, so that the table is what is tested."""
+    short = LFBaseline(trainer=BPTT(epochs=2, n_worlds=2))
+    monkeypatch.setattr(module, "WAYS", (("lf_baseline", ""), ("hf_hotstart", "")))
+    load = module.registry.load
+    fake = lambda kind, name: (lambda: short) if kind == "method" else load(kind, name)  # noqa: E731
+    monkeypatch.setattr(module.registry, "load", fake)
+    assert deploy("spread", "point_mass+drag(c=1)", 2, 1, tmp_path, Console(quiet=True)) == 0
+    content = json.loads((tmp_path / "deploy.json").read_text())
+    assert [line["way"] for line in content["ways"]] == ["lf_baseline", "hf_hotstart"]
+    assert content["reality"] == "point_mass+Drag(c=1)"
+    rewards = [line["reward"] for line in content["ways"]]
+    assert rewards[0] == rewards[1] < 0
+    assert content["ways"][0]["closed"] is None
+    assert "| lf_baseline |" in (tmp_path / "deploy.md").read_text()

@@ -1,0 +1,85 @@
+"""Flights of known truth: a point mass (or another simulator) under a position controller."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from diagnosis.logs import DroneLog, FlightLog, FlightSet, VehicleFile
+from simulators.contract import with_effects
+from simulators.flight import Flight
+from simulators.point_mass import PointMass
+from simulators.rotation import quat_to_rpy
+from simulators.tracking import PDTracker
+from simulators.vehicle import CONTROL_DT, GRAVITY
+
+SIGMA = np.repeat([1e-3, 1e-2, 3e-3], 3)
+"""Noise of the flights: m, m/s, rad."""
+
+
+def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0):
+    """Flights around a point 1 m up, with steps of the target and a dither on the commands."""
+    rng = np.random.default_rng(seed)
+    n = round(seconds / CONTROL_DT)
+    hold = lambda size, k: np.repeat(rng.uniform(-1, 1, (n // k + 1, size)), k, axis=0)[:n]  # noqa: E731
+    flown = jax.jit(lambda target, dither: _flown(simulator, target, dither))
+    flights = []
+    for i in range(n_flights):
+        target = np.array([0.0, 0.0, 1.5]) + hold(3, 75) * [1.5, 1.5, 0.5]
+        dither = hold(4, 10) * [0.15, 0.15, 0.0, 0.03]
+        log, cmd = flown(jnp.asarray(target), jnp.asarray(dither))
+        flights.append(FlightLog(f"flight_{i}", (_noisy(log, np.asarray(cmd), rng, noise),)))
+    return tuple(flights)
+
+
+def _flown(simulator, target, dither):
+    hover = jnp.asarray([[0.0, 0.0, 0.0, simulator.spec.mass * GRAVITY]])
+    flight = Flight(
+        t=jnp.zeros(()),
+        pos=target[:1],
+        vel=jnp.zeros((1, 3)),
+        quat=jnp.asarray([[0.0, 0.0, 0.0, 1.0]]),
+        ang_vel=jnp.zeros((1, 3)),
+        thrust=hover[:, 3],
+    )
+    tracker = PDTracker(mass=simulator.spec.mass)
+    state = simulator.restore(flight, jnp.repeat(hover[None], 10, axis=0), jax.random.key(0))
+
+    def step(state, inputs):
+        target, dither = inputs
+        now = simulator.flight(state)
+        still = jnp.zeros((1, 3))
+        cmd = tracker.cmd(now, target[None], still, still) + dither
+        return simulator.step_cmd(state, cmd, CONTROL_DT), (now, cmd)
+
+    _, (flights, cmds) = jax.lax.scan(step, state, (target, dither))
+    return flights, cmds
+
+
+def _noisy(flight, cmd, rng, noise):
+    n = len(cmd)
+    rpy = np.asarray(quat_to_rpy(flight.quat))[:, 0] + rng.normal(0, noise * 3e-3, (n, 3))
+    return DroneLog(
+        t=CONTROL_DT * np.arange(n),
+        pos=np.asarray(flight.pos)[:, 0] + rng.normal(0, noise * 1e-3, (n, 3)),
+        vel=np.asarray(flight.vel)[:, 0] + rng.normal(0, noise * 1e-2, (n, 3)),
+        quat=Rotation.from_euler("xyz", rpy).as_quat(),
+        ang_vel=None,
+        acc=None,
+        cmd=cmd[:, 0].astype(float),
+        rotor_vel=None,
+        pwm=None,
+        battery=None,
+    )
+
+
+def flight_set(flights, mass=0.0434, drone="cf21B_500"):
+    """The flights as they come from a folder."""
+    return FlightSet(Path("flown"), VehicleFile("test", drone, mass), tuple(flights), ())
+
+
+def point_mass_set(*effects, dt=0.005, **settings):
+    """Flights of a point mass with effects, at the step in which it is replayed."""
+    return flight_set(fly(with_effects(PointMass(dt=dt), effects), **settings))

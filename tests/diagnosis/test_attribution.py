@@ -1,0 +1,210 @@
+"""Likelihood, search and verdict on flights of known truth."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
+
+from diagnosis.diagnose import attribute, make_likelihood
+from diagnosis.library import make_library, with_aliases
+from diagnosis.reference import fit_reference
+from diagnosis.replay import make_replay
+from diagnosis.search import Problem, dispersion
+from diagnosis.verdict import intervals, judge, limits, structure
+from simulators.contract import with_effects
+from simulators.effects.attitude_gain import AttitudeGain
+from simulators.effects.contract import WrenchEffect
+from simulators.effects.delay import Delay
+from simulators.effects.drag import Drag
+from simulators.effects.gust import Gust
+from simulators.effects.mass import Mass
+from simulators.effects.quadratic_drag import QuadraticDrag
+from simulators.effects.trim import Trim
+from simulators.effects.wind import Wind
+from simulators.point_mass import PointMass
+
+
+@pytest.fixture(scope="module")
+def replay():
+    return make_replay(make_library(PointMass(dt=0.005)), 0.005)
+
+
+def likelihood_of(replay, *effects, **settings):
+    flights = point_mass_set(*effects, **settings).flights
+    return make_likelihood(replay, flights, SIGMA)
+
+
+def judged(replay, *effects, n_flights=6, **settings):
+    likelihood = likelihood_of(replay, *effects, n_flights=n_flights, **settings)
+    problem, fits = attribute(likelihood, n_flights)
+    return problem, judge(problem, fits)
+
+
+def vector_of(replay, **values):
+    vector = replay.library.neutral.copy()
+    for i, slot in enumerate(replay.library.slots):
+        vector[i] = values.get(f"{slot.effect}_{slot.parameter}", vector[i])
+    return vector
+
+
+def test_the_truth_leaves_only_noise(replay):
+    likelihood = likelihood_of(replay, Wind(x=0.5))
+    normal = likelihood.normal(vector_of(replay, wind_x=0.5))
+    dof = normal.dof.sum()
+    assert normal.chi2 / dof == pytest.approx(1.0, abs=5 * np.sqrt(2 / dof))
+
+
+def test_slopes_agree_with_finite_differences(replay):
+    likelihood = likelihood_of(replay, n_flights=1)
+    at = vector_of(replay, wind_x=0.2, mass_e=0.05, attitude_lag_tau=0.02, drag_c=0.3)
+    gradient = -2 * likelihood.normal(at).g.sum(axis=0)
+    for name, step in (("wind_x", 1e-2), ("mass_e", 1e-3), ("drag_c", 1e-2)):
+        i = int(np.flatnonzero(vector_of(replay, **{name: 9.0}) == 9.0)[0])
+        ends = [likelihood.normal(at + s * step * np.eye(len(at))[i]).chi2 for s in (-1, 1)]
+        assert (ends[1] - ends[0]) / (2 * step) == pytest.approx(gradient[i], rel=0.02)
+
+
+def test_an_error_of_the_start_costs_nothing(replay):
+    likelihood = likelihood_of(replay, n_flights=2)
+    before = likelihood.normal(replay.library.neutral).chi2
+    for group in likelihood.groups:
+        group.pos[:] += 0.02
+        group.vel[:] -= 0.05
+    likelihood._replays.clear()
+    assert likelihood.normal(replay.library.neutral).chi2 == pytest.approx(before, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("effect", "name"),
+    [
+        (Wind(x=0.3, y=-0.2), "wind"),
+        (Mass(e=0.1), "mass"),
+        (Drag(c=0.4), "drag"),
+        (QuadraticDrag(k=0.5), "quadratic_drag"),
+        (Gust(x=0.8, y=0.3, onset=3.2), "gust"),
+        (AttitudeGain(g=-0.1), "attitude_gain"),
+        (Trim(roll=0.02, pitch=-0.01), "trim"),
+        (Delay(seconds=0.03), "delay"),
+    ],
+)
+def test_a_withheld_effect_is_named_with_its_size(replay, effect, name):
+    problem, verdict = judged(replay, effect, seed=3)
+    assert verdict.kind == "effect"
+    assert len(verdict.chosen.effects) == 1
+    (chosen,) = verdict.chosen.effects
+    assert name in {chosen, *verdict.aliases[chosen]}
+    free, low, high = intervals(problem, problem.fits[frozenset({name})])
+    for i, a, b in zip(free, low, high, strict=True):
+        truth = float(getattr(effect, problem.library.slots[i].parameter))
+        slack = 0.5 * (b - a) + 1e-3  # four sigmas, for sixteen intervals at once
+        assert a - slack < truth < b + slack
+
+
+def test_two_withheld_effects_are_both_named(replay):
+    _, verdict = judged(replay, Wind(x=0.4), AttitudeGain(g=-0.15), seed=5)
+    assert verdict.kind == "effect"
+    assert verdict.chosen.effects == {"wind", "attitude_gain"}
+    assert min(verdict.probability.values()) > 0.9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_clean_flights_show_no_effect(replay, seed):
+    _, verdict = judged(replay, seed=seed)
+    assert verdict.kind == "none"
+    assert verdict.chosen.probability > 0.5
+
+
+class Shaking(WrenchEffect):
+    """A force that no candidate has: it swings with time."""
+
+    parameters = {}  # noqa: RUF012
+    door = "wrench"
+    needs = ()
+    order = 5
+    version = "1"
+
+    def init(self, n_drones, dt):
+        return None
+
+    def wrench(self, memory, flight, vehicle, dt):
+        import jax.numpy as jnp
+
+        force = vehicle.mass * jnp.sin(5.0 * flight.t) * jnp.asarray([1.0, 0.5, 0.0])
+        return None, jnp.broadcast_to(force, flight.pos.shape), jnp.zeros_like(flight.pos)
+
+
+def test_a_force_that_no_candidate_has_stays_unexplained(replay):
+    problem, verdict = judged(replay, Shaking())
+    assert verdict.kind == "unexplained"
+    assert verdict.unexplained_share > 0.5
+    assert verdict.structure > 5.0
+    assert structure(problem, problem.nominal().normal) > 5.0
+
+
+def test_an_excluded_effect_and_its_aliases_are_no_candidates():
+    assert with_aliases(["mass"]) == {"mass", "thrust_gain"}
+    library = make_library(PointMass(), with_aliases(["wind"]))
+    assert not {"wind", "gust"} & set(library.effects)
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say(replay):
+    inside = []
+    for seed in range(20):
+        likelihood = likelihood_of(replay, Wind(x=0.3), n_flights=3, seconds=4.0, seed=seed)
+        problem = Problem(likelihood)
+        fit = problem.refit(frozenset({"wind"}), problem.anchor())
+        _, low, high = intervals(problem, fit)
+        inside += list((low < [0.3, 0, 0]) & (high > [0.3, 0, 0]))
+    assert np.mean(inside) > 0.86  # 60 intervals of 95 %: below this by chance in 1 of 200
+
+
+def test_dispersion_of_independent_noise_is_one_and_of_moody_flights_is_not(replay):
+    calm = likelihood_of(replay, n_flights=8)
+    assert dispersion(calm.normal(replay.library.neutral), 8) < 1.6
+    moody = [
+        fly(with_effects(PointMass(dt=0.005), [Wind(x=0.1 * (-1) ** i)]), n_flights=1, seed=i)[0]
+        for i in range(8)
+    ]
+    likelihood = make_likelihood(replay, moody, SIGMA)
+    assert dispersion(likelihood.normal(replay.library.neutral), 8) > 2.0
+
+
+def test_the_smallest_visible_size_falls_with_the_root_of_flight_time(replay):
+    sizes = []
+    for n_flights in (2, 8):
+        problem, _ = attribute(likelihood_of(replay, n_flights=n_flights), n_flights)
+        problem.phi = 1.0
+        found = {problem.library.slots[i]: x for i, x in limits(problem, problem.nominal())}
+        sizes.append(next(x for slot, x in found.items() if slot.effect == "drag"))
+    assert sizes[0] / sizes[1] == pytest.approx(2.0, rel=0.35)
+
+
+def test_a_reference_takes_out_what_both_sets_share(replay):
+    old = point_mass_set(Drag(c=0.5), seed=1).flights
+    new = point_mass_set(Drag(c=0.5), Wind(x=0.4), seed=2).flights
+    base = fit_reference(make_likelihood(replay, old, SIGMA))
+    problem, fits = attribute(make_likelihood(replay, new, base.sigma), len(new), base)
+    verdict = judge(problem, fits, base.structure)
+    assert verdict.chosen.effects == {"wind"}
+    free, low, high = intervals(problem, verdict.chosen.fit)
+    assert problem.library.slots[free[0]].parameter == "x"
+    assert low[0] - 0.02 < 0.4 < high[0] + 0.02
+    assert any(shared["name"] == "drag" for shared in base.shared(replay.library))
+
+
+def test_flights_with_bad_windows_after_a_gap_distrust_only_those(replay):
+    flights = flight_set(fly(PointMass(dt=0.005), n_flights=3)).flights
+    (drone,) = flights[0].drones
+    cmd = drone.cmd.copy()
+    keep = np.setdiff1d(np.arange(300), np.arange(150, 160))
+    names = ("t", "pos", "vel", "quat", "cmd")
+    lost = dataclasses.replace(drone, **{n: getattr(drone, n)[keep] for n in names})
+    pos = lost.pos.copy()
+    pos[(lost.t > 3.75) & (lost.t < 3.9)] += 0.05  # within the doubtful time
+    pos[(lost.t > 1.75) & (lost.t < 1.9)] += 0.05  # outside of it
+    spoiled = dataclasses.replace(lost, pos=pos)
+    assert len(cmd) == 300
+    flown = (dataclasses.replace(flights[0], drones=(spoiled,)), *flights[1:])
+    likelihood = make_likelihood(replay, flown, SIGMA)
+    assert likelihood.distrust(replay.library.neutral, 4.0) == 1

@@ -1,0 +1,92 @@
+"""What drives a replay where no attitude is commanded."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from flights_for_tests import flight_set, fly
+
+from diagnosis.diagnose import diagnose
+from diagnosis.inputs import VOLTS, choose_inputs, on_ground, thrust_of_pwm, thrust_of_rotors
+from diagnosis.logs import LogError
+from simulators.point_mass import PointMass
+from simulators.vehicle import GRAVITY, VEHICLES
+
+
+def test_rotors_at_their_largest_speed_give_the_largest_thrust():
+    spec = VEHICLES["cf2x_L250"]
+    _, c1, c2 = spec.rpm2thrust
+    each = spec.thrust_max / 4
+    rpm = (-c1 + np.sqrt(c1**2 + 4 * c2 * each)) / (2 * c2)
+    speeds = np.full((1, 4), rpm * 2 * np.pi / 60)
+    assert thrust_of_rotors(speeds, spec)[0] == pytest.approx(spec.thrust_max)
+
+
+@pytest.mark.parametrize("grams", [0.0, 10.0, 32.0, 55.0])
+def test_pwm_map_inverts_the_firmware_parabola(grams):
+    volts = VOLTS[0] * grams + VOLTS[1] * grams**2
+    pwm = np.full((1, 4), volts / 3.8)
+    assert thrust_of_pwm(pwm, np.array([3.8]))[0] == pytest.approx(grams * 1e-3 * GRAVITY, abs=1e-9)
+
+
+def test_more_voltage_than_the_parabola_knows_holds_its_top():
+    full, more = (thrust_of_pwm(np.ones((1, 4)), np.array([v]))[0] for v in (3.2, 4.2))
+    assert full == more == pytest.approx(-VOLTS[0] / (2 * VOLTS[1]) * 1e-3 * GRAVITY)
+
+
+def rotors_only(flights, spec):
+    """The flights with rotor speeds in the place of their commands."""
+    _, c1, c2 = spec.rpm2thrust
+    found = []
+    for flight in flights:
+        (drone,) = flight.drones
+        rpm = (-c1 + np.sqrt(c1**2 + c2 * drone.cmd[:, 3])) / (2 * c2)
+        speeds = np.repeat(rpm[:, None], 4, axis=1) * 2 * np.pi / 60
+        bare = dataclasses.replace(drone, cmd=None, rotor_vel=speeds)
+        found.append(dataclasses.replace(flight, drones=(bare,)))
+    return tuple(found)
+
+
+def test_flights_without_commands_are_driven_by_their_rotors():
+    spec = VEHICLES["cf21B_500"]
+    flown = fly(PointMass(), n_flights=1, noise=0.0)
+    inputs = choose_inputs(flight_set(rotors_only(flown, spec)))
+    (drone,), (was,) = inputs.flights[0].drones, flown[0].drones
+    assert inputs.prescribed
+    np.testing.assert_allclose(drone.cmd[:, 3], was.cmd[:, 3], rtol=1e-9)
+
+
+def test_flights_that_lack_the_common_input_are_left_out_with_the_reason():
+    spec = VEHICLES["cf21B_500"]
+    flown = fly(PointMass(), n_flights=2, noise=0.0)
+    mixed = (flown[0], rotors_only(flown[1:], spec)[0])
+    inputs = choose_inputs(flight_set(mixed))
+    assert [f.name for f in inputs.flights] == ["flight_0"]
+    assert inputs.left_out[0][0] == "flight_1"
+    assert "commands" in inputs.left_out[0][1]
+
+
+def test_no_input_at_all_is_an_error():
+    (flight,) = fly(PointMass(), n_flights=1, noise=0.0)
+    bare = dataclasses.replace(flight, drones=(dataclasses.replace(flight.drones[0], cmd=None),))
+    with pytest.raises(LogError, match="no flight has cmd"):
+        choose_inputs(flight_set([bare]))
+
+
+def test_time_on_the_ground_is_found():
+    (flight,) = fly(PointMass(), n_flights=1, noise=0.0)
+    cmd = flight.drones[0].cmd.copy()
+    cmd[:50, 3] = 0.0
+    (stretch,) = on_ground(dataclasses.replace(flight.drones[0], cmd=cmd), 0.0434)
+    assert stretch == pytest.approx((0.0, 1.0))
+
+
+def test_effects_on_the_attitude_are_not_observable_without_its_command():
+    spec = VEHICLES["cf21B_500"]
+    flights = flight_set(rotors_only(fly(PointMass(dt=0.005), n_flights=3), spec))
+    found = diagnose(flights, simulator="point_mass").to_json()
+    hidden = {line["effect"]: line["why"] for line in found["details"]["not_observable"]}
+    assert {"trim", "delay", "attitude_gain"} <= set(hidden)
+    assert "prescribed" in hidden["trim"]
+    assert found["flights"]["input"] == "rotor speeds"
+    assert found["verdict"] == "none"
