@@ -6,6 +6,8 @@ makes the estimate blind to the few rows where a flight is rougher than a cubic.
 log that was rounded to its last digit from being believed exactly.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
@@ -37,7 +39,7 @@ def measured(log: DroneLog) -> Float[np.ndarray, "rows 9"]:
     return np.concatenate([log.pos, log.vel, rpy], axis=1)
 
 
-def estimate_noise(flights: tuple[FlightLog, ...]) -> Float[np.ndarray, " 9"]:
+def estimate_noise(flights: Sequence[FlightLog]) -> Float[np.ndarray, " 9"]:
     """Standard deviation of each channel's noise: m, m/s, rad.
 
     The three axes of one kind of measurement are taken together.

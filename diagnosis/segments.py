@@ -258,4 +258,4 @@ def filled(
 def _nearest(grid: Float[np.ndarray, " rows"], t: np.ndarray) -> np.ndarray:
     """Index of the row nearest in time."""
     right = np.clip(np.searchsorted(grid, t), 1, len(grid) - 1)
-    return right - (t - grid[right - 1] < grid[right] - t)
+    return np.asarray(right - (t - grid[right - 1] < grid[right] - t))

@@ -193,12 +193,27 @@ def track(
     excitation: float,
     key: PRNGKeyArray,
 ) -> TrackingFlight:
-    """One isolated drone tracks a reference in `reality`, a nominal lag running along."""
-    tracker = PDTracker(mass=reality.spec.mass, action_space=reality.action_space)
-    start = reference.pos[:1]
+    """One isolated drone tracks a reference in `reality`, a nominal lag running along.
+
+    `excitation` is the amplitude of the dither on the actions [-].
+    """
     n_steps = len(reference.pos)
     drawn = jax.random.uniform(key, (-(-n_steps // DITHER_STEPS), 1, 3), minval=-1.0)
     dither = excitation * jnp.repeat(drawn, DITHER_STEPS, axis=0)[:n_steps]
+    return track_dithered(nominal, reality, reference, attitude, dither, key)
+
+
+def track_dithered(
+    nominal: AbstractSimulator,
+    reality: AbstractSimulator,
+    reference: Reference,
+    attitude: Attitude,
+    dither: Float[Array, "time 1 3"],
+    key: PRNGKeyArray,
+) -> TrackingFlight:
+    """The same with a dither that is given [-]."""
+    tracker = PDTracker(mass=reality.spec.mass, action_space=reality.action_space)
+    start = reference.pos[:1]
 
     def step(carry: tuple, inputs: tuple[Reference, Array]) -> tuple[tuple, TrackingFlight]:
         (state, shadow), (target, dither) = carry, inputs

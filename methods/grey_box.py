@@ -8,6 +8,9 @@ The point mass is stepped in halves of a control step. At 0.02 s its semi-implic
 policy's idea of "along the path" by half a step (1 m/s around 1 m: 10 mrad, 0.5 % of the speed at
 every step of the episode), and the drag that fits it is 3 % off.
 
+Every training episode draws its own lags and delays around the identified ones, so that a policy
+does not live on the last degree of phase margin (`methods/varied.py`).
+
 With a residual, a frozen black box on top corrects what the named effects leave: it is fitted to
 the same flights, features and targets as Hybrid's but with the corrected point mass in the place
 of the nominal one. Horizontal positions of its transitions are drawn anew within `ARENA`, because
@@ -32,6 +35,7 @@ from methods.identification import Identification, along, identify, once
 from methods.policy import Policy, make_policy
 from methods.residual_effect import ResidualEffect, features
 from methods.residuals.contract import AbstractResidualModel, Transitions
+from methods.varied import Varied
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.vehicle import CONTROL_DT
@@ -49,6 +53,8 @@ class GreyBox(AbstractMethod):
     """Most named effects that the search may combine, the floor not counted."""
     dt: float = eqx.field(static=True, default=0.01)
     """Integration step of the point mass [s]."""
+    spread: float = eqx.field(static=True, default=0.5)
+    """Largest change of the logarithm of an identified time in a training episode [-]."""
     trainer: BPTT = eqx.field(default=BPTT(epochs=600))
     """How the policy is trained; in all fewer updates than a hot start makes (300 + 500)."""
 
@@ -61,6 +67,8 @@ class GreyBox(AbstractMethod):
             raise ValueError(f"`largest` must be at least 1, got {self.largest}.")
         if not 0.0 < self.dt <= CONTROL_DT:
             raise ValueError(f"`dt` must lie in (0, {CONTROL_DT}] s, got {self.dt}.")
+        if not 0.0 <= self.spread < 2.0:
+            raise ValueError(f"`spread` must lie in [0, 2), got {self.spread}.")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         start = time.perf_counter()
@@ -77,7 +85,12 @@ class GreyBox(AbstractMethod):
             corrected = with_effects(corrected, [ResidualEffect(model, nominal.spec.mass)])
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
         training = self.trainer.train(
-            task, corrected, policy, train_key, setup.progress, "grey-box training"
+            task,
+            Varied(corrected, self.spread),
+            policy,
+            train_key,
+            setup.progress,
+            "grey-box training",
         )
         return Trained(
             policy=training.policy,

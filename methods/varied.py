@@ -63,9 +63,7 @@ class Varied(AbstractSimulator):
     def restore(
         self, flight: Flight, cmd_history: Float[Array, "time drones 4"], key: PRNGKeyArray
     ) -> VariedState:
-        return VariedState(
-            self.simulator.effects, self.simulator.restore(flight, cmd_history, key)
-        )
+        return VariedState(self.simulator.effects, self.simulator.restore(flight, cmd_history, key))
 
     def step_cmd(
         self, state: VariedState, cmd: Float[Array, "drones 4"], duration: float

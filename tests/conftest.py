@@ -9,7 +9,7 @@ os.environ.setdefault("SCIPY_ARRAY_API", "1")  # crazyflow wants it before SciPy
 
 import jaxtyping
 
-jaxtyping.install_import_hook(["simulators", "tasks", "methods"], "beartype.beartype")
+jaxtyping.install_import_hook(["simulators", "tasks", "diagnosis", "methods"], "beartype.beartype")
 
 import jax  # noqa: E402 - after the settings and the hook above
 import pytest  # noqa: E402

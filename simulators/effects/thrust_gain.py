@@ -20,8 +20,8 @@ class ThrustGain(PlantEffect):
     parameters: ClassVar[dict[str, Parameter]] = {
         "e": Parameter(
             unit="-",
-            low=-0.3,
-            high=0.3,
+            low=-0.5,
+            high=0.5,
             neutral=0.0,
             source="-0.14 to 0.03 over a fleet of one airframe; twice that is a guess",
         )
