@@ -1,4 +1,4 @@
-"""Environment variables of processes that compute: one XLA thread, compiled programs kept on disk."""
+"""Environment of processes that compute: one XLA thread, compiled programs kept on disk."""
 
 import os
 from pathlib import Path

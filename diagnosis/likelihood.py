@@ -151,7 +151,9 @@ class Likelihood:
     def _equations(
         self, group: Segments, chosen: slice, prediction: Prediction
     ) -> dict[str, np.ndarray]:
-        r, J = self.whitened(group, chosen, prediction)
+        # Parameters at which a simulation blows up give NaN, which no comparison prefers.
+        with np.errstate(invalid="ignore", over="ignore"):
+            r, J = self.whitened(group, chosen, prediction)
         n_windows = r.shape[0] * r.shape[1]
         flat = r.reshape(n_windows, -1)
         J = np.moveaxis(J.reshape(len(J), n_windows, -1), 0, 1)

@@ -35,7 +35,7 @@ from methods.identification import Identification, along, identify, once
 from methods.policy import Policy, make_policy
 from methods.residual_effect import ResidualEffect, features
 from methods.residuals.contract import AbstractResidualModel, Transitions
-from methods.varied import Varied
+from methods.varied import make_varied
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.vehicle import CONTROL_DT
@@ -86,7 +86,7 @@ class GreyBox(AbstractMethod):
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
         training = self.trainer.train(
             task,
-            Varied(corrected, self.spread),
+            make_varied(corrected, self.spread),
             policy,
             train_key,
             setup.progress,

@@ -59,10 +59,9 @@ SIGMA = np.asarray([1e-2] * 3 + [1e-2] * 3 + [1e-2] * 3)
 it times the change of velocity), 1 cm/s, 10 mrad (yaw couples into tilt); a choice."""
 DITHER = 0.2
 """Amplitude of the dither on the actions [-], as in Hybrid's calibration flights."""
-HELD = {"rise": 4, "steps": 10, "turns": 10}
-"""Control steps for which each of its values is held. Thrust is shaken up to the 40 rad/s at which
-a height loop of high gain would begin to oscillate; tilt is not, because behind three lags it
-hardly moves there; a choice."""
+HELD = 5
+"""Control steps for which each of its values is held, half of Hybrid's: it must shake up to the
+frequencies at which a height loop of high gain would begin to oscillate; a choice."""
 MOVING = 0.05
 """Speed from which a drone counts as flying [m/s]; a choice."""
 SETTLING = 0.1
@@ -169,15 +168,12 @@ def choose(likelihood: Likelihood, n_flights: int, largest: int) -> Fit:
 
 def fly(nominal: AbstractSimulator, reality: AbstractSimulator) -> TrackingFlight:
     """The flights of all paths."""
-    found = paths()
-    references = jax.tree.map(lambda *x: jnp.stack(x), *found.values())
-    dither = jnp.stack([_dither(len(found["rise"].pos), i, HELD[n]) for i, n in enumerate(found)])
+    references = jax.tree.map(lambda *x: jnp.stack(x), *paths().values())
+    n_flights, n_steps, _ = references.pos.shape
+    shape = (n_flights, -(-n_steps // HELD), 1, 3)
+    drawn = jax.random.uniform(jax.random.key(0), shape, minval=-1.0)
+    dither = DITHER * jnp.repeat(drawn, HELD, axis=1)[:, :n_steps]
     return _fly(nominal, reality, references, dither)
-
-
-def _dither(n_steps: int, seed: int, held: int) -> Float[Array, "time 1 3"]:
-    values = jax.random.uniform(jax.random.key(seed), (-(-n_steps // held), 1, 3), minval=-1.0)
-    return DITHER * jnp.repeat(values, held, axis=0)[:n_steps]
 
 
 @eqx.filter_jit

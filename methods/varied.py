@@ -1,4 +1,4 @@
-"""A simulator whose dynamics are a little different in every episode."""
+"""A simulator whose lags and delays are a little different in every episode."""
 
 from typing import Any, ClassVar
 
@@ -19,57 +19,55 @@ TIMES = ("s", "rad/s")
 class VariedState(eqx.Module):
     """State of one episode."""
 
-    effects: tuple[AbstractEffect, ...]
-    """The effects as they are in this episode."""
+    factors: Float[Array, " times"]
+    """What each time is multiplied by [-]."""
     inner: Any
     """State of the simulator that is varied."""
 
 
 class Varied(AbstractSimulator):
-    """Scales the times of all effects by exp(U(-spread, spread)), each drawn anew at reset.
+    """Multiplies the times of its effects by exp(U(-spread, spread)), each drawn at reset.
 
-    Source: domain randomization of dynamics, Peng et al. (2018), arXiv 1710.06537.
+    Made by `make_varied`. Source: randomized dynamics, Peng et al. (2018), arXiv 1710.06537.
     """
 
     simulator: AbstractSimulator
-    """What is varied, with its effects."""
+    """What is varied."""
     spread: float = eqx.field(static=True)
-    """Largest change of the logarithm of a time [-]."""
+    """Largest change of the logarithm of a time [-]; 0 varies nothing."""
+    spec: VehicleSpec
+    """The airframe."""
+    action_space: ActionSpace
+    """How actions become commands."""
+    effects: tuple[AbstractEffect, ...] = ()
+    """None beside those of `simulator`."""
 
     name: ClassVar[str] = "varied"
     version: ClassVar[str] = "1"
     doors: ClassVar[tuple[str, ...]] = ()
 
-    @property
-    def spec(self) -> VehicleSpec:
-        return self.simulator.spec
-
-    @property
-    def action_space(self) -> ActionSpace:
-        return self.simulator.action_space
-
-    @property
-    def effects(self) -> tuple[AbstractEffect, ...]:
-        return self.simulator.effects
-
     def reset(self, pos: Float[Array, "drones 3"], key: PRNGKeyArray) -> VariedState:
         draw_key, key = jax.random.split(key)
-        effects = tuple(
-            self._drawn(effect, jax.random.fold_in(draw_key, i))
-            for i, effect in enumerate(self.simulator.effects)
-        )
-        return VariedState(effects, self.simulator.reset(pos, key))
+        shape = (len(_times(self.simulator)),)
+        drawn = jax.random.uniform(draw_key, shape, minval=-self.spread, maxval=self.spread)
+        return VariedState(jnp.exp(drawn), self.simulator.reset(pos, key))
 
     def restore(
         self, flight: Flight, cmd_history: Float[Array, "time drones 4"], key: PRNGKeyArray
     ) -> VariedState:
-        return VariedState(self.simulator.effects, self.simulator.restore(flight, cmd_history, key))
+        """With the times as they are."""
+        inner = self.simulator.restore(flight, cmd_history, key)
+        return VariedState(jnp.ones(len(_times(self.simulator))), inner)
 
     def step_cmd(
         self, state: VariedState, cmd: Float[Array, "drones 4"], duration: float
     ) -> VariedState:
-        simulator = eqx.tree_at(lambda s: s.effects, self.simulator, state.effects)
-        return VariedState(state.effects, simulator.step_cmd(state.inner, cmd, duration))
+        times = [
+            time * factor
+            for time, factor in zip(_times(self.simulator), state.factors, strict=True)
+        ]
+        simulator = eqx.tree_at(_times, self.simulator, times) if times else self.simulator
+        return VariedState(state.factors, simulator.step_cmd(state.inner, cmd, duration))
 
     def flight(self, state: VariedState) -> Flight:
         return self.simulator.flight(state.inner)
@@ -82,14 +80,19 @@ class Varied(AbstractSimulator):
         chosen: Bool[Array, " drones"],
     ) -> VariedState:
         inner = self.simulator.turned(state.inner, quat, ang_vel, chosen)
-        return VariedState(state.effects, inner)
+        return VariedState(state.factors, inner)
 
-    def _drawn(self, effect: AbstractEffect, key: PRNGKeyArray) -> AbstractEffect:
-        for i, (name, parameter) in enumerate(effect.parameters.items()):
-            if parameter.unit in TIMES:
-                change = jax.random.uniform(
-                    jax.random.fold_in(key, i), minval=-self.spread, maxval=self.spread
-                )
-                value = getattr(effect, name) * jnp.exp(change)
-                effect = eqx.tree_at(lambda e, name=name: getattr(e, name), effect, value)
-        return effect
+
+def make_varied(simulator: AbstractSimulator, spread: float) -> Varied:
+    """`simulator` with the times of its effects drawn at every reset."""
+    return Varied(simulator, spread, simulator.spec, simulator.action_space)
+
+
+def _times(simulator: AbstractSimulator) -> list[Array]:
+    """Parameters of the effects that are times."""
+    return [
+        getattr(effect, name)
+        for effect in simulator.effects
+        for name, parameter in effect.parameters.items()
+        if parameter.unit in TIMES
+    ]

@@ -207,8 +207,8 @@ class PointMass(AbstractSimulator):
 
 
 def _chosen(
-    chosen: Bool[Array, " drones"], new: Float[Array, "drones *n"], old: Float[Array, "drones *n"]
-) -> Float[Array, "drones *n"]:
+    chosen: Bool[Array, " drones"], new: Float[Array, "..."], old: Float[Array, "..."]
+) -> Float[Array, "..."]:
     """`new` where a drone is chosen, `old` elsewhere."""
     return jnp.where(chosen.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 

@@ -23,7 +23,8 @@ class ThrustGain(PlantEffect):
             low=-0.5,
             high=0.5,
             neutral=0.0,
-            source="-0.14 to 0.03 over a fleet of one airframe; twice that is a guess",
+            source="-0.14 to 0.03 over a fleet of one airframe, maps from PWM off by a third; the "
+            "bound is a guess",
         )
     }
     door: ClassVar[str] = "plant"

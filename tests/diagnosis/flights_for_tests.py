@@ -27,8 +27,8 @@ def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0):
     flown = jax.jit(lambda target, dither: _flown(simulator, target, dither))
     flights = []
     for i in range(n_flights):
-        target = np.array([0.0, 0.0, 1.5]) + hold(3, 75) * [1.5, 1.5, 0.5]
-        dither = hold(4, 10) * [0.15, 0.15, 0.0, 0.03]
+        target = np.array([0.0, 0.0, 1.5]) + hold(3, 75) * [0.5, 0.5, 0.25]
+        dither = hold(4, 10) * [0.12, 0.12, 0.0, 0.03]
         log, cmd = flown(jnp.asarray(target), jnp.asarray(dither))
         flights.append(FlightLog(f"flight_{i}", (_noisy(log, np.asarray(cmd), rng, noise),)))
     return tuple(flights)
