@@ -170,7 +170,7 @@ def contains(effects: Set, truth: Set) -> bool:
 def _screened(problem: Problem, true: Fit) -> Iterator[tuple[Set, float]]:
     """Every rival with the chi-square beyond the truth's that it promises at least."""
     anchor = problem.anchor()
-    for rival in rivals(true.effects, problem.library.effects):
+    for rival in rivals(true.effects, problem.library.candidates):
         from_nominal = anchor.objective - _gain(problem, anchor, rival)
         from_truth = true.objective + _exchanged(problem, true, rival)
         yield rival, min(from_nominal, from_truth) - true.objective

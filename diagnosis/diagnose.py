@@ -37,6 +37,8 @@ STEPS = {"crazyflow": 0.002, "point_mass": 0.005}
 ATTITUDE_LOST = 30.0
 """Chi-square per node of a roll, pitch or yaw that nothing explains, from which the attitude is
 prescribed: five sigmas, so that forces are not judged through an attitude that is wrong."""
+FORCES_EXPLAINED = 0.1
+"""Share of the gap in forces that may be left where the attitude was prescribed for their sake."""
 UNSEEN = 1e3
 """Noise [rad] of an attitude that is prescribed and therefore says nothing."""
 DISTRUST = 2.5
@@ -79,7 +81,7 @@ def diagnose(
     if study.attitude_lost():
         progress("again, with the measured attitude", 0.05)
         other = _study(flights, simulator, reference, exclude, progress, prescribe=True)
-        study = other if other.verdict.kind == "effect" else study
+        study = other if other.convinces() else study
     content = _content(flights, simulator, study)
     content["details"]["not_observable"] = _not_observable(study, with_aliases(exclude))
     progress("done", 1.0)
@@ -117,6 +119,14 @@ class Study:
         chi2 = normal.kind.sum(axis=0)[6:] / (normal.dof.sum() / 9.0)
         enlarged = (self.every.sigma / self.noise)[6:] ** 2
         return bool(np.max(chi2 * enlarged) > ATTITUDE_LOST)
+
+    def convinces(self) -> bool:
+        """Whether forces, judged under the measured attitude, have a clear cause.
+
+        The noise of the measured attitude enters the forces, which a small effect could explain.
+        """
+        share = self.verdict.unexplained_share
+        return self.verdict.kind == "effect" and share < FORCES_EXPLAINED
 
 
 def _study(
@@ -367,7 +377,7 @@ def _not_observable(study: Study, exclude: Collection[str]) -> list[dict[str, st
     library = study.problem.library
     simulator, found = library.simulator, []
     for name, kind in sorted(registry.load_all("effect").items()):
-        if name in library.effects:
+        if name in library.candidates:
             continue
         missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]
         if name in exclude:

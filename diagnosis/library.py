@@ -18,6 +18,10 @@ from simulators.effects.contract import AbstractEffect
 LEFT_OUT = ("floor",)
 """Effects that are no candidates: a floor is seen or not, it is not estimated from its slope."""
 
+LOCAL = ("wind", "trim", "yaw_misalignment")
+"""Effects along whose slopes every window may want something for itself (`verdict.structure`);
+attached always, so that what is left over is measured alike whatever is excluded."""
+
 NEEDS_NEIGHBOUR = ("downwash",)
 """Effects that do nothing to a drone that flies alone."""
 
@@ -79,6 +83,13 @@ class Library(eqx.Module):
     """Effect classes by registered name."""
     slots: tuple[Slot, ...] = eqx.field(static=True)
     """The vector's entries."""
+    withheld: frozenset[str] = eqx.field(static=True, default=frozenset())
+    """Effects that are attached for their slopes (`LOCAL`) and are no candidates."""
+
+    @property
+    def candidates(self) -> list[str]:
+        """Effects that may be blamed."""
+        return [name for name in self.effects if name not in self.withheld]
 
     @property
     def neutral(self) -> Float[np.ndarray, " params"]:
@@ -131,13 +142,15 @@ def make_library(
         missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]
         alone = name in NEEDS_NEIGHBOUR and not several_drones
         unseen = prescribed and name in NEEDS_ATTITUDE_CMD
-        if missing or alone or unseen or name in LEFT_OUT or name in exclude:
+        hidden = name in exclude and name not in LOCAL
+        if missing or alone or unseen or hidden or name in LEFT_OUT:
             continue
         effects[name] = kind
         for parameter, info in kind.parameters.items():
             neutral = min(info.neutral, FAR)
             slots.append(Slot(name, parameter, info.unit, neutral, info.low, info.high))
-    return Library(simulator=simulator, effects=effects, slots=tuple(slots))
+    withheld = frozenset(name for name in effects if name in exclude)
+    return Library(simulator, effects, tuple(slots), withheld)
 
 
 def with_aliases(exclude: Collection[str]) -> set[str]:

@@ -296,7 +296,7 @@ class Problem:
     def _grow(self, front: list[Fit]) -> Iterator[Fit]:
         """Refitted sets with one effect more than those of the front."""
         promised: dict[Set, tuple[float, Fit]] = {}
-        for near, name in itertools.product(front, self.library.effects):
+        for near, name in itertools.product(front, self.library.candidates):
             effects = near.effects | {name}
             if name in near.effects:
                 continue

@@ -85,10 +85,15 @@ class Varied(AbstractSimulator):
 
 def make_varied(simulator: AbstractSimulator, spread: float) -> Varied:
     """`simulator` with the times of its effects drawn at every reset."""
-    return Varied(simulator, spread, simulator.spec, simulator.action_space)
+    return Varied(
+        simulator=simulator,
+        spread=spread,
+        spec=simulator.spec,
+        action_space=simulator.action_space,
+    )
 
 
-def _times(simulator: AbstractSimulator) -> list[Array]:
+def _times(simulator: AbstractSimulator) -> list[Any]:
     """Parameters of the effects that are times."""
     return [
         getattr(effect, name)

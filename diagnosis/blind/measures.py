@@ -125,11 +125,11 @@ def _without_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, 
         return {"decidable": True}
     problem = desk.exact(case)
     if case.kind == "unknown":
-        found = unexplained(problem, list(problem.library.effects), desk.left(problem))
+        found = unexplained(problem, list(problem.library.candidates), desk.left(problem))
     elif case.kind == "excluded":
         left = truth_fit(problem, truth).objective
         hidden = with_aliases(case.exclude)
-        allowed = [name for name in problem.library.effects if name not in hidden]
+        allowed = [name for name in problem.library.candidates if name not in hidden]
         found = unexplained(problem, allowed, left)
     else:
         found = decidability(problem, truth)
@@ -154,7 +154,7 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
     anchor = problem.anchor()
     wrong = [
         Set({name})
-        for name in problem.library.effects
+        for name in problem.library.candidates
         if not any(contains(Set({name}), Set({true})) for true in truth)
     ]
     best = max(wrong, key=lambda effects: problem.promised(anchor, effects))

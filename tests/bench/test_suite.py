@@ -59,7 +59,7 @@ def test_built_in_suites_are_what_the_documentation_promises():
     }
     assert sizes == {
         "quick": (2, (3,), 1, 6),
-        "pilot": (4, (3, 12), 3, 6),
+        "pilot": (4, (3, 12), 3, 8),
         "paper": (4, (3, 5, 7, 9, 12, 18), 5, 6),
     }
     ablations = [row for row in suites["pilot"].methods if row not in rows["pilot"]]

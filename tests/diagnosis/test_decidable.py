@@ -10,7 +10,7 @@ from diagnosis.blind.catalogue import Withheld
 from diagnosis.blind.efficiency import over_bound
 from diagnosis.blind.identifiable import compare
 from diagnosis.decidable import contains, cramer_rao, decidability, rivals, truth_fit, unexplained
-from diagnosis.likelihood import Normal
+from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.search import Problem
 
 NAMES = ("drag", "mass", "trim", "wind")
@@ -20,6 +20,8 @@ class Library:
     """Four effects of one parameter each."""
 
     effects = dict.fromkeys(NAMES)
+    candidates = NAMES
+    withheld = frozenset()
     slots = tuple(
         types.SimpleNamespace(effect=n, parameter="p", neutral=0.0, low=-100.0, high=100.0)
         for n in NAMES
@@ -30,7 +32,7 @@ class Library:
         return [NAMES.index(effect)]
 
 
-class Linear:
+class Linear(Likelihood):
     """Measurements y = J theta, noise one: chi-square of theta is |y - J theta|^2."""
 
     def __init__(self, columns, truth):

@@ -22,7 +22,13 @@ RESIDUALS = registry.load_all("residual")
 FLIGHTS = 4
 TINY = BPTT(epochs=3, lr=3e-3, n_worlds=1, patience=None, smoothing=1, final_lr=1.0)
 # Whatever setting of these a method has is replaced; the rest of its defaults stay.
-SMALL = {"trainer": TINY, "epochs_base": 3, "epochs_per_drone": 0.0, "flights": FLIGHTS}
+SMALL = {
+    "trainer": TINY,
+    "epochs_base": 3,
+    "epochs_per_drone": 0.0,
+    "flights": FLIGHTS,
+    "spread": 0.0,
+}
 
 
 class Hold(AbstractTask):

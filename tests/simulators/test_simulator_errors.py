@@ -51,7 +51,7 @@ def test_crazyflow_steps_by_any_multiple_of_its_physics_step():
             "pointmass",
             r"Did you mean 'point_mass'\? Registered: crazyflow, point_mass",
         ),
-        ("effect", "xyz", r"No effect is registered as 'xyz'\. Registered: attitude_loop, "),
+        ("effect", "xyz", r"No effect is registered as 'xyz'\. Registered: attitude_gain, "),
     ],
 )
 def test_an_unknown_plugin_is_answered_with_the_nearest_name(kind, name, message):
