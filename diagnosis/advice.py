@@ -1,7 +1,6 @@
 """The flight to fly next: what would separate effects that these flights cannot tell apart.
 
-Each advice names a manoeuvre, and `diagnosis.blind.manoeuvres` flies it in simulation, where it is
-shown to separate the pair.
+Each advice names a manoeuvre in which the two effects act differently, by their equations.
 """
 
 import itertools
