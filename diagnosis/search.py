@@ -147,8 +147,7 @@ class Problem:
             fresh[self._place("gust", "onset")] = onset
             normal = _switched(normal, self.library.indices("gust"), onset)
         free = self.free(effects)
-        step, _ = self.solve(normal, near, free)
-        fresh[free] += step
+        fresh[free] += self._bounded(normal, dataclasses.replace(near, vector=fresh), free)
         return self._within(fresh, free)
 
     def onset(self, near: Fit, effects: Set) -> float:
@@ -166,12 +165,32 @@ class Problem:
         return next(i for i in self.library.indices(effect) if self._is(i, parameter))
 
     def _within(self, vector: np.ndarray, free: list[int]) -> np.ndarray:
-        low, high = self.library.low.copy(), self.library.high
         vector = vector.copy()
+        vector[free] = np.clip(vector[free], *self._bounds(free))
+        return vector
+
+    def _bounds(self, free: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        low, high = self.library.low.copy(), self.library.high
         if "gust" in self.library.effects:
             low[self._place("gust", "onset")] = self.earliest
-        vector[free] = np.clip(vector[free], low[free], high[free])
-        return vector
+        return low[free], high[free]
+
+    def _bounded(self, normal: Normal, fit: Fit, free: list[int]) -> Float[np.ndarray, " free"]:
+        """Linear step within the bounds: what would leave them stays there, the rest follows."""
+        H, g = self.reduced(normal, fit, free)
+        low, high = self._bounds(free)
+        start = fit.vector[free]
+        step, moves = np.zeros(len(free)), np.ones(len(free), bool)
+        while moves.any():
+            inner, right = H[np.ix_(moves, moves)], g[moves] - H[moves][:, ~moves] @ step[~moves]
+            step[moves] = np.linalg.lstsq(*_scaled(inner, right), rcond=1e-9)[0] / _scale(inner)
+            inside = np.clip(start + step, low, high) - start
+            leaves = moves & (inside != step)
+            if not leaves.any():
+                break
+            step[leaves] = inside[leaves]
+            moves &= ~leaves
+        return step
 
     def solve(
         self, normal: Normal, fit: Fit, free: list[int]
@@ -207,16 +226,15 @@ class Problem:
 
     def _step(self, fit: Fit, free: list[int]) -> Fit | None:
         """A fit that is better, along the Gauss-Newton step or a part of it."""
-        step, promise = self.solve(fit.normal, fit, free)
+        step = self._bounded(fit.normal, fit, free)
+        H, g = self.reduced(fit.normal, fit, free)
+        promise = float(2 * g @ step - step @ H @ step)
         if promise < 0.02 * self.phi and not np.any(self._shared_step(fit, free, step)):
             return None
         for part in PARTS:
-            own = fit.vector.copy()
-            own[free] += part * step
-            taken = self._within(own, free)[free] - fit.vector[free]
-            shift = part * self._shared_step(fit, free, taken / part)
+            shift = part * self._shared_step(fit, free, step)
             own = fit.vector + shift
-            own[free] += taken
+            own[free] += part * step
             shared = fit.shared + shift
             tried = dataclasses.replace(
                 fit,

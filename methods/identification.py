@@ -12,7 +12,7 @@ A step of size s at time t_k is the critically damped s (1 - exp(-r) (1 + r)), r
 The rows from when the drone moves are diagnosed (`diagnosis`): candidate sets of the whole library
 are refitted in the simulator in which policies will be trained, at its step, and compared by
 evidence, twice: first as if all that is left were noise, then with how far the flights disagree
-about what that choice leaves. The flights carry no noise; `SIGMA` weighs what no point mass can
+about what that choice leaves; of sets that this cannot tell apart the best fit is taken. The flights carry no noise; `SIGMA` weighs what no point mass can
 reproduce.
 
 The semi-implicit Euler of the point mass applies a force at the end of the step in which it arises,
@@ -66,6 +66,8 @@ MOVING = 0.05
 """Speed from which a drone counts as flying [m/s]; a choice."""
 SETTLING = 0.1
 """Time after that which is left out, because the rotors spin up otherwise than they run [s]."""
+EQUAL = 2.0
+"""Sets whose log evidence differs by less count as equally likely [nats]; a choice."""
 NO_CANDIDATES = ("gust",)
 """What begins at a time of one flight is nothing to train for."""
 _HEIGHT = 1.2
@@ -159,11 +161,18 @@ def _acts(library: Library, name: str, values: Mapping[str, float]) -> bool:
 
 
 def choose(likelihood: Likelihood, n_flights: int, largest: int) -> Fit:
-    """The candidate set with the best evidence, the dispersion between flights counted."""
+    """The best fit of the sets that evidence, with the dispersion between flights, ranks first.
+
+    What a name costs is a question of diagnosis; a policy is trained in the better fit of two sets
+    that are equally likely.
+    """
     problem = Problem(likelihood)
     fullest = problem.search(largest)[0]
     problem.phi = dispersion(fullest.normal, n_flights)
-    return problem.search(largest)[0]
+    fits = problem.search(largest)
+    most = problem.log_evidence(fits[0])
+    likely = [fit for fit in fits if problem.log_evidence(fit) > most - EQUAL]
+    return min(likely, key=lambda fit: fit.objective)
 
 
 def fly(nominal: AbstractSimulator, reality: AbstractSimulator) -> TrackingFlight:
