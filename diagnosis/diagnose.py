@@ -169,7 +169,7 @@ def _study(
     scored = every if lofo else _part(every, logs, held)
     if not lofo:
         for other in (every, scored):
-            other.distrust(verdict.chosen.fit.vector, DISTRUST)
+            other.settle(verdict.chosen.fit.vector, DISTRUST)
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
     return Study(inputs, base, problem, verdict, every, drift, fit_ids, held, sigma)
 
@@ -210,9 +210,9 @@ def attribute(
     problem.phi = max(floor, dispersion(problem.nominal().normal, n_flights))
     best = problem.search()[0]
     progress("weighing windows after gaps", 0.5)
-    if likelihood.distrust(best.vector, DISTRUST):
-        problem.renew()
-        best = problem.refit(best.effects, problem.anchor())
+    likelihood.settle(best.vector, DISTRUST)
+    problem.renew()
+    best = problem.refit(best.effects, problem.anchor())
     problem.phi = max(floor, dispersion(best.normal, n_flights))
     progress("comparing sets of effects", 0.6)
     fits = problem.search()

@@ -6,8 +6,11 @@ Within a window the measurements y of all nodes are
 
 with f the replayed window from a smoothed start and x the error of that start (position and
 velocity, six numbers a drone), which nothing is known of and which is projected out. What is left
-is independent from window to window, because windows share no row. With r the projected, whitened
-residual and J its derivative, every candidate set needs only
+is independent from window to window, because windows share no row. Where the attitude was set to a
+measured one at most a window ago, y also holds A z with z ~ N(0, diag(TURN^2)), the error of that
+attitude and angular velocity, and r and J below are multiplied by (I + A TURN^2 A')^(-1/2), with A
+taken at one vector for all (`settle`). With r the projected, whitened residual and J its
+derivative, every candidate set needs only
 
     H = J'J,   g = J'r,   c = r'r,   summed over windows and kept per window and flight.
 
@@ -18,7 +21,7 @@ residual and J its derivative, every candidate set needs only
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -28,6 +31,9 @@ from diagnosis.segments import WINDOW, Segments
 
 KEPT = 24
 """Replays that are kept, so that scoring a fit does not fly it again."""
+TURN = np.asarray([0.02] * 3 + [0.5] * 3)
+"""Errors of a fitted attitude [rad] and angular velocity [rad/s] with a drone in any motion; wide,
+so that a window says of its own start what it can."""
 FEWEST_NODES = 5
 """A drone's window with fewer nodes is left out: its start alone takes two per axis."""
 
@@ -108,6 +114,8 @@ class Likelihood:
         self.n_params = len(replay.library.slots)
         self.trusted: Bool[np.ndarray, " windows"] | None = None
         self._replays: dict[bytes, tuple[dict, dict]] = {}
+        self._settled = np.array(replay.library.neutral, float)
+        self._turns: dict[tuple[int, int], _Turns] = {}
 
     def normal(self, vector: Float[np.ndarray, " params"]) -> Normal:
         """Normal equations at `vector`, along all parameters, of the windows that are trusted."""
@@ -116,25 +124,35 @@ class Likelihood:
 
     def _replayed(self, vectors: Float[np.ndarray, "*flights params"]) -> tuple[dict, dict]:
         """Equations and tracks of all windows; the last few replays are kept."""
-        key = np.asarray(vectors, float).tobytes() + self.sigma.tobytes()
+        vectors = np.asarray(vectors, float)
+        if not self._turns and not np.array_equal(vectors, self._settled):
+            self._replayed(self._settled)
+        key = vectors.tobytes() + self.sigma.tobytes()
         if key not in self._replays:
             equations, tracks = [], []
-            for group in self.groups:
+            for i, group in enumerate(self.groups):
                 each = np.broadcast_to(vectors, (int(group.flight.max()) + 1, self.n_params))
                 for chosen, prediction in self.replay(group, each, np.eye(self.n_params)):
-                    equations.append(self._equations(group, chosen, prediction))
+                    at = (i, chosen.start)
+                    if at not in self._turns:
+                        self._turns[at] = self._turned(group, chosen, prediction)
+                    turns = self._turns[at]
+                    equations.append(self._equations(group, chosen, prediction, turns))
                     tracks.append(self._tracks(group, chosen, prediction))
             while len(self._replays) >= KEPT:
                 del self._replays[next(iter(self._replays))]
             self._replays[key] = (_joined(equations), _joined(tracks))
         return self._replays[key]
 
-    def distrust(self, vector: Float[np.ndarray, " params"], limit: float) -> int:
-        """Leaves out windows soon after an unknown command that fit worse than `limit` sigmas.
+    def settle(self, vector: Float[np.ndarray, " params"], limit: float) -> int:
+        """Takes measured attitudes to act as at `vector`, and leaves out windows.
 
-        Returns how many. Only such windows can be left out: elsewhere a bad fit is a finding.
+        Those soon after an unknown command that fit worse than `limit` sigmas; returns how many.
+        Only such windows can be left out: elsewhere a bad fit is a finding.
         """
-        self.trusted = None
+        self._settled, self.trusted = np.array(vector, float), None
+        self._turns.clear()
+        self._replays.clear()
         normal = self.normal(vector)
         z = (normal.c - normal.dof) / np.sqrt(2.0 * normal.dof)
         bad = normal.doubtful & (z > limit)
@@ -149,11 +167,11 @@ class Likelihood:
         return np.sum(9 * count - 6 * (count > 0), axis=2).reshape(-1).astype(float)
 
     def _equations(
-        self, group: Segments, chosen: slice, prediction: Prediction
+        self, group: Segments, chosen: slice, prediction: Prediction, turns: "_Turns"
     ) -> dict[str, np.ndarray]:
         # Parameters at which a simulation blows up give NaN, which no comparison prefers.
         with np.errstate(invalid="ignore", over="ignore"):
-            r, J = self.whitened(group, chosen, prediction)
+            r, J = self.whitened(group, chosen, prediction, turns)
         n_windows = r.shape[0] * r.shape[1]
         flat = r.reshape(n_windows, -1)
         J = np.moveaxis(J.reshape(len(J), n_windows, -1), 0, 1)
@@ -165,7 +183,7 @@ class Likelihood:
             "H": J @ np.swapaxes(J, 1, 2),
             "g": np.einsum("wpm,wm->wp", J, flat),
             "c": np.sum(flat**2, axis=1),
-            "dof": dof.astype(float),
+            "dof": dof - turns.spent.reshape(n_windows, -1).sum(axis=1),
             "flight": np.repeat(group.flight[chosen], r.shape[1]),
             "t": (group.start[chosen][:, None] + WINDOW * index).reshape(-1),
             "kind": np.sum(r**2, axis=(2, 3)).reshape(n_windows, 9),
@@ -222,21 +240,28 @@ class Likelihood:
         return valid & (valid.sum(axis=3, keepdims=True) >= FEWEST_NODES)
 
     def whitened(
-        self, group: Segments, chosen: slice, prediction: Prediction
+        self, group: Segments, chosen: slice, prediction: Prediction, turns: "_Turns"
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-        """Whitened residual and derivative with the start of each window projected out."""
-        valid = self._valid(group, chosen)
-        scale = valid[..., None] / self.sigma
+        """Whitened residual and derivative without what the start of each window may explain."""
+        scale = self._scale(group, chosen)
         r = residual(group.row[chosen, 1:], prediction.value) * scale
-        J = prediction.slope.astype(float) * scale
-        basis = self._starts(group, chosen, valid)
-        return _projected(r[None], basis)[0], _projected(J, basis)
+        basis = self._starts(group, chosen)
+        r = _projected(r[None], basis)
+        J = _projected(prediction.slope.astype(float) * scale, basis)
+        return turns.taken(r)[0], turns.taken(J)
 
-    def _starts(
-        self, group: Segments, chosen: slice, valid: np.ndarray
-    ) -> Float[np.ndarray, "..."]:
+    def _scale(self, group: Segments, chosen: slice) -> Float[np.ndarray, "..."]:
+        return self._valid(group, chosen)[..., None] / self.sigma
+
+    def _turned(self, group: Segments, chosen: slice, prediction: Prediction) -> "_Turns":
+        A = prediction.turn.astype(float) * self._scale(group, chosen)
+        A = _projected(A, self._starts(group, chosen))
+        turned = group.fresh[chosen, 1:] | group.fresh[chosen, :-1]
+        return _turns(A[:, turned], turned)
+
+    def _starts(self, group: Segments, chosen: slice) -> Float[np.ndarray, "..."]:
         """Orthonormal basis of what the start can change: axes ..., axis, position/velocity, 2."""
-        dt = self.replay.dt
+        dt, valid = self.replay.dt, self._valid(group, chosen)
         t = group.place[chosen, 1:][..., None] * dt
         safe = np.where(self.decay > 0, self.decay, 1.0)
         fade = np.exp(-self.decay * t)
@@ -270,6 +295,39 @@ def _projected(x: np.ndarray, basis: np.ndarray) -> np.ndarray:
         along = np.sum(unit[0] * pos + unit[1] * vel, axis=-2, keepdims=True)
         pos, vel = pos - along * unit[0], vel - along * unit[1]
     return np.concatenate([pos, vel, x[..., 6:]], axis=-1)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Turns:
+    """What errors of measured attitudes take from a batch of windows."""
+
+    turned: Bool[np.ndarray, "segments windows drones"]
+    """Where a measured attitude still shows."""
+    along: Float[np.ndarray, "lines numbers 6"]
+    """Orthonormal directions of those windows."""
+    less: Float[np.ndarray, "lines 6"]
+    """Share that each direction loses."""
+    spent: Float[np.ndarray, "segments windows drones"]
+    """How many numbers that takes of each window."""
+
+    def taken(self, x: Float[np.ndarray, "k segments windows drones nodes 9"]) -> np.ndarray:
+        """`x`, in place, multiplied by (I + A TURN^2 A')^(-1/2)."""
+        lines = x[:, self.turned]
+        flat = np.moveaxis(lines, 0, -1).reshape(*self.along.shape[:2], len(x))
+        flat = flat - self.along @ (self.less[..., None] * (self.along.swapaxes(1, 2) @ flat))
+        x[:, self.turned] = np.moveaxis(flat.reshape(*lines.shape[1:], len(x)), -1, 0)
+        return x
+
+
+def _turns(A: Float[np.ndarray, "6 lines nodes 9"], turned: Bool[np.ndarray, "..."]) -> _Turns:
+    columns = np.moveaxis(A, 0, -1)
+    columns = columns.reshape(len(columns), A.shape[2] * A.shape[3], len(A)) * TURN
+    squares, vectors = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
+    squares = np.clip(squares, 1e-12, None)
+    along = columns @ (vectors / np.sqrt(squares)[:, None, :])
+    spent = np.zeros(turned.shape)
+    spent[turned] = np.sum(squares / (1.0 + squares), axis=1)
+    return _Turns(turned, along, 1.0 - 1.0 / np.sqrt(1.0 + squares), spent)
 
 
 def residual(

@@ -62,7 +62,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     library, sigma = likelihood.replay.library, likelihood.sigma
     n_flights = len({flight for group in likelihood.groups for flight in group.flight})
     vector = _descended(likelihood, library)
-    likelihood.distrust(vector, 6.0)
+    likelihood.settle(vector, 6.0)
     vector = _descended(likelihood, library, vector)
     normal = likelihood.normal(vector)
     per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / 9.0)
@@ -71,6 +71,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])
     sigma = sigma * np.sqrt(np.maximum(per_channel, 1.0))
     likelihood.sigma = sigma
+    likelihood.settle(vector, 6.0)
     normal = likelihood.normal(vector)
     phi = dispersion(normal, n_flights)
     prior = _prior(library)

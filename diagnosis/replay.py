@@ -5,6 +5,9 @@ number of directions in parameter space, and returns the prediction at every nod
 derivative along each direction (forward mode, the directions vectorised). Attitude, rotors and the
 memories of the effects run on from window to window, and so do their derivatives; position and
 velocity start anew, with derivatives zero.
+
+Six more derivatives are along the attitude and the angular velocity that windows start from whose
+attitude is set to the measured one (`turn`); they, too, run on until they are forgotten.
 """
 
 import dataclasses
@@ -27,6 +30,8 @@ from simulators.rotation import quat_to_rpy, rpy_to_quat
 LANES = 8
 """Segments per call."""
 _INPUTS = ("start", "pos", "vel", "quat", "ang_vel", "fresh", "cmd", "place")
+TURNS = 6
+"""Directions of the attitude and angular velocity at a fresh start."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +42,9 @@ class Prediction:
     """Position [m], velocity [m/s], roll, pitch, yaw [rad]."""
     slope: Float[np.ndarray, "directions segments windows drones nodes 9"]
     """Its derivative along each direction."""
+    turn: Float[np.ndarray, "6 segments windows drones nodes 9"]
+    """Its derivative along a rotation [rad] and angular velocity [rad/s], body frame, of every
+    drone at the last fresh start."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,10 +79,8 @@ class Replay:
             theta = _padded(vectors[segments.flight[chosen]])
             value, slope = self._program((batch, theta, along))(batch, theta, along)
             n = chosen.stop - begin
-            yield (
-                chosen,
-                Prediction(np.asarray(value[:n]), np.moveaxis(np.asarray(slope[:n]), 1, 0)),
-            )
+            slopes = np.moveaxis(np.asarray(slope[:n]), 1, 0)
+            yield chosen, Prediction(np.asarray(value[:n]), slopes[:-TURNS], slopes[-TURNS:])
 
     def _program(self, args: tuple) -> Callable[..., tuple[Array, Array]]:
         """The program for the shapes of `args`, compiled once a process."""
@@ -107,7 +113,7 @@ def _segment(
     def start(theta: Array) -> eqx.Module:
         simulator = library.attach(theta)
         flight = Flight(
-            t=lane["start"],
+            t=jnp.maximum(lane["start"], 0.0),
             pos=lane["pos"][0],
             vel=lane["vel"][0],
             quat=lane["quat"][0],
@@ -119,32 +125,52 @@ def _segment(
 
     # The window before the first forgets that the start depends on the parameters, too.
     moving, still = eqx.partition(start(theta), eqx.is_inexact_array)
-    slopes = jax.tree.map(lambda x: jnp.zeros((len(directions), *x.shape), x.dtype), moving)
+    n_drones = lane["pos"].shape[1]
+    along = jnp.concatenate([directions, jnp.zeros((TURNS, len(theta)))])
+    turning = jnp.repeat(jnp.eye(TURNS)[:, None], n_drones, axis=1)
+    turning = jnp.concatenate([jnp.zeros((len(directions), n_drones, TURNS)), turning])
+    slopes = jax.tree.map(lambda x: jnp.zeros((len(along), *x.shape), x.dtype), moving)
 
     def window(carry: tuple, inputs: dict[str, Array]) -> tuple[tuple, tuple]:
         moving, still, slopes = carry
 
-        def fly(moving: eqx.Module, theta: Array) -> tuple[tuple, eqx.Module]:
+        def fly(moving: eqx.Module, theta: Array, turn: Array) -> tuple[tuple, eqx.Module]:
             simulator = library.attach(theta)
             state = eqx.combine(moving, still)
             state = simulator.placed(state, inputs["pos"], inputs["vel"])
-            state = simulator.turned(state, inputs["quat"], inputs["ang_vel"], inputs["fresh"] > 0)
+            quat, ang_vel = _turned(inputs["quat"], turn[:, :3]), inputs["ang_vel"] + turn[:, 3:]
+            state = simulator.turned(state, quat, ang_vel, inputs["fresh"] > 0)
             state, track = _fly(replay, simulator, state, inputs["cmd"])
             moving, kept = eqx.partition(state, eqx.is_inexact_array)
             return (moving, _at(track, inputs["place"])), kept
 
-        def push(slope: eqx.Module, direction: Array) -> tuple:
-            return jax.jvp(fly, (moving, theta), (slope, direction), has_aux=True)
+        def push(slope: eqx.Module, direction: Array, turn: Array) -> tuple:
+            at = (moving, theta, jnp.zeros_like(turn))
+            return jax.jvp(fly, at, (slope, direction, turn), has_aux=True)
 
-        (moving, value), (slopes, tangent), still = jax.vmap(push, out_axes=(None, 0, None))(
-            slopes, directions
+        (flown, value), (pushed, tangent), kept = jax.vmap(push, out_axes=(None, 0, None))(
+            slopes, along, turning
         )
-        return (moving, still, slopes), (value, tangent)
+        # Before a flight's first row nothing is known, and nothing moves.
+        carry = jax.tree.map(
+            lambda old, new: jnp.where(inputs["idle"], old, new), carry, (flown, kept, pushed)
+        )
+        return carry, (value, tangent)
 
     names = ("pos", "vel", "quat", "ang_vel", "fresh", "place")
-    inputs = {name: lane[name] for name in names} | {"cmd": cmds}
+    idle = (lane["start"] < 0) & (jnp.arange(n_windows) == 0)
+    inputs = {name: lane[name] for name in names} | {"cmd": cmds, "idle": idle}
     _, (value, tangent) = jax.lax.scan(window, (moving, still, slopes), inputs)
     return value[1:], jnp.moveaxis(tangent, 1, 0)[:, 1:]
+
+
+def _turned(
+    quat: Float[Array, "drones 4"], rotation: Float[Array, "drones 3"]
+) -> Float[Array, "drones 4"]:
+    """`quat` turned by a small rotation [rad] about body axes."""
+    xyz, w, half = quat[:, :3], quat[:, 3:], 0.5 * rotation
+    vector = xyz + w * half + jnp.cross(xyz, half)
+    return jnp.concatenate([vector, w - jnp.sum(xyz * half, axis=1, keepdims=True)], axis=1)
 
 
 def _fly(

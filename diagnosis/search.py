@@ -44,6 +44,8 @@ PARTS = (1.0, 0.5, 0.2, 0.05)
 """Parts of a Gauss-Newton step that are tried until one is better."""
 STEPS = 8
 """Most Gauss-Newton steps of a refit."""
+ACROSS = 0.1
+"""How near an onset must be to the edge of a window for the window beside to be tried [s]."""
 WORTH = 3.0
 """Gain [nats] that another effect must promise to be tried; a choice below every threshold."""
 
@@ -88,7 +90,7 @@ class Problem:
         self.known: dict[Set, Fit] = {}
 
     def renew(self) -> None:
-        """Forgets all fits but where they ended: the trusted windows have changed."""
+        """Forgets all fits but where they ended: the likelihood was settled anew."""
         self.known, self.fits = self.fits, {}
 
     def free(self, effects: Iterable[str]) -> list[int]:
@@ -116,8 +118,28 @@ class Problem:
                 for start in starts
             ]
             best = min(fits, key=lambda fit: fit.objective)
-            self.fits[effects] = self._descended(best, self.free(effects))
+            best = self._descended(best, self.free(effects))
+            if "gust" in effects:
+                best = min(best, self._across(best), key=lambda fit: fit.objective)
+            self.fits[effects] = best
         return self.fits[effects]
+
+    def _across(self, fit: Fit) -> Fit:
+        """The fit whose gust begins on the other side of the nearest edge between windows.
+
+        An onset shortly before an edge leaves a second minimum shortly behind it: to the window
+        after, a start that is off and a gust that begins late look much the same.
+        """
+        at = self._place("gust", "onset")
+        edge = WINDOW * round(fit.vector[at] / WINDOW)
+        if abs(fit.vector[at] - edge) > ACROSS:
+            return fit
+        vector = fit.vector.copy()
+        vector[at] = edge + 0.6 * (-ACROSS if vector[at] >= edge else ACROSS)
+        free = self.free(fit.effects)
+        vector = self._within(vector, free)
+        moved = dataclasses.replace(fit, vector=vector, normal=self.likelihood.normal(vector))
+        return self._descended(moved, free)
 
     def _starts(self, effects: Set, near: Fit) -> list[Float[np.ndarray, " params"]]:
         """Where to start: one vector, but two where a gust may begin in either of two windows.

@@ -147,9 +147,9 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
     """Held-out shrink under the true set and under the single wrong effect that looks best."""
     problem, n = desk.logged(case)
     fit = truth_fit(problem, truth)
-    if problem.likelihood.distrust(fit.vector, DISTRUST):
-        problem.renew()
-        fit = truth_fit(problem, truth)
+    problem.likelihood.settle(fit.vector, DISTRUST)
+    problem.renew()
+    fit = truth_fit(problem, truth)
     problem.phi = dispersion(fit.normal, n)
     anchor = problem.anchor()
     wrong = [

@@ -208,4 +208,4 @@ def test_flights_with_bad_windows_after_a_gap_distrust_only_those(replay):
     assert len(cmd) == 300
     flown = (dataclasses.replace(flights[0], drones=(spoiled,)), *flights[1:])
     likelihood = make_likelihood(replay, flown, SIGMA)
-    assert likelihood.distrust(replay.library.neutral, 4.0) == 1
+    assert likelihood.settle(replay.library.neutral, 4.0) == 1
