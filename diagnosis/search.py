@@ -135,7 +135,7 @@ class Problem:
         if abs(fit.vector[at] - edge) > ACROSS:
             return fit
         vector = fit.vector.copy()
-        vector[at] = edge + 0.6 * (-ACROSS if vector[at] >= edge else ACROSS)
+        vector[at] = edge + 0.597 * (-ACROSS if vector[at] >= edge else ACROSS)
         free = self.free(fit.effects)
         vector = self._within(vector, free)
         moved = dataclasses.replace(fit, vector=vector, normal=self.likelihood.normal(vector))

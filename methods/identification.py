@@ -12,8 +12,8 @@ A step of size s at time t_k is the critically damped s (1 - exp(-r) (1 + r)), r
 The rows from when the drone moves are diagnosed (`diagnosis`): candidate sets of the whole library
 are refitted in the simulator in which policies will be trained, at its step, and compared by
 evidence, twice: first as if all that is left were noise, then with how far the flights disagree
-about what that choice leaves; of sets that this cannot tell apart the best fit is taken. The flights carry no noise; `SIGMA` weighs what no point mass can
-reproduce.
+about what that choice leaves; of sets that this cannot tell apart the best fit is taken. The
+flights carry no noise; `SIGMA` weighs what no point mass can reproduce.
 
 The semi-implicit Euler of the point mass applies a force at the end of the step in which it arises,
 so it is half a step ahead of the reality; a delay of half a step is put in before anything is
