@@ -58,7 +58,7 @@ def main(folder):
     for i in range(6):
         kept.append(likelihood.normal(replay.library.neutral + 1e-3 * i * shift))
         found[f"replay_{i}"] = peak()
-    print(json.dumps(found))
+    sys.stdout.write(json.dumps(found))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import pandas as pd
 import seaborn
 from matplotlib.axes import Axes
 
-from bench.blind import next_flight
+from bench.blind import limits, next_flight
 from bench.blind.canvas import OUR_COLOR, STYLE, saved
 from bench.blind.tables import OURS, Tables
 from bench.figures import COLORS
@@ -36,6 +36,7 @@ def write_pictures(tables: Tables, directory: Path) -> list[tuple[Path, str]]:
         ("confusion", CONFUSION, _confusion),
         ("reliability", RELIABILITY, _reliability),
         ("errors", ERRORS, _errors),
+        ("limits", limits.CAPTION, limits.draw),
         ("next_flight", next_flight.CAPTION, next_flight.draw),
     ]
     directory.mkdir(parents=True, exist_ok=True)

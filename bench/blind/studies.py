@@ -1,8 +1,8 @@
 """Studies beside the blind cases: what to fly next, and how small an effect may be to be named.
 
-Each measures one item after another and keeps it in `OUT/runs/STUDY/ITEM.json`, so that a study that
-was interrupted goes on. An item that another program measured is measured again. The table of all
-items is `OUT/STUDY.parquet`, beside it as `.csv`.
+Each measures one item after another and keeps it in `OUT/runs/STUDY/ITEM.json`, so that a study
+that was interrupted goes on. An item that another program measured is measured again. The table
+of all items is `OUT/STUDY.parquet`, beside it as `.csv`.
 """
 
 import dataclasses
@@ -52,7 +52,23 @@ def next_flight() -> Study:
     return Study("next_flight", "flying what is advised", list(pairs), measure)
 
 
-STUDIES: Mapping[str, Callable[[], Study]] = {"next_flight": next_flight}
+def limits() -> Study:
+    """Predictions for every effect, then diagnoses that check some of them."""
+    from diagnosis.blind.catalogue import LIBRARY
+    from diagnosis.blind.limit_checks import Survey, checks
+
+    survey = Survey()
+    checked = {
+        f"{name}-{n}-{factor:g}-{i}": (name, n, factor, i) for name, n, factor, i in checks()
+    }
+
+    def measure(item: str) -> list[Row]:
+        return survey.predict(item) if item in LIBRARY else [survey.check(*checked[item])]
+
+    return Study("limits", "measuring limits", [*LIBRARY, *checked], measure)
+
+
+STUDIES: Mapping[str, Callable[[], Study]] = {"next_flight": next_flight, "limits": limits}
 """Makers of every study; the report has a section for each."""
 
 

@@ -1,7 +1,7 @@
-"""Targets of single manoeuvres: what `diagnosis.advice` says in words, and the gentle flights beside.
+"""Targets of single manoeuvres: what `diagnosis.advice` says in words, and gentle flights beside.
 
-Every function takes the times of the physics steps [s] and gives the `Reference` of one drone. Steps
-of attitude and thrust are added to the controller's commands, so that they are as sharp as these.
+Every function takes the times of the physics steps [s] and gives the `Reference` of one drone.
+Steps of attitude and thrust are added to the controller's commands and are as sharp as these.
 """
 
 import numpy as np
