@@ -71,25 +71,27 @@ def _checks(table: pd.DataFrame) -> list[str]:
     """Predicted beside measured shares of cases in which the effect was named."""
     if table.empty:
         return []
+    cells: dict[tuple[str, float, float], list[dict[str, Any]]] = {}
+    for row in records(table):
+        cells.setdefault((row["effect"], row["seconds"], row["factor"]), []).append(row)
     rows = []
-    for key, part in table.groupby(["effect", "seconds", "factor"]):
-        effect, seconds, factor = key if isinstance(key, tuple) else (key, 0.0, 0.0)
-        named, n = int(part["named"].sum()), len(part)
+    for (effect, seconds, factor), cases in sorted(cells.items()):
+        named, n = sum(bool(case["named"]) for case in cases), len(cases)
         low, high = clopper_pearson(named, n)
-        wrong = part.loc[~part["named"].astype(bool), "rival"]
+        wrong = sorted({case["rival"] for case in cases if not case["named"]})
         rows.append(
             (
-                markdown.escape(str(effect)),
+                markdown.escape(effect),
                 f"{seconds:.0f} s",
                 f"{factor:g}",
-                _percent(part["predicted"].mean()),
+                _percent(sum(case["predicted"] for case in cases) / n),
                 f"{named}/{n}",
                 f"{_percent(low)} to {_percent(high)}",
-                markdown.escape(", ".join(sorted(wrong.unique()))) or MISSING,
+                markdown.escape(", ".join(wrong)) or MISSING,
             )
         )
-    named, n = int(table["named"].sum()), len(table)
-    expected = float(table["predicted"].sum())
+    named, n = sum(bool(row["named"]) for row in records(table)), len(table)
+    expected = sum(row["predicted"] for row in records(table))
     headings = ("effect", "flown", "size / limit", "predicted", "named", "95 % interval", "else")
     note = (
         f"Checked by {n} diagnoses of noisy flights at sizes about the predicted limit: the effect "
@@ -131,9 +133,9 @@ def _panel(axes: Axes, part: pd.DataFrame) -> None:
     first = records(part)[0]
     if np.isfinite(first["small"]):
         axes.axhspan(first["small"], first["large"], color="#eef0f3", zorder=0)
-    for noise, own in part.groupby("noise"):
-        color = NOISE_COLORS.get(float(str(noise)), "black")
-        own = own.sort_values("seconds")
+    for noise in sorted(set(part["noise"].tolist())):
+        color = NOISE_COLORS.get(noise, "black")
+        own = part.loc[part["noise"] == noise].sort_values("seconds")
         axes.plot(own["seconds"], own["size"], "o-", ms=3, color=color, label=f"noise x {noise:g}")
         axes.plot(own["seconds"], own["bound"], "--", lw=0.9, color=color)
     axes.plot([], [], "--", lw=0.9, color="black", label="Fisher bound")

@@ -1,8 +1,8 @@
 """Studies beside the blind cases: what to fly next, and how small an effect may be to be named.
 
 Each measures one item after another and keeps it in `OUT/runs/STUDY/ITEM.json`, so that a study
-that was interrupted goes on. An item that another program measured is measured again. The table
-of all items is `OUT/STUDY.parquet`, beside it as `.csv`.
+that was interrupted goes on. An item that another version of the diagnosis measured is measured
+again. The table of all items is `OUT/STUDY.parquet`, beside it as `.csv`.
 """
 
 import dataclasses
@@ -91,7 +91,7 @@ def run_studies(names: Sequence[str], reality: str, out: Path | None, notes: Pat
 def run_study(study: Study, folders: Folders, console: Console) -> Path:
     """The table that was written, after everything that was still to be measured."""
     kept = folders.runs / study.name
-    sources = sources_digest(blind=True)
+    sources = sources_digest()
     rows = {item: _read(kept / f"{item}.json", sources) for item in study.items}
     left = [item for item, found in rows.items() if found is None]
     done = len(rows) - len(left)

@@ -146,7 +146,8 @@ class Linear:
         weighed = _Weighed(self, n_flights, noise)
         sizes = FACTORS * size_of(self.effect)
         shares = np.asarray([np.mean(weighed.named(size)) for size in sizes])
-        bound = (stats.norm.ppf(1.0 - ALARMS) + stats.norm.ppf(NAMED)) / weighed.strength
+        sigmas = stats.norm.ppf(1.0 - ALARMS) + stats.norm.ppf(NAMED)
+        bound = float(sigmas / weighed.strength)
         below = np.flatnonzero(shares < NAMED)
         last = below[-1] if len(below) else 0
         if last + 1 >= len(sizes) or sizes[last + 1] > self._largest():
