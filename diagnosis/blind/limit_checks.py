@@ -36,7 +36,7 @@ CHECKED_FLIGHTS = (1, 6)
 """Numbers of flights there."""
 CHECKED_SIZES = (0.5, 1.0, 2.0)
 """Sizes there, over the predicted limit."""
-REPEATS = 4
+REPEATS = 2
 """Cases of each."""
 
 Row = Mapping[str, Any]

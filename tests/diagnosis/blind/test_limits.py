@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from diagnosis.blind.catalogue import LIBRARY, Withheld
-from diagnosis.blind.limit_checks import CHECKED, checks
+from diagnosis.blind.limit_checks import CHECKED, REPEATS, checks
 from diagnosis.blind.limits import Linear, drawn, size_of, sized
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.search import Problem
@@ -113,4 +113,4 @@ def test_motors_are_sized_from_their_neutral_value():
 
 
 def test_checks_cover_every_effect_before_they_repeat():
-    assert {c[0] for c in checks()[: len(checks()) // 4]} == set(CHECKED)
+    assert {c[0] for c in checks()[: len(checks()) // REPEATS]} == set(CHECKED)
