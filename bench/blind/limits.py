@@ -71,33 +71,35 @@ def _checks(table: pd.DataFrame) -> list[str]:
     """Predicted beside measured shares of cases in which the effect was named."""
     if table.empty:
         return []
-    cells: dict[tuple[str, float, float], list[dict[str, Any]]] = {}
+    cells: dict[tuple[float, float], list[dict[str, Any]]] = {}
     for row in records(table):
-        cells.setdefault((row["effect"], row["seconds"], row["factor"]), []).append(row)
+        cells.setdefault((row["seconds"], row["factor"]), []).append(row)
     rows = []
-    for (effect, seconds, factor), cases in sorted(cells.items()):
+    for (seconds, factor), cases in sorted(cells.items()):
         named, n = sum(bool(case["named"]) for case in cases), len(cases)
         low, high = clopper_pearson(named, n)
-        wrong = sorted({case["rival"] for case in cases if not case["named"]})
+        wrong = sorted({f"{c['effect']}: {c['rival']}" for c in cases if not c["named"]})
         rows.append(
             (
-                markdown.escape(effect),
                 f"{seconds:.0f} s",
                 f"{factor:g}",
                 _percent(sum(case["predicted"] for case in cases) / n),
                 f"{named}/{n}",
                 f"{_percent(low)} to {_percent(high)}",
-                markdown.escape(", ".join(wrong)) or MISSING,
+                markdown.escape("; ".join(wrong)) or MISSING,
             )
         )
     named, n = sum(bool(row["named"]) for row in records(table)), len(table)
     expected = sum(row["predicted"] for row in records(table))
-    headings = ("effect", "flown", "size / limit", "predicted", "named", "95 % interval", "else")
+    effects = ", ".join(dict.fromkeys(table["effect"].tolist()))
     note = (
-        f"Checked by {n} diagnoses of noisy flights at sizes about the predicted limit: the effect "
-        f"was among those that were named in {named}; {expected:.1f} were predicted."
+        f"Checked by {n} diagnoses of noisy flights at sizes about the predicted limit of "
+        f"{markdown.escape(effects)}: the effect was among those that were named in {named}; "
+        f"{expected:.1f} were predicted. Cases of a duration share paths and noise across sizes "
+        "and effects; predictions stand on one draw of the paths."
     )
-    return [note, markdown.table(headings, rows, (0, 6))]
+    headings = ("flown", "size / limit", "predicted", "named", "95 % interval", "said instead")
+    return [note, markdown.table(headings, rows, (0, 5))]
 
 
 def draw(tables: Tables, path: Path) -> bool:
