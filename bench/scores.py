@@ -1,0 +1,80 @@
+"""Scores: returns of all cells on one scale, so that they can be pooled.
+
+    score = 1 - return / (return of a team that stays at its spawn)
+
+0 is as good as never taking off, 1 a return of 0, which no team reaches. The returns at the spawn
+are frozen in `spawn_returns.toml`, by task, its version, its settings and team size. Where
+one of these is not in the file there is no score, and whoever pools says so.
+"""
+
+import functools
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.statistics import records
+from bench.tables import Tables
+
+FROZEN = Path(__file__).parent / "spawn_returns.toml"
+"""The frozen returns."""
+NOT_IN_RETURN = ("n_drones", "n_neighbors", "observe_attitude")
+"""Settings of a task that no return at the spawn depends on, or that the team size stands for."""
+
+
+def spawn_return(
+    task: str, team_size: int, version: str | None = None, settings: Mapping[str, Any] | None = None
+) -> float | None:
+    """The frozen return of a team that stays at its spawn; None if there is none.
+
+    Args:
+        task: Registered name.
+        team_size: Number of drones.
+        version: Declared version of the task; None: any.
+        settings: Settings of the task; what is not among them is taken to be as by default.
+    """
+    entry = _frozen().get(task)
+    if entry is None or (version is not None and version != entry["version"]):
+        return None
+    given = settings or {}
+    if any(given.get(name, value) != value for name, value in entry["settings"].items()):
+        return None
+    return entry["returns"].get(str(team_size))
+
+
+def scored(tables: Tables) -> pd.DataFrame:
+    """The rows of `results` on reward with scores as their values; rows without a score left out."""
+    rewards = tables.results[tables.results["metric"] == "reward"]
+    about = {row["run"]: row for row in records(tables.runs)}
+    zeros = [
+        _zero(row["task"], int(row["team_size"]), about.get(row["run"], {}))
+        for row in records(rewards)
+    ]
+    zero = np.asarray([np.nan if z is None else z for z in zeros], dtype=float)
+    score = 1.0 - rewards["value"].to_numpy(dtype=float) / zero
+    found = rewards.assign(metric="score", value=score)
+    return found[np.isfinite(zero)]
+
+
+def _zero(task: str, team_size: int, run: Mapping[str, Any]) -> float | None:
+    """The frozen return that belongs to a row of `runs`."""
+    versions, settings = (_json(run.get(name, "")) for name in ("versions", "settings"))
+    return spawn_return(task, team_size, versions.get(f"task {task}"), settings.get("task"))
+
+
+def _json(text: str) -> dict[str, Any]:
+    """A record as a dictionary; empty if it is none."""
+    try:
+        found = json.loads(text)
+    except (TypeError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+@functools.cache
+def _frozen() -> dict[str, Any]:
+    return tomllib.loads(FROZEN.read_text(encoding="utf-8"))
