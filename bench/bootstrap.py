@@ -6,17 +6,21 @@ A sample holds, for each stratum (a cell), one value per seed.
     profile(tau)        share of values above tau
     P(a > b)            mean over strata of the share of pairs with a above b, ties counting half
     interval            percentiles of the bootstrap, seeds drawn with replacement within a stratum
-    difference          IQM(a) - IQM(b) +- q s sqrt(n / (n - 1)), s and q the standard deviation and
-                        the quantile of |d* - d| / s over the bootstrap, n the fewest seeds
+    difference          IQM(a) - IQM(b) +- q s sqrt(n / (n - 1)), s the standard deviation over the
+                        bootstrap, q its quantile of |d* - d| / s brought to Student's t, n the
+                        fewest seeds
 
-A bootstrap within strata of n seeds has (n - 1) / n of the variance, which the last factor mends.
-Where two samples have the same seeds in a stratum the same seeds are drawn for both, because they
-began from the same initial states. For several samples q is the quantile of the largest of all
-pairs, so that all intervals hold together; what they say about ranks then does too.
+A percentile interval covers less than 0.95: about 0.92 with 24 strata of five seeds, 0.88 with
+eight of three (simulated). Differences decide ranks, so they are mended: a bootstrap within strata of n
+seeds has (n - 1) / n of the variance, hence the square root, and s itself is known from few seeds,
+hence t. Its degrees of freedom are Satterthwaite's over the strata's jackknife variances. Where two
+samples have the same seeds in a stratum the same seeds are drawn for both, because they began from
+the same initial states. For several samples q is the quantile of the largest of all pairs, so that
+all intervals hold together; what they say about ranks then does too.
 
 Sources: Agarwal et al. (2021), "Deep RL at the edge of the statistical precipice" (IQM, stratified
 bootstrap, profiles, probability of improvement; package rliable); Mogstad et al. (2024), "Inference
-for ranks" (ranks from simultaneous differences); Efron (1982) (the factor).
+for ranks" (ranks from simultaneous differences); Efron (1982) (jackknife, the factor).
 """
 
 import functools
@@ -27,6 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy import stats
 
 from bench.statistics import LEVEL
 
@@ -71,7 +76,7 @@ class Differences(NamedTuple):
 
 
 def iqm(
-    values: Float[np.ndarray, "*reps values"], weights: Float[np.ndarray, " values"] | None = None
+    values: Float[np.ndarray, "*reps values"], weights: Float[np.ndarray, "*reps values"]
 ) -> Float[np.ndarray, "*reps"]:
     """Interquartile mean along the last axis.
 
@@ -79,11 +84,12 @@ def iqm(
     does it); with others, exactly a quarter of the weight.
     """
     n = values.shape[-1]
-    if weights is None or np.ptp(weights) == 0.0:
+    if np.ptp(weights) == 0.0:
         cut = n // 4
         return np.sort(values, axis=-1)[..., cut : n - cut].mean(axis=-1)
+    values, weights = np.broadcast_arrays(values, weights / weights.sum(axis=-1, keepdims=True))
     order = np.argsort(values, axis=-1)
-    share = (weights / weights.sum())[order]
+    share = np.take_along_axis(weights, order, axis=-1)
     upper = np.cumsum(share, axis=-1)
     kept = np.minimum(upper, 0.75) - np.maximum(upper - share, 0.25)
     kept = np.maximum(kept, 0.0)
@@ -138,11 +144,11 @@ def differences(samples: Sequence[Sample], reps: int = REPS) -> Differences:
     spread = apart.std(axis=0)
     safe = np.where(spread > 0.0, spread, 1.0)
     quantile = np.quantile(np.abs(apart / safe).max(axis=1), LEVEL)
-    fewest = [min(map(len, sample.values())) for sample in samples]
-    n = np.minimum(np.asarray(fewest)[first], np.asarray(fewest)[second])
-    with np.errstate(divide="ignore"):
-        width = np.where(n > 1, quantile * spread * np.sqrt(n / (n - 1.0)), math.inf)
-    half[first, second] = half[second, first] = width
+    jackknives = [_jackknife(sample) for sample in samples]
+    half[first, second] = half[second, first] = [
+        _stretch(jackknives[i], jackknives[j], float(quantile)) * s
+        for i, j, s in zip(first, second, spread, strict=True)
+    ]
     return Differences(point, half)
 
 
@@ -165,6 +171,49 @@ def tie_groups(above: Bool[np.ndarray, "samples samples"]) -> list[tuple[int, ..
 
     grow(set(), set(range(len(above))), set())
     return sorted(found)
+
+
+Deviations = dict[Hashable, dict[int, float]]
+"""Stratum -> seed -> its share in the deviation of an IQM from what it is expected to be."""
+
+
+def _stretch(a: Deviations, b: Deviations, quantile: float) -> float:
+    """Half width of the difference of two samples over its bootstrap's standard deviation."""
+    fewest = min(len(seeds) for sample in (a, b) for seeds in sample.values())
+    if fewest < 2:
+        return math.inf
+    parts = []
+    for stratum, first in a.items():
+        second = b.get(stratum, {})
+        if first.keys() == second.keys():
+            parts.append([first[seed] - second[seed] for seed in first])
+        else:
+            parts += [list(x.values()) for x in (first, second) if x]
+    variances = np.asarray([np.sum(np.square(part)) for part in parts])
+    scaled = np.sum(variances**2 / [len(part) - 1 for part in parts])
+    freedom = variances.sum() ** 2 / scaled if scaled > 0.0 else math.inf
+    student = stats.t.isf(stats.norm.sf(quantile), freedom)
+    return float(student) * math.sqrt(fewest / (fewest - 1))
+
+
+def _jackknife(sample: Sample) -> Deviations:
+    """What each seed contributes, from the IQMs without it; zero for the only one of a stratum."""
+    n = [len(values) for values in sample.values()]
+    stratum = np.repeat(np.arange(len(n)), n)
+    size = np.repeat(n, n)
+    rest = np.maximum(size - 1, 1)
+    weights = np.tile(1.0 / size, (len(size), 1))
+    same = stratum[:, None] == stratum[None]
+    weights = np.where(same, 1.0 / rest, weights)
+    weights[np.diag_indices(len(size))] = np.where(size > 1, 0.0, 1.0)
+    left = iqm(_values(sample), weights)
+    found, start = {}, 0
+    for name, values in sample.items():
+        own = left[start : start + len(values)]
+        start += len(values)
+        deviations = math.sqrt((len(values) - 1) / len(values)) * (own.mean() - own)
+        found[name] = dict(zip(sorted(values), deviations.tolist(), strict=True))
+    return found
 
 
 def _interval(value: float, drawn: Float[np.ndarray, " reps"], enough: bool) -> Interval:

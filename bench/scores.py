@@ -47,7 +47,7 @@ def spawn_return(
 
 
 def scored(tables: Tables) -> pd.DataFrame:
-    """The rows of `results` on reward with scores as their values; rows without a score left out."""
+    """The rewards of `results` as scores; rows that have none are left out."""
     rewards = tables.results[tables.results["metric"] == "reward"]
     about = {row["run"]: row for row in records(tables.runs)}
     zeros = [

@@ -142,24 +142,24 @@ def simulated(rng, shift=0.0, n_seeds=5, n_cells=24):
     return rng.normal(mean + shift, np.linspace(0.08, 0.02, n_cells), (n_seeds, n_cells))
 
 
-def test_interval_of_the_pooled_iqm_covers_what_it_says_or_little_less(monkeypatch):
+def test_interval_of_the_pooled_iqm_covers_what_it_says_or_little_less():
     rng = np.random.default_rng(2)
-    truth = iqm(simulated(rng, n_seeds=20_000).ravel()[None])[0]
-    trials = 400
-    hits = 0
-    for _ in range(trials):
-        found = iqm_interval(sample(simulated(rng)), reps=400)
+    values = simulated(rng, n_seeds=20_000).ravel()
+    truth = iqm(values, np.ones(values.size))
+    trials, hits = 400, 0
+    for trial in range(trials):
+        found = iqm_interval(sample(simulated(rng), f"{trial} "), reps=400)
         hits += found.low <= truth <= found.high
-    assert 0.89 <= hits / trials <= 0.975  # percentile bootstrap of five seeds: about 0.93
+    assert 0.87 <= hits / trials <= 0.97  # percentile bootstrap of five seeds: about 0.92
 
 
 def test_simultaneous_differences_seldom_part_what_is_equal():
     rng = np.random.default_rng(3)
     trials, wrong = 300, 0
-    for _ in range(trials):
-        samples = [sample(simulated(rng, n_seeds=3, n_cells=8)) for _ in range(4)]
+    for trial in range(trials):
+        samples = [sample(simulated(rng, n_seeds=3, n_cells=8), f"{trial} ") for _ in range(4)]
         wrong += differences(samples, reps=300).above.any()
-    assert wrong / trials <= 0.085
+    assert wrong / trials <= 0.085  # 0.05, and three standard errors of 300 trials
 
 
 def test_rank_intervals_hold_the_true_ranks_together():
@@ -167,10 +167,12 @@ def test_rank_intervals_hold_the_true_ranks_together():
     shifts = (0.06, 0.03, 0.03, 0.0)
     truth = [(1, 1), (2, 3), (2, 3), (4, 4)]
     trials, held, decided = 200, 0, 0
-    for _ in range(trials):
-        samples = [sample(simulated(rng, shift)) for shift in shifts]
+    for trial in range(trials):
+        samples = [sample(simulated(rng, shift), f"{trial} ") for shift in shifts]
         ranks = differences(samples, reps=300).ranks
-        held += all(a <= low and high <= b for (a, b), (low, high) in zip(ranks, truth, strict=True))
+        held += all(
+            a <= low and high <= b for (a, b), (low, high) in zip(ranks, truth, strict=True)
+        )
         decided += ranks[0] == (1, 1)
     assert held / trials >= 0.92
     assert decided / trials >= 0.5  # not by saying nothing
