@@ -11,12 +11,12 @@ A sample holds, for each stratum (a cell), one value per seed.
                         fewest seeds
 
 A percentile interval covers less than 0.95: about 0.92 with 24 strata of five seeds, 0.88 with
-eight of three (simulated). Differences decide ranks, so they are mended: a bootstrap within strata of n
-seeds has (n - 1) / n of the variance, hence the square root, and s itself is known from few seeds,
-hence t. Its degrees of freedom are Satterthwaite's over the strata's jackknife variances. Where two
-samples have the same seeds in a stratum the same seeds are drawn for both, because they began from
-the same initial states. For several samples q is the quantile of the largest of all pairs, so that
-all intervals hold together; what they say about ranks then does too.
+eight of three (simulated). Differences decide ranks, so they are mended: a bootstrap within strata
+of n seeds has (n - 1) / n of the variance, hence the square root, and s itself is known from few
+seeds, hence t. Its degrees of freedom are Satterthwaite's over the strata's jackknife variances.
+Where two samples have the same seeds in a stratum the same seeds are drawn for both, because they
+began from the same initial states. For several samples q is the quantile of the largest of all
+pairs, so that all intervals hold together; what they say about ranks then does too.
 
 Sources: Agarwal et al. (2021), "Deep RL at the edge of the statistical precipice" (IQM, stratified
 bootstrap, profiles, probability of improvement; package rliable); Mogstad et al. (2024), "Inference
@@ -27,7 +27,7 @@ import functools
 import math
 import zlib
 from collections.abc import Hashable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -38,8 +38,8 @@ from bench.statistics import LEVEL
 REPS = 5000
 """Resamples of every bootstrap."""
 
-Sample = Mapping[Hashable, Mapping[int, float]]
-"""Stratum -> seed -> value."""
+Sample = Mapping[Any, Mapping[int, float]]
+"""Stratum (a cell) -> seed -> value."""
 
 
 class Interval(NamedTuple):

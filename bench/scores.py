@@ -9,6 +9,7 @@ one of these is not in the file there is no score, and whoever pools says so.
 
 import functools
 import json
+import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -46,24 +47,29 @@ def spawn_return(
     return entry["returns"].get(str(team_size))
 
 
+def zero_returns(tables: Tables) -> dict[str, float]:
+    """The return with score 0 of every run of `results`; NaN where there is none."""
+    about = {row["run"]: row for row in records(tables.runs)}
+    runs = tables.results.drop_duplicates("run")
+    return {row["run"]: _zero(row, about.get(row["run"], {})) for row in records(runs)}
+
+
 def scored(tables: Tables) -> pd.DataFrame:
     """The rewards of `results` as scores; rows that have none are left out."""
     rewards = tables.results[tables.results["metric"] == "reward"]
-    about = {row["run"]: row for row in records(tables.runs)}
-    zeros = [
-        _zero(row["task"], int(row["team_size"]), about.get(row["run"], {}))
-        for row in records(rewards)
-    ]
-    zero = np.asarray([np.nan if z is None else z for z in zeros], dtype=float)
+    zero = rewards["run"].map(zero_returns(tables)).to_numpy(dtype=float)
     score = 1.0 - rewards["value"].to_numpy(dtype=float) / zero
     found = rewards.assign(metric="score", value=score)
     return found[np.isfinite(zero)]
 
 
-def _zero(task: str, team_size: int, run: Mapping[str, Any]) -> float | None:
-    """The frozen return that belongs to a row of `runs`."""
+def _zero(result: Mapping[str, Any], run: Mapping[str, Any]) -> float:
+    """The frozen return that belongs to a row of `results` and its row of `runs`."""
+    task = result["task"]
     versions, settings = (_json(run.get(name, "")) for name in ("versions", "settings"))
-    return spawn_return(task, team_size, versions.get(f"task {task}"), settings.get("task"))
+    version, given = versions.get(f"task {task}"), settings.get("task")
+    found = spawn_return(task, int(result["team_size"]), version, given)
+    return math.nan if found is None else found
 
 
 def _json(text: str) -> dict[str, Any]:
