@@ -129,7 +129,7 @@ def probability_of_improvement(a: Sample, b: Sample, reps: int = REPS) -> Interv
         second = _counts(_draw(stratum, tuple(sorted(b[stratum])), reps, salt=1), len(y))
         drawn += np.einsum("ri,ij,rj->r", first, wins, second, optimize=True)
     enough = _resamplable(a) and _resamplable(b)
-    return _interval(np.mean(points), drawn / len(strata), enough)
+    return _interval(float(np.mean(points)), drawn / len(strata), enough)
 
 
 def differences(samples: Sequence[Sample], reps: int = REPS) -> Differences:
@@ -216,7 +216,9 @@ def _jackknife(sample: Sample) -> Deviations:
     return found
 
 
-def _interval(value: float, drawn: Float[np.ndarray, " reps"], enough: bool) -> Interval:
+def _interval(
+    value: float | np.ndarray | np.floating, drawn: Float[np.ndarray, " reps"], enough: bool
+) -> Interval:
     if not enough:
         return Interval(float(value), math.nan, math.nan)
     low, high = np.quantile(drawn, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])

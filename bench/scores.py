@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.statistics import records
+from bench.statistics import Cell, Entry, cell_of, entry_of, records
 from bench.tables import Tables
 
 FROZEN = Path(__file__).parent / "spawn_returns.toml"
@@ -50,17 +50,40 @@ def spawn_return(
 def zero_returns(tables: Tables) -> dict[str, float]:
     """The return with score 0 of every run of `results`; NaN where there is none."""
     about = {row["run"]: row for row in records(tables.runs)}
-    runs = tables.results.drop_duplicates("run")
+    runs = tables.results.drop_duplicates(subset="run")
     return {row["run"]: _zero(row, about.get(row["run"], {})) for row in records(runs)}
 
 
 def scored(tables: Tables) -> pd.DataFrame:
     """The rewards of `results` as scores; rows that have none are left out."""
-    rewards = tables.results[tables.results["metric"] == "reward"]
-    zero = rewards["run"].map(zero_returns(tables)).to_numpy(dtype=float)
-    score = 1.0 - rewards["value"].to_numpy(dtype=float) / zero
-    found = rewards.assign(metric="score", value=score)
-    return found[np.isfinite(zero)]
+    rewards = tables.results.loc[tables.results["metric"].eq("reward")]
+    zeros = zero_returns(tables)
+    zero = np.asarray([zeros[run] for run in rewards["run"]], dtype=float)
+    score = 1.0 - np.asarray(rewards["value"], dtype=float) / zero
+    return rewards.assign(metric="score", value=score).loc[np.isfinite(zero)]
+
+
+def flown_settings(tables: Tables, cell: Cell, entry: Entry | None = None) -> dict[str, set[str]]:
+    """What decides the returns of a cell beside the policy: name -> values of its runs, as text.
+
+    The versions of the task and of the simulator flown in, and the settings of the task; runs whose
+    records do not say are left out. `entry` None: of all entries.
+    """
+    about = {row["run"]: row for row in records(tables.runs)}
+    flown = tables.results.drop_duplicates(subset=["run", "simulator", "deployed_effects"])
+    found: dict[str, set[str]] = {}
+    for row in records(flown):
+        if cell_of(row) != cell or (entry is not None and entry_of(row) != entry):
+            continue
+        run = about.get(row["run"], {})
+        versions, settings = (_json(run.get(name, "")) for name in ("versions", "settings"))
+        for plugin in (f"task {cell.task}", f"simulator {cell.simulator}"):
+            if plugin in versions:
+                found.setdefault(f"version of {plugin}", set()).add(str(versions[plugin]))
+        for name, value in (settings.get("task") or {}).items():
+            if name not in NOT_IN_RETURN:
+                found.setdefault(f"the task's `{name}`", set()).add(json.dumps(value))
+    return found
 
 
 def _zero(result: Mapping[str, Any], run: Mapping[str, Any]) -> float:

@@ -87,9 +87,9 @@ def _share(run: Mapping[str, Any], target: float) -> float:
 def _runs(tables: Tables) -> dict[Cell, dict[Entry, list[dict[str, Any]]]]:
     """What is known of every run with a finite score, by cell and entry."""
     scores = scored(tables)
-    scores = scores[np.isfinite(scores["value"].to_numpy(dtype=float))]
-    cost = tables.results[tables.results["metric"].isin(["fleet_minutes", "train_seconds"])]
-    costs = cost.drop_duplicates(["run", "metric"]).pivot(
+    scores = scores.loc[np.isfinite(np.asarray(scores["value"], dtype=float))]
+    cost = tables.results.loc[tables.results["metric"].isin(["fleet_minutes", "train_seconds"])]
+    costs = cost.drop_duplicates(subset=["run", "metric"]).pivot(
         index="run", columns="metric", values="value"
     )
     costs = costs.reindex(columns=["fleet_minutes", "train_seconds"]).fillna(0.0)
