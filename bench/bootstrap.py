@@ -125,8 +125,8 @@ def probability_of_improvement(a: Sample, b: Sample, reps: int = REPS) -> Interv
         x, y = _column(a[stratum]), _column(b[stratum])
         wins = 0.5 * (np.sign(x[:, None] - y[None]) + 1.0)
         points.append(wins.mean())
-        first = _counts(_draw(stratum, tuple(sorted(a[stratum])), reps), len(x))
-        second = _counts(_draw(stratum, tuple(sorted(b[stratum])), reps, salt=1), len(y))
+        first = _counts(stratum, tuple(sorted(a[stratum])), reps, 0)
+        second = _counts(stratum, tuple(sorted(b[stratum])), reps, 1)
         drawn += np.einsum("ri,ij,rj->r", first, wins, second, optimize=True)
     enough = _resamplable(a) and _resamplable(b)
     return _interval(float(np.mean(points)), drawn / len(strata), enough)
@@ -260,6 +260,10 @@ def _draw(
     return np.random.default_rng(entropy).integers(len(seeds), size=(reps, len(seeds)))
 
 
-def _counts(drawn: Int[np.ndarray, "reps seeds"], n: int) -> Float[np.ndarray, "reps seeds"]:
-    """How often each seed was drawn, as a share."""
-    return (drawn[:, :, None] == np.arange(n)).mean(axis=1)
+@functools.lru_cache(maxsize=1024)
+def _counts(
+    stratum: Hashable, seeds: tuple[int, ...], reps: int, salt: int
+) -> Float[np.ndarray, "reps seeds"]:
+    """How often each seed is drawn, as a share."""
+    drawn = _draw(stratum, seeds, reps, salt)
+    return (drawn[:, :, None] == np.arange(len(seeds))).mean(axis=1)
