@@ -1,4 +1,4 @@
-"""The command line: `bench run`, `list`, `leaderboard`, `report`, `claims`, `diagnose`.
+"""The command line: `bench run`, `plan`, `list`, `leaderboard`, `compare`, `report`, ...
 
 Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
 """
@@ -79,6 +79,62 @@ def run(
     return sweep(expand(chosen), tables_dir, documents_dir, jobs)
 
 
+@app.command
+def plan(
+    suite: str = "quick",
+    /,
+    *,
+    task: Annotated[list[str] | None, Repeatable] = None,
+    team_size: Annotated[list[int] | None, Repeatable] = None,
+    method: Annotated[list[str] | None, Repeatable] = None,
+    residual: Annotated[list[str] | None, Repeatable] = None,
+    seeds: int | None = None,
+    out: Path | None = None,
+    jobs: int | None = None,
+    every: Annotated[bool, Repeatable] = False,
+) -> int:
+    """Show what `bench run` would do with the same arguments, and what it would cost; runs nothing.
+
+    What is finished, what is missing and why, and the expected wall time and high-fidelity flight
+    from the tables in the folder and in results/.
+
+    Parameters
+    ----------
+    suite
+        Name of a built-in suite (`bench list` shows them) or path of a TOML file.
+    task
+        Only this task.
+    team_size
+        Only this number of drones.
+    method
+        Only this method.
+    residual
+        Only methods with this residual, and those that --method names and that take none.
+    seeds
+        Seeds 0 to SEEDS - 1.
+    out
+        Folder of the tables; without it, results/SUITE.
+    jobs
+        Number of worker processes to reckon with; without it, one per core.
+    every
+        Show a line for every missing run.
+    """
+    from bench.suite import load_suite
+
+    chosen = load_suite(suite).select(
+        task or (), team_size or (), method or (), residual or (), seeds
+    )
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+    from rich.console import Console
+
+    from bench.outlook import show_plan
+    from bench.plan import expand
+
+    place = out or Path("results") / chosen.name
+    return show_plan(chosen.name, expand(chosen), place, jobs, every, Console())
+
+
 @app.command(name="list")
 def list_() -> int:
     """Show plug-ins with the package that each comes from, and the built-in suites."""
@@ -155,6 +211,28 @@ def claims(directory: Path, /, *, out: Path | None = None, notes: Path | None = 
     write_claims(Tables.load(directory), path, notes)
     print(f"Claims: {path}")  # noqa: T201
     return 0
+
+
+@app.command
+def compare(a: str, b: str, /, *, results: Path | None = None) -> int:
+    """Say whether A is better than B, in words and by exit status.
+
+    0: better. 3: worse. 4: no difference can be shown. 5: not comparable.
+
+    Parameters
+    ----------
+    a
+        A method of --results, such as hybrid-mlp; FOLDER:METHOD; or FOLDER, for all its methods.
+    b
+        What to compare it with, written likewise.
+    results
+        Folder with results.parquet and its companions, such as results/pilot.
+    """
+    from rich.console import Console
+
+    from bench.compare import load_side, report
+
+    return report(load_side(a, results), load_side(b, results), Console())
 
 
 @app.command
