@@ -24,26 +24,24 @@ LOG = logging.getLogger(__name__)
 class Checkpoints(AbstractKeeper):
     """The trainings of one run, under a folder."""
 
-    def __init__(self, folder: Path, about: str, disk: Disk, every: float = EVERY) -> None:
+    def __init__(self, folder: Path, about: str, disk: Disk) -> None:
         """Nothing is written before the first save.
 
         Args:
             folder: Where they are kept.
             about: Text that says what the run is; what was saved under another is not used.
             disk: Writes and removes.
-            every: Time between two saves [s].
         """
         self.earlier_seconds = 0.0
         """Wall time that earlier processes spent on what was restored [s]."""
         self._folder = folder
         self._about = about
         self._disk = disk
-        self._every = every
         self._start = self._last = time.monotonic()
 
     def due(self) -> bool:
         """Whether the last save is long enough ago."""
-        return time.monotonic() - self._last >= self._every
+        return time.monotonic() - self._last >= EVERY
 
     def load(self, index: int, fingerprint: str) -> dict[str, np.ndarray] | None:
         """What was last saved of a training; None if nothing of this very one can be read."""

@@ -5,8 +5,9 @@ the results under the same path.
 """
 
 import contextlib
-import importlib.util
+import importlib
 import os
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -31,58 +32,55 @@ class RayExecutor(AbstractExecutor):
         Raises:
             UsageError: Ray is not installed, or the cluster cannot be reached.
         """
-        if importlib.util.find_spec("ray") is None:
-            raise UsageError(
-                "`--executor ray` needs Ray, which is not installed: "
-                "pip install 'fidelity-bench[ray]'."
-            )
-        import ray
-
-        self._ray = ray
+        self._ray = ray = _load_ray()
         self._joined = not ray.is_initialized()
         if self._joined:
-            _join(max(1, min(slots or cores(), most)))
+            _join(ray, max(1, min(slots or cores(), most)))
         self._slots = max(1, min(slots or int(ray.cluster_resources().get("CPU", 1)), most))
         self._environment = environment() | {"NPROC": "1"}
         here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
             ray.get_runtime_context().get_node_id(), soft=False
         )
-        self._mailbox = (
-            ray.remote(_Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
-        )
-        self._perform = ray.remote(_perform).options(
-            num_cpus=1, max_retries=0, max_calls=TASKS_PER_PROCESS
-        )
+        self._mailbox = ray.remote(_Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
+        self._perform = ray.remote(num_cpus=1, max_retries=0, max_calls=TASKS_PER_PROCESS)(_perform)
         self._tasks: dict[Any, int] = {}
 
     @property
     def slots(self) -> int:
+        """Number of tasks at a time."""
         return self._slots
 
     def start(self, slot: int, task: Task) -> None:
+        """Starts a task in a free slot and returns at once."""
         packed = self._ray.cloudpickle.dumps(task)
         reference = self._perform.remote(packed, slot, self._mailbox, self._environment)
         self._tasks[reference] = slot
 
     def events(self, timeout: float) -> list[Message | Ended]:
-        ended, events = [], []
-        while not events:
-            if self._tasks:
-                wait = min(POLL, timeout)
-                ended, _ = self._ray.wait(list(self._tasks), num_returns=1, timeout=wait)
+        """What happened since the last call; waits at most `timeout` seconds for something."""
+        deadline = time.monotonic() + timeout
+        while True:
+            left = max(0.0, deadline - time.monotonic())
+            ended = self._wait(min(POLL, left))
             events = [*self._messages(), *(self._end(reference) for reference in ended)]
-            timeout -= POLL
-            if timeout <= 0.0:
-                break
-        return events
+            if events or left == 0.0:
+                return events
 
     def stop(self) -> None:
+        """Ends all processes, whatever they are doing."""
         for reference in self._tasks:
             self._ray.cancel(reference, force=True)
         self._tasks.clear()
         self._ray.kill(self._mailbox)
         if self._joined:
             self._ray.shutdown()
+
+    def _wait(self, timeout: float) -> list[Any]:
+        """References of tasks that ended."""
+        if not self._tasks:
+            time.sleep(timeout)
+            return []
+        return self._ray.wait(list(self._tasks), num_returns=1, timeout=timeout)[0]
 
     def _messages(self) -> Iterator[Message]:
         errors = (self._ray.exceptions.RayError, TimeoutError)
@@ -101,10 +99,23 @@ class RayExecutor(AbstractExecutor):
         return Ended(slot, value=value, error=error)
 
 
-def _join(slots: int) -> None:
-    """Connects this process to Ray."""
-    import ray
+def _load_ray() -> Any:
+    """The package Ray.
 
+    Raises:
+        UsageError: It is not installed.
+    """
+    try:
+        importlib.import_module("ray.util.scheduling_strategies")
+        return importlib.import_module("ray")
+    except ImportError as error:
+        raise UsageError(
+            f"`--executor ray` needs Ray ({error}): pip install 'fidelity-bench[ray]'."
+        ) from error
+
+
+def _join(ray: Any, slots: int) -> None:
+    """Connects this process to Ray."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     quiet = {"log_to_driver": False, "logging_level": "error"}
     try:
@@ -123,6 +134,7 @@ class _Mailbox:
         self._content: list[tuple[int, tuple]] = []
 
     def put(self, slot: int, content: tuple) -> None:
+        """Leaves a message."""
         self._content.append((slot, content))
 
     def take(self) -> list[tuple[int, tuple]]:
@@ -133,9 +145,8 @@ class _Mailbox:
 
 def _perform(packed: bytes, slot: int, mailbox: Any, variables: dict[str, str]) -> tuple[Any, str]:
     """Value and error of a task. It is unpacked, and JAX imported, in its own environment."""
-    import ray
-
     os.environ.update(variables)
+    ray = _load_ray()
     sent = None
 
     def report(*content: Any) -> None:

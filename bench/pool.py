@@ -73,9 +73,11 @@ class LocalExecutor(AbstractExecutor):
 
     @property
     def slots(self) -> int:
+        """Number of tasks at a time."""
         return self._slots
 
     def start(self, slot: int, task: Task) -> None:
+        """Starts a task in a free slot and returns at once."""
         process = self._processes.get(slot)
         if process is not None and process.given >= TASKS_PER_PROCESS:
             self._drop(slot)
@@ -88,6 +90,7 @@ class LocalExecutor(AbstractExecutor):
         future.add_done_callback(lambda future: self._ended.put((slot, future)))
 
     def events(self, timeout: float) -> list[Message | Ended]:
+        """What happened since the last call; waits at most `timeout` seconds for something."""
         deadline = time.monotonic() + timeout
         while True:
             left = max(0.0, deadline - time.monotonic())
@@ -102,6 +105,7 @@ class LocalExecutor(AbstractExecutor):
                 return events
 
     def stop(self) -> None:
+        """Ends all processes, whatever they are doing."""
         for slot in list(self._processes):
             self._drop(slot)
 

@@ -19,8 +19,8 @@ import pandas as pd
 
 from bench.executor import Report, one_line
 from bench.plan import NOMINAL, REALITY, Run
-from bench.settings import build
 from bench.record import Outcome
+from bench.settings import build
 from bench.store import Store
 from bench.tables import SCHEMAS, STATUSES, UNITS, table
 from methods.checkpoint import kept_by
