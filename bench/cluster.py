@@ -92,6 +92,8 @@ class RayExecutor(AbstractExecutor):
         slot = self._tasks.pop(reference)
         try:
             value, error = self._ray.get(reference)
+        except self._ray.exceptions.RayTaskError as failure:  # what it returned cannot be sent
+            return Ended(slot, error=one_line(failure.cause))
         except self._ray.exceptions.RayError as lost:
             line = next(iter(str(lost).splitlines()), "")
             cause = f"its worker process or machine is gone ({type(lost).__name__}: {line})"
