@@ -21,6 +21,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from joblib.externals.loky import process_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
 
 from bench.environment import environment
@@ -51,7 +52,7 @@ class _Process:
     pool: ProcessPoolExecutor
     connection: Connection
     theirs: Connection
-    """Kept open: loky may start the process once more."""
+    """Kept open: it is handed over when the process is started."""
     given: int = 0
 
     def stop(self) -> None:
@@ -184,6 +185,8 @@ _TO_PARENT: list[Connection] = []
 def _prepare(connection: Connection, log: Path, cores: list[int]) -> None:
     """Before the first task: cores, log, nothing of Ctrl-C, and no life after the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    # A process that grows has compiled a program: no leak for which loky should replace it.
+    process_executor._MAX_MEMORY_LEAK_SIZE = float("inf")
     if cores:
         os.sched_setaffinity(0, cores)
     with log.open("a", encoding="utf-8") as file:

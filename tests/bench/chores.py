@@ -46,6 +46,16 @@ def wait_for(begun, gate, report):
     return "waited"
 
 
+GROWN = []
+
+
+def grow(report):
+    """Takes 400 MB and keeps them, as compiled programs do; slowly enough for loky to look."""
+    time.sleep(1.1)
+    GROWN.append(bytearray(os.urandom(1)) * 400_000_000)
+    return os.getpid()
+
+
 def surroundings(report):
     """What XLA and BLAS will see, whether JAX was there before, and this process."""
     names = ("XLA_FLAGS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "SCIPY_ARRAY_API")

@@ -153,6 +153,14 @@ def test_processes_are_replaced_after_enough_tasks(tmp_path, monkeypatch):
     assert pids[0] == pids[1] != pids[2] == pids[3]
 
 
+def test_a_process_that_grows_stays(tmp_path):
+    """Replaced by loky, it might take the next task with it."""
+    with LocalExecutor(1, tmp_path) as executor:
+        works = (chores.surroundings, chores.grow, chores.grow, chores.surroundings)
+        first, *others = [result(executor, task(work)).value for work in works]
+    assert others == [first[1], first[1], first]
+
+
 def test_stopping_kills_what_runs(tmp_path):
     with LocalExecutor(1, tmp_path) as executor:
         executor.start(0, task(chores.wait_for, tmp_path / "begun", tmp_path / "never"))
