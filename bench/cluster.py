@@ -71,9 +71,11 @@ class RayExecutor(AbstractExecutor):
         for reference in self._tasks:
             self._ray.cancel(reference, force=True)
         self._tasks.clear()
-        self._ray.kill(self._mailbox)
-        if self._joined:
-            self._ray.shutdown()
+        if self._mailbox is not None:
+            self._ray.kill(self._mailbox)
+            if self._joined:
+                self._ray.shutdown()
+        self._mailbox = None
 
     def _wait(self, timeout: float) -> list[Any]:
         """References of tasks that ended."""

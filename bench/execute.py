@@ -26,7 +26,8 @@ def execute(
     """Status of each of `runs` that ended, by name; all of them but for `fail_fast`.
 
     A run that fails, or whose worker dies, is stored as failed with its cause, its children too;
-    the others go on. Whatever stops this function stops the workers; committed runs stay.
+    the others go on. Whatever ends this function, committed runs stay; what is still under way ends
+    with the executor.
 
     Args:
         runs: What to run, parents before their children.
@@ -37,8 +38,7 @@ def execute(
         failed: Names of parents that are there as failed and are not tried again.
         fail_fast: Whether the first failure ends everything.
     """
-    with executor:
-        return _Execution(runs, store, executor, display, done, failed, fail_fast).result()
+    return _Execution(runs, store, executor, display, done, failed, fail_fast).result()
 
 
 class _Execution:

@@ -64,7 +64,7 @@ class AbstractExecutor(abc.ABC):
 
     @abc.abstractmethod
     def stop(self) -> None:
-        """Ends all processes, whatever they are doing."""
+        """Ends all processes, whatever they are doing; once more does nothing."""
 
     def __enter__(self) -> Self:
         return self
