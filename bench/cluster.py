@@ -43,7 +43,9 @@ class RayExecutor(AbstractExecutor):
         )
         self._mailbox = ray.remote(_Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
         self._perform = ray.remote(num_cpus=1, max_retries=0, max_calls=TASKS_PER_PROCESS)(_perform)
+        self._given = 0
         self._tasks: dict[Any, int] = {}
+        self._slots_of: dict[int, int] = {}
 
     @property
     def slots(self) -> int:
@@ -53,8 +55,10 @@ class RayExecutor(AbstractExecutor):
     def start(self, slot: int, task: Task) -> None:
         """Starts a task in a free slot and returns at once."""
         packed = self._ray.cloudpickle.dumps(task)
-        reference = self._perform.remote(packed, slot, self._mailbox, self._environment)
-        self._tasks[reference] = slot
+        self._given += 1
+        reference = self._perform.remote(packed, self._given, self._mailbox, self._environment)
+        self._tasks[reference] = self._given
+        self._slots_of[self._given] = slot
 
     def events(self, timeout: float) -> list[Message | Ended]:
         """What happened since the last call; waits at most `timeout` seconds for something."""
@@ -87,11 +91,12 @@ class RayExecutor(AbstractExecutor):
     def _messages(self) -> Iterator[Message]:
         errors = (self._ray.exceptions.RayError, TimeoutError)
         with contextlib.suppress(*errors):
-            for slot, content in self._ray.get(self._mailbox.take.remote(), timeout=PATIENCE):
-                yield Message(slot, content)
+            for number, content in self._ray.get(self._mailbox.take.remote(), timeout=PATIENCE):
+                if number in self._slots_of:  # not one that was killed and is late
+                    yield Message(self._slots_of[number], content)
 
     def _end(self, reference: Any) -> Ended:
-        slot = self._tasks.pop(reference)
+        slot = self._slots_of.pop(self._tasks.pop(reference))
         try:
             value, error = self._ray.get(reference)
         except self._ray.exceptions.RayTaskError as failure:  # what it returned cannot be sent
@@ -137,9 +142,9 @@ class _Mailbox:
     def __init__(self) -> None:
         self._content: list[tuple[int, tuple]] = []
 
-    def put(self, slot: int, content: tuple) -> None:
-        """Leaves a message."""
-        self._content.append((slot, content))
+    def put(self, number: int, content: tuple) -> None:
+        """Leaves a message of a task."""
+        self._content.append((number, content))
 
     def take(self) -> list[tuple[int, tuple]]:
         """What came since the last time; empty after this."""
@@ -147,7 +152,9 @@ class _Mailbox:
         return content
 
 
-def _perform(packed: bytes, slot: int, mailbox: Any, variables: dict[str, str]) -> tuple[Any, str]:
+def _perform(
+    packed: bytes, number: int, mailbox: Any, variables: dict[str, str]
+) -> tuple[Any, str]:
     """Value and error of a task. It is unpacked, and JAX imported, in its own environment."""
     os.environ.update(variables)
     ray = _load_ray()
@@ -155,7 +162,7 @@ def _perform(packed: bytes, slot: int, mailbox: Any, variables: dict[str, str]) 
 
     def report(*content: Any) -> None:
         nonlocal sent
-        sent = mailbox.put.remote(slot, content)
+        sent = mailbox.put.remote(number, content)
 
     try:
         return ray.cloudpickle.loads(packed)(report), ""

@@ -63,7 +63,8 @@ def sweep(
             warn(text)
         missing = standing.missing
         logs = store.runs / ".logs"
-        with make_executor(executor, jobs, max(1, len(missing)), logs) as workers:
+        chosen = executor if missing else "local"  # which starts nothing before it is needed
+        with make_executor(chosen, jobs, max(1, len(missing)), logs) as workers:
             _say(console, _announcement(standing, workers.slots))
             display = Display(missing, console)
             try:
