@@ -6,7 +6,7 @@ Whatever needs JAX or pandas is imported inside the commands, so that help appea
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import cyclopts
 
@@ -37,6 +37,9 @@ def run(
     seeds: int | None = None,
     out: Path | None = None,
     jobs: int | None = None,
+    executor: Literal["local", "ray"] = "local",
+    fail_fast: Annotated[bool, Repeatable] = False,
+    retry_failed: Annotated[bool, Repeatable] = False,
 ) -> int:
     """Train and evaluate what a suite asks for, then write tables, leaderboard and report.
 
@@ -61,6 +64,12 @@ def run(
         Folder for everything; without it, tables go to results/SUITE, documents to reports/SUITE.
     jobs
         Number of worker processes; without it, one per core.
+    executor
+        Where they are: on this machine, or on the Ray cluster that RAY_ADDRESS names.
+    fail_fast
+        Stop at the first run that fails.
+    retry_failed
+        Try runs again that failed in an earlier call. Interrupted ones are tried again anyway.
     """
     from bench.suite import load_suite
 
@@ -76,7 +85,15 @@ def run(
     from bench.plan import expand
     from bench.sweep import sweep
 
-    return sweep(expand(chosen), tables_dir, documents_dir, jobs)
+    return sweep(
+        expand(chosen),
+        tables_dir,
+        documents_dir,
+        jobs,
+        executor=executor,
+        fail_fast=fail_fast,
+        retry_failed=retry_failed,
+    )
 
 
 @app.command
