@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -110,20 +111,21 @@ def frames(
     """Pictures of the flight, `FPS` a second, drawn in this process."""
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(_scene(pos.shape[1]))
-    data = mujoco.MjData(model)
-    camera = _camera(pos, mujoco.MjvCamera())
+    mj: Any = mujoco  # type checkers do not know what its compiled part holds
+    model = mj.MjModel.from_xml_string(_scene(pos.shape[1]))
+    data = mj.MjData(model)
+    camera = _camera(pos, mj.MjvCamera())
     times = np.arange(t[0], t[-1] + 1e-9, 1.0 / FPS)
     places, leans = _sampled(t, pos, times), _sampled(t, _thrust_axis(t, pos), times)
     found = []
-    with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer:
+    with mj.Renderer(model, HEIGHT, WIDTH) as renderer:
         for place, lean in zip(places, leans, strict=True):
             known = np.isfinite(place).all(axis=1, keepdims=True)
             place = np.where(known, place, [0.0, 0.0, NOWHERE])
             below = np.where(known, place * [1.0, 1.0, 0.0], [0.0, 0.0, NOWHERE])
             data.mocap_pos[:] = np.concatenate([place, below])
             data.mocap_quat[: len(place)] = _quat(np.where(known, lean, [0.0, 0.0, 1.0]))
-            mujoco.mj_forward(model, data)
+            mj.mj_forward(model, data)
             renderer.update_scene(data, camera)
             found.append(renderer.render().copy())
     return found
@@ -158,13 +160,13 @@ def _quat(axis: Float[np.ndarray, "drones 3"]) -> Float[np.ndarray, "drones 4"]:
     return quat / np.linalg.norm(quat, axis=-1, keepdims=True).clip(1e-9)
 
 
-def _camera(pos: Float[np.ndarray, "time drones 3"], camera: object) -> object:
+def _camera(pos: Float[np.ndarray, "time drones 3"], camera: Any) -> Any:
     """A fixed camera that sees all but the farthest positions."""
     known = pos[np.isfinite(pos).all(axis=-1)]
     low, high = np.quantile(known, [0.01, 0.99], axis=0) if len(known) else np.zeros((2, 3))
-    camera.lookat[:] = 0.5 * (low + high)  # pyright: ignore[reportAttributeAccessIssue]
-    camera.distance = 1.5 + 1.3 * float(np.linalg.norm(high - low))  # pyright: ignore[reportAttributeAccessIssue]
-    camera.azimuth, camera.elevation = 120.0, -30.0  # pyright: ignore[reportAttributeAccessIssue]
+    camera.lookat[:] = 0.5 * (low + high)
+    camera.distance = 1.5 + 1.3 * float(np.linalg.norm(high - low))
+    camera.azimuth, camera.elevation = 120.0, -30.0
     return camera
 
 
