@@ -294,7 +294,7 @@ def doctor() -> int:
 
     Exit status 1 if anything was found that breaks runs.
     """
-    from bench.doctor import doctor as examine
+    from bench.doctor import doctor as examine  # before anything imports SciPy, which it looks for
 
     return examine()
 
