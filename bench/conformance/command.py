@@ -46,7 +46,7 @@ def check(plugin: str, assignments: Sequence[str], simulator_names: Sequence[str
     console = Console()
     kind, cls = find(plugin)
     if assignments and kind != "method":
-        raise UsageError(f"`--setting` is for methods, and '{plugin}' is a {kind}.")
+        raise UsageError(f"`--setting` is for methods, and '{plugin}' is of another kind: {kind}.")
     chosen = simulator_names or (registry.names("simulator") if kind == "effect" else [REALITY])
     realities = {name: registry.load("simulator", name) for name in chosen}
     settings = parse(assignments)
@@ -77,11 +77,11 @@ def findings(
     given = {name: settings.get(name, value) for name, value in given.items()}
     settings = {name: value for name, value in settings.items() if name not in given}
     sound = True
-    for finding in execute(cls, _declarations(kind, cls, given)):
+    for finding in execute(cls, declarations(kind, cls, given)):
         sound = sound and not finding.problem
         yield finding
     if sound:
-        yield from execute(cls, _behaviour(kind, cls, realities, given, settings))
+        yield from execute(cls, behaviour(kind, cls, realities, given, settings))
 
 
 def find(plugin: str) -> tuple[str, type]:
@@ -152,7 +152,8 @@ def _needs_residual(cls: type) -> bool:
     return "residual" in fields and not isinstance(fields["residual"].default, str | None)
 
 
-def _declarations(kind: str, cls: type, given: Mapping[str, Setting]) -> list[Check]:
+def declarations(kind: str, cls: type, given: Mapping[str, Setting]) -> list[Check]:
+    """Checks of what a class says of itself."""
     if kind == "method":
         return methods.declarations(cls, given)
     module = {
@@ -164,13 +165,14 @@ def _declarations(kind: str, cls: type, given: Mapping[str, Setting]) -> list[Ch
     return module.declarations(cls)
 
 
-def _behaviour(
+def behaviour(
     kind: str,
     cls: type,
     realities: Mapping[str, type[AbstractSimulator]],
     given: Mapping[str, Setting],
     settings: Mapping[str, Setting],
 ) -> list[Check]:
+    """Checks of what a class does; its declarations must be sound."""
     if kind == "method":
         return methods.behaviour(cls, next(iter(realities.values())), given, settings)
     if kind == "effect":

@@ -50,14 +50,14 @@ def short_settings(cls: type[Any], wanted: Mapping[str, Setting]) -> dict[str, S
     found |= {name: dict(SHORT) for name, default in fields.items() if isinstance(default, BPTT)}
     for name, value in wanted.items():
         old = found.get(name)
-        merge = isinstance(old, dict) and isinstance(value, Mapping)
-        found[name] = {**old, **value} if merge else value
+        both = isinstance(old, dict) and isinstance(value, dict)
+        found[name] = {**old, **value} if both else value
     return found
 
 
 def behaviour(
     cls: type[Any],
-    reality: type[AbstractSimulator],
+    reality: type[Any],
     given: Mapping[str, Setting],
     wanted: Mapping[str, Setting],
 ) -> list[Check]:
@@ -100,7 +100,7 @@ def fresh(seed: int) -> Policy:
 class _Watch:
     """A cell that remembers whether its reality was flown and what progress was told."""
 
-    def __init__(self, reality: type[AbstractSimulator]) -> None:
+    def __init__(self, reality: type[Any]) -> None:
         self.flown = False
         self.heard: list[tuple] = []
         self.reality = _watched(reality, self._fly)
@@ -119,7 +119,7 @@ class _Watch:
         self.heard.append(message)
 
 
-def _watched(reality: type[AbstractSimulator], told: Callable[[], None]) -> type[AbstractSimulator]:
+def _watched(reality: type[Any], told: Callable[[], None]) -> type[Any]:
     """A subclass that calls `told` whenever a step is taken or compiled."""
 
     def step_cmd(self: AbstractSimulator, state: object, cmd: jax.Array, duration: float) -> object:

@@ -102,7 +102,7 @@ def _structure(simulator: AbstractSimulator) -> None:
         demand(
             jax.tree.structure(other) == jax.tree.structure(state)
             and shapes(other) == shapes(state),
-            f"a {what} changes the structure, shapes or types of the state: {shapes(state)} becomes "
+            f"a {what} changes structure, shapes or types of the state: {shapes(state)} becomes "
             f"{shapes(other)}",
         )
 
@@ -253,5 +253,5 @@ def _door(simulator: AbstractSimulator, door: str) -> None:
     demand(
         not equal(plain, probed),
         f"`doors` promises '{door}', but a flight with the effect '{name}' ({values}) is the same "
-        "as without; call the effects' hooks at every integration step (simulators/effects/chain.py)",
+        "as without; call the hooks of effects at every integration step (effects/chain.py)",
     )

@@ -6,6 +6,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -160,9 +161,9 @@ def _in_authors_terms(cls: type, error: Exception) -> str:
     return f"{said} (in `{last.name}`, {Path(last.filename).name} line {last.lineno})"
 
 
-def _plain(x: object) -> np.ndarray:
+def _plain(x: Any) -> np.ndarray:
     if hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jax.dtypes.prng_key):
-        return np.asarray(jax.random.key_data(x))  # pyright: ignore[reportArgumentType]
+        return np.asarray(jax.random.key_data(x))
     return np.asarray(x)
 
 

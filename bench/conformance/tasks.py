@@ -1,6 +1,7 @@
 """What a task must keep to: starts, targets, rewards and observations that hold for any team."""
 
 import functools
+import itertools
 from typing import Any
 
 import equinox as eqx
@@ -39,7 +40,8 @@ def behaviour(cls: type[Any]) -> list[Check]:
         "a wrong setting is refused with its name": _refuses,
         "teams start on the floor, out of contact": _starts,
         "the same key gives the same episode, another key another": _keys,
-        "every quantity has one finite row per drone": _shapes,
+        "every quantity has one row per drone": _shapes,
+        "every quantity is finite": _finite,
         "moving by the offset satisfies the task": _offset,
         "no place is better than the target": _best,
         "offsets do not jump when a drone moves a little": _jumps,
@@ -83,10 +85,10 @@ def _sizes(cls: type[Any]) -> None:
     for n in SIZES:
         task = cls(n_drones=n)
         demand(task.n_drones == n, f"made for {n} drones it has `n_drones` = {task.n_drones}")
-    demand(
-        isinstance(task.horizon, int) and task.horizon >= 1,
-        f"`horizon` must be a number of control steps, at least 1, got {task.horizon!r}",
-    )
+        demand(
+            isinstance(task.horizon, int) and task.horizon >= 1,
+            f"`horizon` must be a number of control steps, at least 1, got {task.horizon!r}",
+        )
 
 
 def _station_keeping(cls: type[Any]) -> None:
@@ -142,23 +144,32 @@ def _keys(cls: type[Any]) -> None:
 
 
 def _shapes(cls: type[Any]) -> None:
-    for n in SIZES:
-        for observe_attitude in (False, True):
-            task = cls(n_drones=n, observe_attitude=observe_attitude)
-            state = random_state(task)
-            obs, rewards, error = everything(task, state)
-            target = task.target(state)
-            found = {
-                "`observe`": (obs.shape, (n, task.obs_size)),
-                "`target().offset`": (target.offset.shape, (n, 3)),
-                "`target().vel`": (target.vel.shape, (n, 3)),
-                "`target().acc`": (target.acc.shape, (n, 3)),
-                "`task_reward`": (rewards[0].shape, (n,)),
-                "`error`": (error.shape, (n,)),
-            }
-            for what, (got, wanted) in found.items():
-                demand(got == wanted, f"{what} must have shape {wanted} for N = {n}, got {got}")
-            demand(finite((obs, rewards, error, target)), f"with N = {n} something is not finite")
+    for n, observe_attitude in itertools.product(SIZES, (False, True)):
+        task = cls(n_drones=n, observe_attitude=observe_attitude)
+        state = jax.eval_shape(lambda t=task: random_state(t))
+        obs, rewards, error = jax.eval_shape(lambda s, t=task: everything(t, s), state)
+        target = jax.eval_shape(task.target, state)
+        found = {
+            "`observe`": (obs.shape, (n, task.obs_size)),
+            "`target().offset`": (target.offset.shape, (n, 3)),
+            "`target().vel`": (target.vel.shape, (n, 3)),
+            "`target().acc`": (target.acc.shape, (n, 3)),
+            "`task_reward`": (rewards[0].shape, (n,)),
+            "`error`": (error.shape, (n,)),
+        }
+        for what, (got, wanted) in found.items():
+            demand(got == wanted, f"{what} must have shape {wanted} for N = {n}, got {got}")
+
+
+def _finite(cls: type[Any]) -> None:
+    task = cls(n_drones=5)
+    state = random_state(task)
+    together = _moved(state, jnp.zeros_like(state.flight.pos))
+    for words, where in (("in flight", state), ("with all drones in one place", together)):
+        demand(
+            finite(everything(task, where)),
+            f"observations, rewards or errors are not finite {words}",
+        )
 
 
 def _offset(cls: type[Any]) -> None:
@@ -196,7 +207,7 @@ def _jumps(cls: type[Any]) -> None:
         change = offset(_moved(state, state.flight.pos + step)) - offset(state)
         demand(
             float(jnp.abs(change).max()) < 0.1,
-            f"moving the drones by a millimetre moves an offset by {float(jnp.abs(change).max()):.2f}"
+            f"moving drones by a millimetre moves an offset by {float(jnp.abs(change).max()):.2f}"
             " m; back-propagation turns such jumps into useless gradients (see `direction` in "
             "tasks/contract.py)",
         )
