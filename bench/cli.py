@@ -1,4 +1,5 @@
-"""The command line: `bench run`, `list`, `leaderboard`, `report`, `claims`, `diagnose`.
+"""The command line: `bench run`, `list`, `leaderboard`, `report`, `claims`, `diagnose`,
+`replay`, `doctor`, `check`.
 
 Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
 """

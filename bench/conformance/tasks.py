@@ -149,12 +149,15 @@ def _shapes(cls: type[Any]) -> None:
         state = jax.eval_shape(lambda t=task: random_state(t))
         obs, rewards, error = jax.eval_shape(lambda s, t=task: everything(t, s), state)
         target = jax.eval_shape(task.target, state)
+        row = jax.ShapeDtypeStruct((n,), float)
+        paid = jax.eval_shape(task.task_reward, row, row)
         found = {
             "`observe`": (obs.shape, (n, task.obs_size)),
             "`target().offset`": (target.offset.shape, (n, 3)),
             "`target().vel`": (target.vel.shape, (n, 3)),
             "`target().acc`": (target.acc.shape, (n, 3)),
-            "`task_reward`": (rewards[0].shape, (n,)),
+            "`task_reward`": (paid.shape, (n,)),
+            "`rewards`": (rewards[0].shape, (n,)),
             "`error`": (error.shape, (n,)),
         }
         for what, (got, wanted) in found.items():

@@ -55,7 +55,12 @@ def test_a_whole_plugin_passes(kind, cls):
         ("effect", broken.Idle, "does something", "neither at its lower nor at its upper"),
         ("effect", broken.Explosive, "becomes NaN", "at their upper bounds a flight becomes"),
         ("effect", broken.Favourite, "renumbering", "depends on the numbers of the drones"),
-        ("effect", broken.Forgetful, "structure of the state", "(`wrench`|memory|raised)"),
+        (
+            "effect",
+            broken.Forgetful,
+            "structure of the state",
+            "a step changes the memory that `init` made",
+        ),
         ("effect", broken.Unfelt, "finite differences", "by `f` at 0.037 the derivative .* is 0,"),
         (
             "effect",
