@@ -1,4 +1,4 @@
-"""The command line: `bench run`, `plan`, `list`, `leaderboard`, `compare`, `report`, ...
+"""The command line: what users type, and nothing else.
 
 Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
 """
@@ -354,6 +354,73 @@ def blind(
     if report:
         return rebuild_report(out, notes)
     return run_blind(cases, reality, out, seed, jobs, notes=notes)
+
+
+@app.command
+def replay(
+    run: str,
+    /,
+    *,
+    tables: Path | None = None,
+    out: Path | None = None,
+    video: Path | None = None,
+) -> int:
+    """Write a page that plays the stored flight of a run; it opens offline.
+
+    Parameters
+    ----------
+    run
+        Name of a run as in runs.csv and the report, or its folder.
+    tables
+        Folder with runs.parquet and its companions; without it, those in results/* are searched.
+    out
+        HTML file to write; without it, replays/RUN.html beside the report.
+    video
+        Also render a film with MuJoCo into this file: .gif, .webp or .png (animated).
+    """
+    from bench.replay import replay as replay_run
+
+    return replay_run(run, tables, out, video)
+
+
+@app.command
+def doctor() -> int:
+    """Show versions, devices and graphics, and name combinations that are known to break.
+
+    Exit status 1 if anything was found that breaks runs.
+    """
+    from bench.doctor import doctor as examine  # before anything imports SciPy, which it looks for
+
+    return examine()
+
+
+@app.command
+def check(
+    plugin: str,
+    /,
+    *,
+    setting: Annotated[list[str] | None, Repeatable] = None,
+    simulator: Annotated[list[str] | None, Repeatable] = None,
+) -> int:
+    """Run the conformance suite on a plug-in and say what is wrong with it.
+
+    Exit status 1 if a check failed.
+
+    Parameters
+    ----------
+    plugin
+        Registered name, with its kind where names coincide (effect:mass), or module:Class.
+    setting
+        Setting of the plug-in, such as trainer.epochs=3; may be repeated.
+    simulator
+        Only in this simulator (effects: where they are attached; methods: their reality).
+    """
+    from bench.environment import environment
+
+    os.environ.update(environment())
+    from bench.conformance.command import check as check_plugin
+
+    return check_plugin(plugin, setting or (), simulator or ())
 
 
 def _check_folders(*directories: Path) -> None:

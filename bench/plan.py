@@ -24,6 +24,7 @@ import rfc8785
 
 from bench import settings
 from bench.errors import UsageError
+from bench.pages import file_name
 from bench.suite import Row, Suite
 from simulators import registry
 
@@ -84,7 +85,9 @@ class Run:
     def name(self) -> str:
         """Name of its folder."""
         method = f"{self.method}-{self.residual}" if self.residual else self.method
-        return f"{method}-{self.task}-n{self.team_size}-s{self.seed}-{self.key[:10]}"
+        return (
+            file_name(f"{method}-{self.task}-n{self.team_size}-s{self.seed}") + f"-{self.key[:10]}"
+        )
 
 
 @dataclasses.dataclass(frozen=True)
