@@ -320,6 +320,8 @@ def blind(
     seed: int | None = None,
     jobs: int | None = None,
     report: Annotated[bool, Repeatable] = False,
+    next_flight: Annotated[bool, Repeatable] = False,
+    limits: Annotated[bool, Repeatable] = False,
     notes: Path | None = None,
 ) -> int:
     """Make flights whose cause is withheld, diagnose them, and score the answers.
@@ -343,6 +345,10 @@ def blind(
         Number of processes; without it, one per core.
     report
         Only write the report again, from the tables that are there.
+    next_flight
+        Instead of cases, fly what the diagnosis advises to fly next, and measure what it separates.
+    limits
+        Instead of cases, measure how small an effect may be to be named, and how long to fly.
     notes
         Markdown file with remarks on failures; without it, blind_notes.md beside the report.
     """
@@ -351,6 +357,11 @@ def blind(
     os.environ.update(environment())
     from bench.blind.command import rebuild_report, run_blind
 
+    if next_flight or limits:
+        from bench.blind.studies import run_studies
+
+        wanted = [name for name, on in (("next_flight", next_flight), ("limits", limits)) if on]
+        return run_studies(wanted, reality, out, notes)
     if report:
         return rebuild_report(out, notes)
     return run_blind(cases, reality, out, seed, jobs, notes=notes)

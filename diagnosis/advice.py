@@ -36,7 +36,8 @@ MANOEUVRES: Mapping[frozenset[str], str] = {
         ),
         (
             ("inertia", "motor_lag"),
-            "thrust steps in hover: inertia does not show in them, slow rotors do",
+            "attitude steps and thrust steps in turn: inertia rounds the first alone, slow rotors "
+            "round both",
         ),
         (
             ("attitude_lag", "inertia"),
@@ -44,8 +45,9 @@ MANOEUVRES: Mapping[frozenset[str], str] = {
         ),
         (
             ("trim", "center_of_mass"),
-            "hover at very different thrusts, climbing and descending at 1 m/s: the tilt that an "
-            "offset of the centre of mass causes grows with thrust, a trim does not",
+            "up and down by 25 cm every 1.4 s, so that the thrust swings by half of the weight: "
+            "the tilt that an offset of the centre of mass causes grows with thrust, a trim does "
+            "not",
         ),
         (
             ("trim", "wind"),

@@ -56,7 +56,7 @@ def run_blind(
     if folders.state.is_file():
         check_state(folders, reality, counts)
     console = Console()
-    with _alone(folders):
+    with alone(folders):
         if not folders.state.is_file():
             _generate(folders, reality, counts or scaled_counts(None), seed, console)
         return _work(folders, jobs, console, command, timeout, document_of(out), notes)
@@ -141,7 +141,7 @@ def _check(folders: Folders, reality: str, seed: int | None, jobs: int | None) -
 
 
 @contextlib.contextmanager
-def _alone(folders: Folders) -> Iterator[None]:
+def alone(folders: Folders) -> Iterator[None]:
     """Inside, no other process works in these folders.
 
     Raises:

@@ -3,24 +3,21 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import seaborn
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from bench.blind import limits, next_flight
+from bench.blind.canvas import OUR_COLOR, STYLE, saved
 from bench.blind.tables import OURS, Tables
 from bench.figures import COLORS
 from bench.statistics import records
 
 Drawing = tuple[str, str]
 """Name of a picture's file without its suffix, and what it shows."""
-
-OUR_COLOR = "#00527f"
-"""The accent of the pages."""
 
 AIMS = "Scores on decidable cases with 95 % Clopper-Pearson intervals; the bar is the aim"
 CONFUSION = (
@@ -39,13 +36,14 @@ def write_pictures(tables: Tables, directory: Path) -> list[tuple[Path, str]]:
         ("confusion", CONFUSION, _confusion),
         ("reliability", RELIABILITY, _reliability),
         ("errors", ERRORS, _errors),
+        ("limits", limits.CAPTION, limits.draw),
+        ("next_flight", next_flight.CAPTION, next_flight.draw),
     ]
     directory.mkdir(parents=True, exist_ok=True)
     found = []
-    style: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
     for name, caption, draw in drawings:
         path = directory / f"{reality}_{name}.png"
-        with plt.rc_context(style):
+        with plt.rc_context(STYLE):
             if draw(tables, path):
                 found.append((path, caption))
     return found
@@ -83,7 +81,7 @@ def _aims(tables: Tables, path: Path) -> bool:
     axes.set(yticks=range(len(scores)), yticklabels=scores, xlim=(-0.02, 1.02), xlabel="share")
     axes.invert_yaxis()
     figure.legend(loc="outside upper center", ncols=len(everybody), fontsize=8, frameon=False)
-    return _saved(figure, path)
+    return saved(figure, path)
 
 
 def _confusion(tables: Tables, path: Path) -> bool:
@@ -113,7 +111,7 @@ def _confusion(tables: Tables, path: Path) -> bool:
     axes.tick_params(axis="x", rotation=60)
     for label in axes.get_xticklabels():
         label.set_horizontalalignment("right")
-    return _saved(figure, path)
+    return saved(figure, path)
 
 
 _OTHER = ("none", "unexplained", "failed")
@@ -140,7 +138,7 @@ def _reliability(tables: Tables, path: Path) -> bool:
         axes.annotate(f"  {row['n']:.0f}", (row["stated"], row["value"]), fontsize=8)
     axes.set(xlabel="stated probability", ylabel="share that was true", xlim=(0, 1.08))
     axes.set_ylim(-0.02, 1.05)
-    return _saved(figure, path)
+    return saved(figure, path)
 
 
 def _errors(tables: Tables, path: Path) -> bool:
@@ -159,7 +157,7 @@ def _errors(tables: Tables, path: Path) -> bool:
     axes.tick_params(axis="x", rotation=60)
     for label in axes.get_xticklabels():
         label.set_horizontalalignment("right")
-    return _saved(figure, path)
+    return saved(figure, path)
 
 
 def _strip(shown: pd.DataFrame, effects: list[str], axes: Axes) -> None:
@@ -177,9 +175,3 @@ def _strip(shown: pd.DataFrame, effects: list[str], axes: Axes) -> None:
         ax=axes,
     )
     axes.legend(title="", fontsize=8)
-
-
-def _saved(figure: Figure, path: Path) -> bool:
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-    return True

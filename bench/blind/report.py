@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from bench import markdown
-from bench.blind import failures, sections
+from bench.blind import failures, limits, next_flight, sections
 from bench.blind.pictures import write_pictures
 from bench.blind.tables import Tables
 from bench.pictures import data_uri
@@ -82,6 +82,8 @@ def _reality(
         "### How sure",
         *sections.reliability(tables),
         *picture("reliability"),
+        *limits.section(tables, picture("limits")),
+        *next_flight.section(tables, picture("next_flight")),
         "### Failures, one by one",
         *failures.failures(tables, remarks),
     ]

@@ -6,6 +6,7 @@
 | `parameters` | a parameter of a right answer: error, over the Cramer-Rao bound, inside interval |
 | `proportions` | a score on a subset of cases, ours and the baselines', with its interval |
 | `by_effect`, `reliability`, `confusion` | see `diagnosis.blind.scoring` |
+| `next_flight`, `limits` | see `bench.blind.studies`; there if these were measured |
 | `summary.json`, `run.json`, `labels.json` | numbers that are no proportions; the run; its labels |
 """
 
@@ -29,6 +30,8 @@ OURS = "bench diagnose"
 """Who answers, beside the baselines."""
 FRAMES = ("cases", "parameters", "proportions", "by_effect", "reliability", "confusion")
 """Tables by file name."""
+STUDIES = ("next_flight", "limits")
+"""Tables of studies, by file name; not every run has them."""
 MOST_CANDIDATES = 4
 """Candidates that are kept as evidence of an answer."""
 
@@ -53,9 +56,11 @@ class Tables:
     """Numbers that are no proportions, by who answered."""
     run: dict[str, Any]
     """What was drawn, and the SHA-256 of the labels."""
+    studies: Mapping[str, pd.DataFrame] = dataclasses.field(default_factory=dict)
+    """Tables of `STUDIES` that are there; written by `bench.blind.studies`."""
 
     def save(self, directory: Path) -> None:
-        """Writes all of them."""
+        """Writes all of them but those of studies."""
         directory.mkdir(parents=True, exist_ok=True)
         for name in FRAMES:
             getattr(self, name).to_parquet(directory / f"{name}.parquet", index=False)
@@ -81,7 +86,9 @@ class Tables:
             raise UsageError(
                 f"{error.filename} is missing; `bench blind` writes it when a run has ended."
             ) from error
-        return cls(**frames, **texts)
+        places = {name: directory / f"{name}.parquet" for name in STUDIES}
+        studies = {name: pd.read_parquet(p) for name, p in places.items() if p.is_file()}
+        return cls(**frames, **texts, studies=studies)
 
 
 def make_tables(
