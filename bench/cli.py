@@ -1,5 +1,4 @@
-"""The command line: `bench run`, `list`, `leaderboard`, `report`, `claims`, `diagnose`,
-`replay`, `doctor`, `check`.
+"""The command line: `bench run`, `list`, `report`, `replay`, `diagnose`, `check`, `doctor`, ...
 
 Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
 """
