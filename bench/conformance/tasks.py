@@ -52,6 +52,7 @@ def behaviour(cls: type[Any]) -> list[Check]:
     return [Check(text, functools.partial(check, cls)) for text, check in sentences.items()]
 
 
+@eqx.filter_jit
 def random_state(task: AbstractTask, key: PRNGKeyArray = KEY) -> TaskState:
     """A team in flight, nobody near a tie of distances."""
     keys = jax.random.split(key, 4)
