@@ -46,7 +46,7 @@ def declarations(cls: type[Any]) -> list[Check]:
     ]
 
 
-def behaviour(cls: type[Any], simulators: Mapping[str, type[AbstractSimulator]]) -> list[Check]:
+def behaviour(cls: type[Any], simulators: Mapping[str, type[Any]]) -> list[Check]:
     """Checks in every simulator that has its doors."""
     found = []
     able = {
@@ -138,7 +138,7 @@ def _neutral_default(cls: type[Any]) -> None:
         )
 
 
-def _no_simulator(cls: type[Any], simulators: Mapping[str, type[AbstractSimulator]]) -> None:
+def _no_simulator(cls: type[Any], simulators: Mapping[str, type[Any]]) -> None:
     doors = ", ".join(f"{n} ({', '.join(s.doors)})" for n, s in simulators.items())
     demand(False, f"it needs {', '.join((cls.door, *cls.needs))}; looked at: {doors}")
 

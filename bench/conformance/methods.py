@@ -50,8 +50,9 @@ def short_settings(cls: type[Any], wanted: Mapping[str, Setting]) -> dict[str, S
     found |= {name: dict(SHORT) for name, default in fields.items() if isinstance(default, BPTT)}
     for name, value in wanted.items():
         old = found.get(name)
-        both = isinstance(old, dict) and isinstance(value, dict)
-        found[name] = {**old, **value} if both else value
+        if isinstance(old, dict) and isinstance(value, dict):
+            value = old | value
+        found[name] = value
     return found
 
 
@@ -126,8 +127,9 @@ def _watched(reality: type[Any], told: Callable[[], None]) -> type[Any]:
         told()
         return reality.step_cmd(self, state, cmd, duration)
 
-    name = f"Watched{reality.__name__}"
-    return type(reality)(name, (reality,), {"step_cmd": step_cmd, "__module__": __name__})
+    made: Any = type(reality)  # equinox's metaclass, which makes a module of it
+    contents = {"step_cmd": step_cmd, "__module__": __name__}
+    return made(f"Watched{reality.__name__}", (reality,), contents)
 
 
 def _parents(cls: type[Any]) -> None:
