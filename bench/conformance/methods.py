@@ -51,7 +51,7 @@ def short_settings(cls: type[Any], wanted: Mapping[str, Setting]) -> dict[str, S
     for name, value in wanted.items():
         old = found.get(name)
         if isinstance(old, dict) and isinstance(value, dict):
-            value = {**old, **value}
+            value = old | value
         found[name] = value
     return found
 
@@ -127,9 +127,9 @@ def _watched(reality: type[Any], told: Callable[[], None]) -> type[Any]:
         told()
         return reality.step_cmd(self, state, cmd, duration)
 
-    name = f"Watched{reality.__name__}"
-    metaclass: Any = type(reality)
-    return metaclass(name, (reality,), {"step_cmd": step_cmd, "__module__": __name__})
+    made: Any = type(reality)  # equinox's metaclass, which makes a module of it
+    contents = {"step_cmd": step_cmd, "__module__": __name__}
+    return made(f"Watched{reality.__name__}", (reality,), contents)
 
 
 def _parents(cls: type[Any]) -> None:

@@ -114,7 +114,9 @@ def _refuses(cls: type[Any]) -> None:
 def _starts(cls: type[Any]) -> None:
     for n in SIZES:
         task = cls(n_drones=n)
-        pos = np.asarray(jax.vmap(lambda k, t=task: t.reset(k)[0])(jax.random.split(KEY, 20)))
+        pos = np.asarray(
+            jax.jit(jax.vmap(lambda k, t=task: t.reset(k)[0]))(jax.random.split(KEY, 20))
+        )
         demand(
             pos.shape == (20, n, 3),
             f"`reset` must return positions of shape ({n}, 3), got {pos.shape[1:]}",
