@@ -41,7 +41,9 @@ class RayExecutor(AbstractExecutor):
         here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
             ray.get_runtime_context().get_node_id(), soft=False
         )
-        self._mailbox: Any = ray.remote(_Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
+        self._mailbox: Any = (
+            ray.remote(_Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
+        )
         self._perform = ray.remote(num_cpus=1, max_retries=0, max_calls=TASKS_PER_PROCESS)(_perform)
         self._given = 0
         self._tasks: dict[Any, int] = {}
