@@ -8,6 +8,7 @@ import contextlib
 import importlib
 import os
 import time
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -130,10 +131,13 @@ def _join(ray: Any, slots: int) -> None:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     quiet = {"log_to_driver": False, "logging_level": "error"}
     try:
-        if address := os.environ.get("RAY_ADDRESS"):
-            ray.init(address=address, **quiet)
-        else:
-            ray.init(address="local", num_cpus=slots, include_dashboard=False, **quiet)
+        with warnings.catch_warnings():
+            # JAX warns of forks; Ray's are followed by another program at once.
+            warnings.filterwarnings("ignore", message=r"os\.fork", category=RuntimeWarning)
+            if address := os.environ.get("RAY_ADDRESS"):
+                ray.init(address=address, **quiet)
+            else:
+                ray.init(address="local", num_cpus=slots, include_dashboard=False, **quiet)
     except (ConnectionError, RuntimeError, ValueError) as error:
         raise UsageError(f"`--executor ray`: {one_line(error)}") from error
 
