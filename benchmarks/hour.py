@@ -10,6 +10,7 @@ from flights_for_tests import SIGMA, fly
 
 from diagnosis.diagnose import STEPS, make_likelihood
 from diagnosis.library import make_library
+from diagnosis.likelihood import KEPT
 from diagnosis.logs import DroneLog, FlightLog, VehicleFile, load_flights, write_flights
 from diagnosis.replay import make_replay
 from simulators.point_mass import PointMass
@@ -18,6 +19,8 @@ MINUTES = 10
 """Duration of one flight."""
 RATE = 500
 """Rows per second."""
+FITS = KEPT + 12
+"""Fits, more than there are replays that are kept."""
 
 
 def fine(log, name):
@@ -44,20 +47,21 @@ def write(folder):
 
 
 def main(folder):
+    """A diagnosis keeps the last replays, and the normal equations of every fit."""
     replay = make_replay(make_library(PointMass(dt=STEPS["point_mass"])), STEPS["point_mass"])
     small = make_likelihood(replay, fly(PointMass(), n_flights=1, seconds=10.0), SIGMA)
     small.normal(replay.library.neutral)
-    found = {"started": peak()}
+    found = {"started_mb": peak()}
     flights = load_flights(folder)
-    found["loaded"] = peak()
+    found["loaded_mb"] = peak()
     likelihood = make_likelihood(replay, flights.flights, SIGMA)
     del flights
-    found["cut"] = peak()
-    kept = []
+    found["cut_mb"] = peak()
     shift = np.eye(len(replay.library.slots))[0]
-    for i in range(6):
-        kept.append(likelihood.normal(replay.library.neutral + 1e-3 * i * shift))
-        found[f"replay_{i}"] = peak()
+    fits = []
+    for i in range(FITS):
+        fits.append(likelihood.normal(replay.library.neutral + 1e-3 * i * shift))
+        found[f"fits_{i + 1}_mb"] = peak()
     sys.stdout.write(json.dumps(found))
 
 

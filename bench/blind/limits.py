@@ -119,6 +119,8 @@ def draw(tables: Tables, path: Path) -> bool:
         _panel(axes, predicted.loc[predicted["effect"] == effect])
     for axes in panels[len(effects) :]:
         axes.axis("off")
+    for axes in panels[max(len(effects) - n_columns, 0) : len(effects)]:
+        axes.tick_params(labelbottom=True)
     handles: dict[str, Any] = {}
     for axes in panels[: len(effects)]:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))

@@ -80,4 +80,4 @@ def draw(tables: Tables, path: Path) -> bool:
 
 
 def _short(margin: float) -> str:
-    return f"{margin:.1f}" if margin < 100.0 else f"{margin:,.0f}"
+    return f"{round(margin, 1) + 0.0:.1f}" if margin < 100.0 else f"{margin:,.0f}"

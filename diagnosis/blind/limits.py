@@ -48,8 +48,8 @@ ALARMS = 0.02
 """False alarms of the test that the Fisher bound stands for."""
 DRAWS = 1000
 """Draws of the noise."""
-FACTORS = np.geomspace(0.003, 30.0, 57)
-"""Sizes that are tried, over the catalogue's medium one."""
+FACTORS = np.geomspace(0.003, 3000.0, 85)
+"""Sizes that are tried, over that at which the flights are linearised."""
 USUAL = 6
 """Flights for whose limit the flights are linearised."""
 SEED = 20261121
