@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -35,22 +36,19 @@ def outcome():
 
 @pytest.fixture(scope="module")
 def store(planned, outcome, tmp_path_factory):
-    """Committed without waiting for the disk, but for that the same."""
-    from bench.disk import Disk
-
-    class Hasty(Disk):
-        def write(self, path, content):
-            path.write_bytes(content)
-
-        def flush_folder(self, path):
-            pass
-
-    directory = tmp_path_factory.mktemp("results")
-    ended = outcome(planned[0])
-    hasty = Store(directory, Hasty())
-    for run in planned[:N_RUNS]:
-        hasty.commit(run, ended)
-    return Store(directory)
+    """One is committed, the others have its files and a run.json of their own."""
+    store = Store(tmp_path_factory.mktemp("results"))
+    first, *others = planned[:N_RUNS]
+    store.commit(first, outcome(first))
+    folder = store.runs / first.name
+    content = json.loads((folder / "run.json").read_text())
+    for run in others:
+        (store.runs / run.name).mkdir()
+        for file in content["files"]:
+            os.link(folder / file, store.runs / run.name / file)
+        own = content | {"run": run.name, "key": run.key, "seed": run.seed}
+        (store.runs / run.name / "run.json").write_text(json.dumps(own, indent=1))
+    return store
 
 
 def test_one_more_run_is_committed(benchmark, store, planned, outcome):
