@@ -1,10 +1,12 @@
 """The page that puts the paper's claims beside ours, as Markdown and as HTML."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from bench import markdown
 from bench.comparison import interval, summary, verdict
 from bench.leaderboard import number
+from bench.own_claims import own_claims
 from bench.paper_claims import Claim, claims
 from bench.pictures import data_uri, write_summary
 from bench.report import write_page
@@ -61,15 +63,24 @@ def _document(tables: Tables, notes: Path | None, figure: list[str]) -> list[str
     ]
     for i, claim in enumerate(found, 1):
         parts += [f"## {i}. {claim.title}", f"Paper: {claim.paper}. Ours: {claim.ours}."]
-        parts += [f"Counts as holding if {claim.rule}. Verdict: {word[claim.holds]}."]
-        if claim.lines:
-            parts.append(markdown.table(claim.headings, claim.lines))
+        parts += _detail(claim, word)
+    if beyond := own_claims(tables):
+        overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in beyond]
+        parts += ["## Beyond the paper"]
+        parts += [markdown.table(("claim", "aim", "ours", "verdict"), overview, range(4))]
+        for claim in beyond:
+            parts += [f"### {claim.title}", *_detail(claim, word)]
     headings, lines = variants(tables)
     parts += ["## Settings that differ from the default"]
     parts += [markdown.table(headings, lines, (0, 1)) if lines else "None was run."]
     if notes is not None:
         parts.append(Path(notes).read_text(encoding="utf-8").strip())
     return parts
+
+
+def _detail(claim: Claim, word: Mapping[bool | None, str]) -> list[str]:
+    parts = [f"Counts as holding if {claim.rule}. Verdict: {word[claim.holds]}."]
+    return [*parts, markdown.table(claim.headings, claim.lines)] if claim.lines else parts
 
 
 def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

@@ -1,4 +1,4 @@
-"""The command line: `bench run`, `list`, `leaderboard`, `report`, `claims`, `diagnose`.
+"""The command line: what users type, and nothing else.
 
 Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
 """
@@ -6,10 +6,11 @@ Whatever needs JAX or pandas is imported inside the commands, so that help appea
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import cyclopts
 
+from bench.cli_tools import Repeatable, blind, check, diagnose, doctor
 from bench.errors import UsageError
 from simulators.registry import BrokenPluginError, UnknownPluginError
 
@@ -22,7 +23,8 @@ app = cyclopts.App(
     version_flags=[],
 )
 
-Repeatable = cyclopts.Parameter(negative=())
+for command in (diagnose, blind, check, doctor):
+    app.command(command)
 
 
 @app.command
@@ -37,6 +39,9 @@ def run(
     seeds: int | None = None,
     out: Path | None = None,
     jobs: int | None = None,
+    executor: Literal["local", "ray"] = "local",
+    fail_fast: Annotated[bool, Repeatable] = False,
+    retry_failed: Annotated[bool, Repeatable] = False,
 ) -> int:
     """Train and evaluate what a suite asks for, then write tables, leaderboard and report.
 
@@ -61,6 +66,12 @@ def run(
         Folder for everything; without it, tables go to results/SUITE, documents to reports/SUITE.
     jobs
         Number of worker processes; without it, one per core.
+    executor
+        Where they are: on this machine, or on the Ray cluster that RAY_ADDRESS names.
+    fail_fast
+        Stop at the first run that fails.
+    retry_failed
+        Try runs again that failed in an earlier call. Interrupted ones are tried again anyway.
     """
     from bench.suite import load_suite
 
@@ -76,7 +87,71 @@ def run(
     from bench.plan import expand
     from bench.sweep import sweep
 
-    return sweep(expand(chosen), tables_dir, documents_dir, jobs)
+    return sweep(
+        expand(chosen),
+        tables_dir,
+        documents_dir,
+        jobs,
+        executor=executor,
+        fail_fast=fail_fast,
+        retry_failed=retry_failed,
+    )
+
+
+@app.command
+def plan(
+    suite: str = "quick",
+    /,
+    *,
+    task: Annotated[list[str] | None, Repeatable] = None,
+    team_size: Annotated[list[int] | None, Repeatable] = None,
+    method: Annotated[list[str] | None, Repeatable] = None,
+    residual: Annotated[list[str] | None, Repeatable] = None,
+    seeds: int | None = None,
+    out: Path | None = None,
+    jobs: int | None = None,
+    every: Annotated[bool, Repeatable] = False,
+) -> int:
+    """Show what `bench run` would do with the same arguments, and what it would cost; runs nothing.
+
+    What is finished, what is missing and why, and the expected wall time and high-fidelity flight
+    from the tables in the folder and in results/.
+
+    Parameters
+    ----------
+    suite
+        Name of a built-in suite (`bench list` shows them) or path of a TOML file.
+    task
+        Only this task.
+    team_size
+        Only this number of drones.
+    method
+        Only this method.
+    residual
+        Only methods with this residual, and those that --method names and that take none.
+    seeds
+        Seeds 0 to SEEDS - 1.
+    out
+        Folder of the tables; without it, results/SUITE.
+    jobs
+        Number of worker processes to reckon with; without it, one per core.
+    every
+        Show a line for every missing run.
+    """
+    from bench.suite import load_suite
+
+    chosen = load_suite(suite).select(
+        task or (), team_size or (), method or (), residual or (), seeds
+    )
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+    from rich.console import Console
+
+    from bench.outlook import show_plan
+    from bench.plan import expand
+
+    place = out or Path("results") / chosen.name
+    return show_plan(chosen.name, expand(chosen), place, jobs, every, Console())
 
 
 @app.command(name="list")
@@ -158,118 +233,52 @@ def claims(directory: Path, /, *, out: Path | None = None, notes: Path | None = 
 
 
 @app.command
-def diagnose(
-    flights: Path | None = None,
-    /,
-    *,
-    simulator: str = "crazyflow",
-    reference: Path | None = None,
-    out: Path | None = None,
-    exclude: Annotated[list[str] | None, Repeatable] = None,
-    deploy: str | None = None,
-    reality: str | None = None,
-    team_size: int = 3,
-    seeds: int = 1,
-) -> int:
-    """Say why a simulator and real flights differ: where, which effect, how much it explains.
+def compare(a: str, b: str, /, *, results: Path | None = None) -> int:
+    """Say whether A is better than B, in words and by exit status.
 
-    Writes diagnosis.json, diagnosis.md and diagnosis.html, one page that opens offline; nothing if
-    no flight is usable. With --deploy it says instead what a diagnosis is worth to a team: policies
-    for a task, trained in the nominal and in the corrected simulator, deployed in --reality.
+    0: better. 3: worse. 4: no difference can be shown. 5: not comparable.
 
     Parameters
     ----------
-    flights
-        Folder with vehicle.toml and flights/NAME.parquet or .csv.
-    simulator
-        Which simulator should explain them: crazyflow or point_mass.
-    reference
-        Folder of flights of the same vehicle before a change; then the answer is what changed.
-    out
-        Folder for the documents; without it, reports/diagnosis/NAME for flights in a folder NAME.
-    exclude
-        Withhold this effect, and all that these flights cannot tell from it, from the candidates.
-    deploy
-        Task to train and deploy in --reality; takes no flights.
-    reality
-        Simulated reality for --deploy, such as "crazyflow+mass(e=0.2)+wind(x=1)".
-    team_size
-        Drones of the team for --deploy.
-    seeds
-        Seeds of --deploy.
+    a
+        A method of --results, such as hybrid-mlp; FOLDER:METHOD; or FOLDER, for all its methods.
+    b
+        What to compare it with, written likewise.
+    results
+        Folder with results.parquet and its companions, such as results/pilot.
     """
-    from bench.environment import environment
-
-    if (flights is None) == (deploy is None) or (deploy is None) != (reality is None):
-        raise UsageError("Give either a folder of flights, or --deploy TASK with --reality.")
-    os.environ.update(environment())
-    if flights is not None:
-        from bench.diagnosis.command import run_diagnosis
-
-        return run_diagnosis(flights, simulator, reference, exclude or (), out)
     from rich.console import Console
 
-    from bench.diagnosis.deploy import deploy as deploy_team
+    from bench.compare import load_side, report
 
-    assert deploy is not None and reality is not None  # noqa: PT018 - asked above
-    place = out or Path("reports") / "diagnosis" / f"deploy-{deploy}"
-    return deploy_team(deploy, reality, team_size, seeds, place, Console())
+    return report(load_side(a, results), load_side(b, results), Console())
 
 
 @app.command
-def blind(
+def replay(
+    run: str,
+    /,
     *,
-    cases: int | None = None,
-    reality: str = "crazyflow",
+    tables: Path | None = None,
     out: Path | None = None,
-    seed: int | None = None,
-    jobs: int | None = None,
-    report: Annotated[bool, Repeatable] = False,
-    next_flight: Annotated[bool, Repeatable] = False,
-    limits: Annotated[bool, Repeatable] = False,
-    notes: Path | None = None,
+    video: Path | None = None,
 ) -> int:
-    """Make flights whose cause is withheld, diagnose them, and score the answers.
-
-    Every diagnosis runs in a process of its own that gets a folder of flights and nothing else.
-    The SHA-256 of the labels is printed before the first one and checked after the last. Running
-    again with the same folder continues.
+    """Write a page that plays the stored flight of a run; it opens offline.
 
     Parameters
     ----------
-    cases
-        Number of cases of all kinds; without it, the 321 of a counted run.
-    reality
-        Where they are flown: crazyflow, or rotorpy, against which a reference is used.
+    run
+        Name of a run as in runs.csv and the report, or its folder.
+    tables
+        Folder with runs.parquet and its companions; without it, those in results/* are searched.
     out
-        Folder for tables, report and flights; without it, tables go to results/blind/REALITY and
-        the report on all realities to reports/blind.md.
-    seed
-        Seed of the cases; without it, the operating system's.
-    jobs
-        Number of processes; without it, one per core.
-    report
-        Only write the report again, from the tables that are there.
-    next_flight
-        Instead of cases, fly what the diagnosis advises to fly next, and measure what it separates.
-    limits
-        Instead of cases, measure how small an effect may be to be named, and how long to fly.
-    notes
-        Markdown file with remarks on failures; without it, blind_notes.md beside the report.
+        HTML file to write; without it, replays/RUN.html beside the report.
+    video
+        Also render a film with MuJoCo into this file: .gif, .webp or .png (animated).
     """
-    from bench.environment import environment
+    from bench.replay import replay as replay_run
 
-    os.environ.update(environment())
-    from bench.blind.command import rebuild_report, run_blind
-
-    if next_flight or limits:
-        from bench.blind.studies import run_studies
-
-        wanted = [name for name, on in (("next_flight", next_flight), ("limits", limits)) if on]
-        return run_studies(wanted, reality, out, notes)
-    if report:
-        return rebuild_report(out, notes)
-    return run_blind(cases, reality, out, seed, jobs, notes=notes)
+    return replay_run(run, tables, out, video)
 
 
 def _check_folders(*directories: Path) -> None:

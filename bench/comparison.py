@@ -5,12 +5,9 @@ import math
 from collections.abc import Sequence
 
 from bench import markdown
-from bench.leaderboard import MISSING, mean_std, number
-from bench.statistics import Cell, Entry, Estimate, difference, estimate, seed_values
+from bench.numbers import MISSING, mean_std, number, span
+from bench.statistics import Cell, Entry, Estimate, Values, difference, estimate, seed_values
 from bench.tables import Tables
-
-Values = dict[Cell, dict[Entry, dict[int, float]]]
-"""Values of a metric by cell, entry and seed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,9 +74,7 @@ def summary(sample: Estimate) -> str:
 
 def interval(sample: Estimate) -> str:
     """The 95 % t-interval as text, `-` without one."""
-    if not sample.has_interval:
-        return MISSING
-    return f"{number(sample.low, 1)} to {number(sample.high, 1)}"
+    return span(sample.low, sample.high, 1)
 
 
 def verdict(apart: Estimate, above: str, below: str) -> str:

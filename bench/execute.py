@@ -1,50 +1,124 @@
-"""Executes planned runs on worker processes, parents before children, longest chains first."""
+"""Executes planned runs, parents before children, longest chains first, on any executor."""
 
+import functools
 import heapq
 import time
-from collections.abc import Iterable
-from multiprocessing.connection import wait
+from collections.abc import Iterable, Sequence
 
+from bench.executor import AbstractExecutor, Ended
 from bench.plan import Run
-from bench.pool import Worker
 from bench.progress import Display
-from bench.store import Outcome, Store, UnreadableRunError
+from bench.record import Outcome
+from bench.store import Store
+from bench.worker import do_run
 
 
 def execute(
-    runs: Iterable[Run], store: Store, jobs: int, display: Display, done: Iterable[str] = ()
+    runs: Sequence[Run],
+    store: Store,
+    executor: AbstractExecutor,
+    display: Display,
+    done: Iterable[str] = (),
+    failed: Iterable[str] = (),
+    *,
+    fail_fast: bool = False,
 ) -> dict[str, str]:
-    """Status of each of `runs`, by name, once all are in the store.
+    """Status of each of `runs` that ended, by name; all of them but for `fail_fast`.
 
     A run that fails, or whose worker dies, is stored as failed with its cause, its children too;
-    the others go on. Whatever stops this function stops the workers; committed runs stay.
+    the others go on. Whatever ends this function, committed runs stay; what is still under way ends
+    with the executor.
 
     Args:
         runs: What to run, parents before their children.
         store: Where finished runs go and parents' policies come from.
-        jobs: Number of worker processes.
+        executor: Does them.
         display: Told what happens.
         done: Names of parents that are in the store already.
+        failed: Names of parents that are there as failed and are not tried again.
+        fail_fast: Whether the first failure ends everything.
     """
-    schedule = _Schedule(runs, done)
-    workers = [Worker(store.directory, number, jobs) for number in range(jobs)]
-    try:
-        while True:
-            for worker in workers:
-                if worker.run is None and (run := schedule.next()) is not None:
-                    worker.give(run)
-                    display.started(worker.number, run)
-            busy = [(worker, worker.run) for worker in workers if worker.run is not None]
-            if not busy:
-                return schedule.status
-            wait([handle for w, _ in busy for handle in (w.connection, w.sentinel)], timeout=1.0)
-            for worker, run in busy:
-                if (ended := _listen(worker, run, store, display)) is not None:
-                    worker.run = None
-                    _finish(run, *ended, schedule, store, display)
-    finally:
-        for worker in workers:
-            worker.stop()
+    return _Execution(runs, store, executor, display, done, failed, fail_fast).result()
+
+
+class _Execution:
+    """What is where, while runs are executed."""
+
+    def __init__(
+        self,
+        runs: Sequence[Run],
+        store: Store,
+        executor: AbstractExecutor,
+        display: Display,
+        done: Iterable[str],
+        failed: Iterable[str],
+        fail_fast: bool,
+    ) -> None:
+        self._schedule = _Schedule(runs, done)
+        self._store = store
+        self._executor = executor
+        self._display = display
+        self._failed = list(failed)
+        self._fail_fast = fail_fast
+        self._blocked: set[str] = set()
+        self._slots: dict[int, Run | None] = dict.fromkeys(range(executor.slots))
+
+    def result(self) -> dict[str, str]:
+        """Executes; the statuses."""
+        for parent in self._failed:
+            for child in self._schedule.end(parent, "failed"):
+                self._fail(child, f"parent {parent} failed", interrupted=True)
+        self._blocked = {*self._schedule.status}
+        while not self._over():
+            for slot, run in self._slots.items():
+                if run is None and (given := self._schedule.next()) is not None:
+                    self._start(slot, given)
+            if not any(self._slots.values()):
+                break
+            for event in self._executor.events(timeout=1.0):
+                if isinstance(event, Ended):
+                    self._end(event)
+                else:
+                    self._display.progress(event.slot, *event.content)
+        return {name: s for name, s in self._schedule.status.items() if name not in self._failed}
+
+    def _over(self) -> bool:
+        """Whether the first failure, of those that are new, ends everything."""
+        status = self._schedule.status
+        return self._fail_fast and any(
+            status[name] == "failed" for name in status.keys() - self._blocked
+        )
+
+    def _start(self, slot: int, run: Run) -> None:
+        self._slots[slot] = run
+        task = functools.partial(do_run, run, self._store.directory)
+        self._executor.start(slot, task)
+        self._display.started(slot, run)
+
+    def _end(self, event: Ended) -> None:
+        run, self._slots[event.slot] = self._slots[event.slot], None
+        assert run is not None
+        if not event.error:
+            self._finish(run, *event.value)
+        elif (status := self._store.status(run.name)) not in ("", "failed"):
+            self._finish(run, status, "")  # it died after it had committed
+        else:
+            self._fail(run, event.error, interrupted=True)
+
+    def _fail(self, run: Run, cause: str, interrupted: bool) -> None:
+        """Stores that a run failed for a reason that is not its own."""
+        try:
+            self._store.commit(run, Outcome("failed", cause=cause, interrupted=interrupted))
+        except OSError as error:
+            cause = f"{cause}; and this could not be stored: {error.strerror}"
+        self._finish(run, "failed", cause)
+
+    def _finish(self, run: Run, status: str, cause: str) -> None:
+        """Notes the end of a run; a failed one takes its children along."""
+        seconds = time.monotonic() - self._schedule.started.get(run.name, time.monotonic())
+        self._display.finished(run, status, cause, seconds)
+        for child in self._schedule.end(run.name, status):
+            self._fail(child, f"parent {run.name} failed", interrupted=True)
 
 
 class _Schedule:
@@ -91,38 +165,3 @@ class _Schedule:
         for child in children:
             self._offer(child)
         return []
-
-
-def _listen(worker: Worker, run: Run, store: Store, display: Display) -> tuple[str, str] | None:
-    """Status and cause of a worker's run if it has ended; passes progress on."""
-    gone = worker.died()  # asked first: what a process sent before it died can still be read
-    try:
-        while worker.connection.poll():
-            kind, *content = worker.connection.recv()
-            if kind == "done":
-                return tuple(content)
-            display.progress(worker.number, *content)
-    except (EOFError, OSError):
-        gone = gone or worker.died()
-    if not gone:
-        return None
-    try:
-        content = store.read(run.name)
-        if content["status"] != "failed":
-            return content["status"], ""  # it died after it had committed
-    except UnreadableRunError:
-        pass  # it died before
-    store.commit(run, Outcome(status="failed", cause=gone))
-    return "failed", gone
-
-
-def _finish(
-    run: Run, status: str, cause: str, schedule: _Schedule, store: Store, display: Display
-) -> None:
-    """Notes the end of a run; a failed one takes its children along."""
-    seconds = time.monotonic() - schedule.started.get(run.name, time.monotonic())
-    display.finished(run, status, cause, seconds)
-    for child in schedule.end(run.name, status):
-        cause = f"parent {run.name} failed"
-        store.commit(child, Outcome(status="failed", cause=cause))
-        _finish(child, "failed", cause, schedule, store, display)

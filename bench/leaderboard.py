@@ -1,43 +1,30 @@
-"""Who does how well, cell by cell and overall, as rows and as Markdown.
+"""Who does how well, cell by cell and overall, as Markdown.
 
-A row is an entry (method, residual, variant) in a cell (task, team size, world). Its numbers are
-means over the seeds that ended `ok` or `budget`; failed and diverged runs are named beside it.
+The numbers are those of `bench/rows.py` (cells), `bench/standings.py` (over cells) and
+`bench/pooled.py` (scores pooled).
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypedDict
-
-import pandas as pd
+from typing import NamedTuple
 
 from bench import markdown
-from bench.statistics import (
-    COUNTED,
-    Cell,
-    Entry,
-    cell_of,
-    entry_of,
-    estimate,
-    ranks,
-    records,
-    seed_values,
+from bench.numbers import MISSING, mean_std, number, seconds, span
+from bench.pooled import Pool, pools
+from bench.pooled_text import (
+    HOW_TO_READ_POOLED,
+    improvement_headings,
+    improvement_lines,
+    pool_headings,
+    pool_lines,
+    pool_remarks,
+    pool_title,
 )
+from bench.rows import AXES, TARGET_MINUTES, TARGET_SECONDS, Row, leaderboard_rows
+from bench.standings import AXIS_HEADINGS, STANDING_HEADINGS, axis_lines, standing_lines
 from bench.tables import Tables
-
-METRICS = (
-    "position_error",
-    "crashes",
-    "fleet_minutes",
-    "training_crashes",
-    "lf_collisions",
-    "epochs",
-    "train_seconds",
-)
-"""Metrics shown beside the reward, as means over seeds."""
-
-MISSING = "-"
-"""Shown where there is no number."""
+from bench.target import REFERENCE, TOLERANCE
 
 HOW_TO_READ = (
     "Rewards are episode returns in the high-fidelity simulator, higher is better: mean ± "
@@ -48,37 +35,15 @@ HOW_TO_READ = (
     "is no interval and no order is claimed.",
     "Failed and diverged runs are in no mean; the last column counts and names them. `budget`: a "
     "high-fidelity run that its epoch budget ended; it counts.",
+    "`#` is the rank on an axis beside the reward, by the same rule, lower is better. "
+    "Fleet-minutes and training time are a run's own, without those of what it starts from. To "
+    f"target: what it costs until the score is within {TOLERANCE} of the mean of "
+    f"`{REFERENCE.label}`, the costs of all runs over the runs that get there; only who does with "
+    "every run has a rank.",
     "A crash is the onset of a contact, per agent: another drone closer than 0.30 m, or the floor. "
     "Contacts are flags in this simulator: drones never push each other.",
 )
 """What a reader must know, in Markdown."""
-
-
-class Row(TypedDict):
-    """An entry in a cell; NaN where there is no number."""
-
-    cell: Cell
-    entry: Entry
-    task: str
-    team_size: int
-    method: str
-    """Label, e.g. `hybrid (mlp)`."""
-    rank: int | None
-    """None where no order is claimed."""
-    best: bool
-    """Best of its cell, or tied with the best."""
-    reward_mean: float
-    reward_std: float
-    reward_low: float
-    reward_high: float
-    n: int
-    """Seeds in the means."""
-    metrics: dict[str, float]
-    """Means of `METRICS`."""
-    lost: int
-    """Runs that failed or diverged."""
-    runs: str
-    """Runs by status, with the seeds of those that are not `ok`."""
 
 
 class Column(NamedTuple):
@@ -90,211 +55,85 @@ class Column(NamedTuple):
     """Value to sort by."""
 
 
-class Standing(NamedTuple):
-    """An entry over all its cells."""
-
-    method: str
-    cells: int
-    """Cells in which it competes."""
-    ranked: int
-    """Those in which an order is claimed."""
-    best: int
-    """Those in which it is best or tied with the best."""
-    mean_rank: float
-    """Mean over the ranked cells; NaN without any."""
-    lost: int
-    """Runs that failed or diverged."""
-
-
-def leaderboard_rows(tables: Tables) -> list[Row]:
-    """Rows by cell; within one, higher mean reward first, entries without a number last."""
-    rewards = seed_values(tables.results, "reward")
-    metrics = {name: seed_values(tables.results, name) for name in METRICS}
-    statuses = _statuses(tables)
-    rows = []
-    for cell in sorted({*rewards, *statuses}):
-        samples = rewards.get(cell, {})
-        rank = ranks(samples)
-        found = []
-        for entry in {*samples, *statuses.get(cell, {})}:
-            means = {
-                name: estimate(values.get(cell, {}).get(entry, {}).values()).mean
-                for name, values in metrics.items()
-            }
-            ended = statuses.get(cell, {}).get(entry, {})
-            found.append(_row(cell, entry, samples.get(entry, {}), rank.get(entry), means, ended))
-        rows += sorted(found, key=lambda row: (row["n"] == 0, -_finite(row), row["method"]))
-    return rows
-
-
-def standings(rows: list[Row]) -> list[Standing]:
-    """Entries over all cells, most often best first."""
-    by_entry: dict[Entry, list[Row]] = {}
-    for row in rows:
-        by_entry.setdefault(row["entry"], []).append(row)
-    found = []
-    for entry, own in by_entry.items():
-        placed = [row["rank"] for row in own if row["rank"] is not None]
-        found.append(
-            Standing(
-                entry.label,
-                len(own),
-                len(placed),
-                sum(row["best"] for row in own),
-                sum(placed) / len(placed) if placed else math.nan,
-                sum(row["lost"] for row in own),
-            )
-        )
-    return sorted(
-        found,
-        key=lambda s: (-s.best, math.inf if math.isnan(s.mean_rank) else s.mean_rank, s.method),
-    )
-
-
 def write_leaderboard(tables: Tables, path: Path) -> None:
     """Writes the leaderboard as Markdown to `path`."""
     rows = leaderboard_rows(tables)
-    parts = ["# Leaderboard", "\n".join(f"- {line}" for line in HOW_TO_READ)]
+    parts = ["# Leaderboard", _bullets(HOW_TO_READ)]
     if not rows:
         parts.append("There are no runs in these tables.")
     else:
-        standing = [[markdown.escape(text) for text in line] for line in standing_lines(rows)]
-        parts += ["## Overall", markdown.table(STANDING_HEADINGS, standing)]
+        for pool in pools(tables):
+            parts += _pool_parts(pool)
+        parts += ["## Overall", _table(STANDING_HEADINGS, standing_lines(rows))]
+        parts += ["## In how many cells best or tied", _table(AXIS_HEADINGS, axis_lines(rows))]
     for cell in dict.fromkeys(row["cell"] for row in rows):
-        own = [row for row in rows if row["cell"] == cell]
-        body = [[markdown.escape(column.text(row)) for column in COLUMNS] for row in own]
+        body = [[column.text(row) for column in COLUMNS] for row in rows if row["cell"] == cell]
         headings = [column.heading for column in COLUMNS]
         left = (1, len(headings) - 1)
-        parts += [f"## {markdown.escape(cell.label)}", markdown.table(headings, body, left)]
+        parts += [f"## {markdown.escape(cell.label)}", _table(headings, body, left)]
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
-STANDING_HEADINGS = ("method", "best or tied", "mean rank", "cells ranked", "runs lost")
-"""Headings of `standing_lines`."""
+def _pool_parts(pool: Pool) -> list[str]:
+    """Parts of the document on one pool."""
+    parts = [f"## {markdown.escape(pool_title(pool))}", _bullets(HOW_TO_READ_POOLED)]
+    parts += [_table(pool_headings(pool), pool_lines(pool), left=(1, 2))]
+    parts += [_table(improvement_headings(pool), improvement_lines(pool))]
+    remarks = ["\\*: the 95 % percentile-bootstrap interval excludes 0.5."]
+    return [*parts, _bullets([*remarks, *map(markdown.escape, pool_remarks(pool))])]
 
 
-def standing_lines(rows: list[Row]) -> list[list[str]]:
-    """The overall table as text."""
-    return [
-        [
-            s.method,
-            f"{s.best} of {s.ranked}" if s.ranked else MISSING,
-            number(s.mean_rank, 2),
-            f"{s.ranked} of {s.cells}",
-            str(s.lost),
-        ]
-        for s in standings(rows)
-    ]
+def _bullets(lines: Iterable[str]) -> str:
+    return "\n".join(f"- {line}" for line in lines)
 
 
-def number(value: float, digits: int) -> str:
-    """A number as text, `-` for NaN."""
-    if not math.isfinite(value):
-        return MISSING
-    text = f"{value:.{digits}f}"
-    return text.lstrip("-") if float(text) == 0.0 else text
-
-
-def mean_std(mean: float, std: float, digits: int = 1) -> str:
-    """`mean ± std` as text, without the second part where there is no second seed."""
-    return number(mean, digits) + (f" ± {number(std, digits)}" if math.isfinite(std) else "")
-
-
-def seconds(value: float) -> str:
-    """A duration as text, in seconds, minutes or hours."""
-    if not math.isfinite(value):
-        return MISSING
-    if value < 120.0:
-        return f"{value:.0f} s"
-    return f"{value / 60.0:.1f} min" if value < 7200.0 else f"{value / 3600.0:.1f} h"
-
-
-def _row(
-    cell: Cell,
-    entry: Entry,
-    sample: dict[int, float],
-    rank: int | None,
-    means: dict[str, float],
-    ended: dict[str, list[int]],
-) -> Row:
-    reward = estimate(sample.values())
-    return Row(
-        cell=cell,
-        entry=entry,
-        task=cell.task,
-        team_size=cell.team_size,
-        method=entry.label,
-        rank=rank,
-        best=rank == 1,
-        reward_mean=reward.mean,
-        reward_std=reward.std,
-        reward_low=reward.low,
-        reward_high=reward.high,
-        n=reward.n,
-        metrics=means,
-        lost=sum(len(seeds) for status, seeds in ended.items() if status not in COUNTED),
-        runs=_ended_text(ended, set(sample)),
-    )
-
-
-def _statuses(tables: Tables) -> dict[Cell, dict[Entry, dict[str, list[int]]]]:
-    """Seeds by cell, entry and status, of every run.
-
-    A run that failed before its evaluation names no world: it is listed in all worlds of its task
-    and team size.
-    """
-    flown = tables.results.drop_duplicates(["run", "simulator", "deployed_effects"])
-    places: dict[str, list[tuple[Cell, Entry]]] = {}
-    worlds: dict[tuple[str, int], set[Cell]] = {}
-    for row in records(flown):
-        cell = cell_of(row)
-        places.setdefault(row["run"], []).append((cell, entry_of(row)))
-        worlds.setdefault((cell.task, cell.team_size), set()).add(cell)
-    found: dict[Cell, dict[Entry, dict[str, list[int]]]] = {}
-    for row in records(_every_run(tables)):
-        task, team_size = str(row["task"]), int(row["team_size"])
-        anywhere = worlds.get((task, team_size), {Cell(task, team_size)})
-        for cell, entry in places.get(row["run"], [(cell, entry_of(row)) for cell in anywhere]):
-            ended = found.setdefault(cell, {}).setdefault(entry, {})
-            ended.setdefault(row["status"], []).append(int(row["seed"]))
-    return found
-
-
-def _every_run(tables: Tables) -> pd.DataFrame:
-    columns = ["run", "method", "residual", "variant", "task", "team_size", "seed", "status"]
-    both = pd.concat([tables.runs, tables.results], ignore_index=True)
-    return both.drop_duplicates("run").filter(columns)
-
-
-def _ended_text(ended: dict[str, list[int]], counted: set[int]) -> str:
-    parts = []
-    for status in sorted(ended, key=lambda s: (s != "ok", s)):
-        seeds = sorted(ended[status])
-        named = f" (seed {', '.join(map(str, seeds))})" if status != "ok" else ""
-        parts.append(f"{len(seeds)} {status}{named}")
-        if status in COUNTED and (silent := [seed for seed in seeds if seed not in counted]):
-            parts.append(f"no reward from seed {', '.join(map(str, silent))}")
-    return ", ".join(parts)
-
-
-def _finite(row: Row) -> float:
-    return row["reward_mean"] if row["n"] else 0.0
+def _table(
+    headings: Sequence[str], lines: Iterable[Sequence[str]], left: Iterable[int] = (0,)
+) -> str:
+    """A Markdown table of any texts."""
+    escaped = [[markdown.escape(text) for text in line] for line in lines]
+    return markdown.table([markdown.escape(heading) for heading in headings], escaped, left)
 
 
 def _interval(row: Row) -> str:
-    if row["n"] < 2:
-        return MISSING
-    return f"{number(row['reward_low'], 1)} to {number(row['reward_high'], 1)}"
+    return span(row["reward_low"], row["reward_high"], 1)
 
 
-def _metric(heading: str, name: str, digits: int) -> Column:
-    return Column(
-        heading,
-        lambda row: number(row["metrics"][name], digits),
-        lambda row: row["metrics"][name],
-    )
+def _metric(heading: str, name: str, text: Callable[[float], str]) -> Column:
+    """The mean of a metric, with its rank if it is an axis."""
+
+    def cell(row: Row) -> str:
+        rank = row["axis_ranks"].get(name)
+        return text(row["metrics"][name]) + (f" (#{rank})" if rank is not None else "")
+
+    def order(row: Row) -> float:
+        value = row["metrics"][name]
+        return value if math.isfinite(value) else math.nan
+
+    return Column(heading, cell, order)
+
+
+def _axis(name: str, text: Callable[[float], str]) -> Column:
+    return _metric(AXES[name], name, text)
+
+
+def _target(name: str, text: Callable[[float], str]) -> Column:
+    """The expected cost to reach the target, with how many runs reach it."""
+    axis = _axis(name, text)
+
+    def cell(row: Row) -> str:
+        if row["reached"] is None:
+            return MISSING
+        reached, n = row["reached"]
+        return axis.text(row) if reached == n else f"{axis.text(row)} ({reached} of {n} runs)"
+
+    return axis._replace(text=cell)
+
+
+def _digits(digits: int) -> Callable[[float], str]:
+    return lambda value: number(value, digits)
 
 
 COLUMNS = (
@@ -314,17 +153,15 @@ COLUMNS = (
         lambda row: row["reward_mean"],
     ),
     Column("95 % t-interval", _interval, lambda row: row["reward_low"]),
-    _metric("position error [m]", "position_error", 3),
-    _metric("crashes per episode", "crashes", 2),
-    _metric("HF fleet-minutes", "fleet_minutes", 0),
-    _metric("HF training crashes", "training_crashes", 0),
-    _metric("LF training collisions", "lf_collisions", 0),
-    _metric("epochs", "epochs", 0),
-    Column(
-        "training time",
-        lambda row: seconds(row["metrics"]["train_seconds"]),
-        lambda row: row["metrics"]["train_seconds"],
-    ),
+    _metric("position error [m]", "position_error", _digits(3)),
+    _axis("crashes", _digits(2)),
+    _axis("fleet_minutes", _digits(0)),
+    _axis("training_crashes", _digits(0)),
+    _metric("LF training collisions", "lf_collisions", _digits(0)),
+    _metric("epochs", "epochs", _digits(0)),
+    _axis("train_seconds", seconds),
+    _target(TARGET_MINUTES, _digits(0)),
+    _target(TARGET_SECONDS, seconds),
     Column("runs", lambda row: row["runs"], lambda row: row["runs"]),
 )
 """Columns of a leaderboard, in order."""

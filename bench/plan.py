@@ -14,14 +14,17 @@ import functools
 import hashlib
 import importlib.metadata
 import inspect
+import json
 import sys
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 import rfc8785
 
 from bench import settings
 from bench.errors import UsageError
+from bench.pages import file_name
 from bench.suite import Row, Suite
 from simulators import registry
 
@@ -66,7 +69,7 @@ class Run:
     cost: float
     """Rough training time, in units of an LF run per drone; orders the work."""
 
-    @property
+    @functools.cached_property
     def key(self) -> str:
         """Hash of `resolved`."""
         return hashlib.sha256(rfc8785.dumps(dict(self.resolved))).hexdigest()[:16]
@@ -82,7 +85,9 @@ class Run:
     def name(self) -> str:
         """Name of its folder."""
         method = f"{self.method}-{self.residual}" if self.residual else self.method
-        return f"{method}-{self.task}-n{self.team_size}-s{self.seed}-{self.key[:10]}"
+        return (
+            file_name(f"{method}-{self.task}-n{self.team_size}-s{self.seed}") + f"-{self.key[:10]}"
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,55 +109,90 @@ def expand(suite: Suite) -> Plan:
         UnknownPluginError: A method needs a parent that is not registered.
     """
     runs: dict[str, Run] = {}
+    recipes: dict[tuple, _Recipe] = {}
     broken: dict[str, None] = {}
     for row in suite.methods:
+        n_seeds = min(suite.seeds, row.seeds or suite.seeds)
         for task in suite.tasks if row.tasks is None else row.tasks:
             for team_size in suite.team_sizes if row.team_sizes is None else row.team_sizes:
                 if task not in suite.tasks or team_size not in suite.team_sizes:
                     continue  # a restricted row keeps within what the command line chose
-                n_seeds = min(suite.seeds, row.seeds or suite.seeds)
+                try:
+                    recipe = _recipe(recipes, row, task, team_size, ())
+                except registry.BrokenPluginError as error:
+                    broken[str(error)] = None
+                    continue
                 for seed in range(suite.first_seed, suite.first_seed + n_seeds):
-                    try:
-                        _add(runs, row, task, team_size, seed, ())
-                    except registry.BrokenPluginError as error:
-                        broken[str(error)] = None
+                    _add(runs, recipe, seed)
     if not runs:
         reason = next(iter(broken), "its rows are restricted to other tasks or team sizes.")
         raise PlanError(f"Suite '{suite.name}' has nothing to run: {reason}")
     return Plan(list(runs.values()), list(broken))
 
 
-def _add(
-    runs: dict[str, Run], row: Row, task: str, team_size: int, seed: int, children: tuple[str, ...]
-) -> Run:
-    """The run of a row in one cell; it and its parents are put into `runs`."""
+@dataclasses.dataclass(frozen=True)
+class _Recipe:
+    """The runs of a row in one cell, whatever their seed: what is slow is done once for all."""
+
+    resolved: Mapping[str, settings.Setting]
+    """What determines a result, but for the seed and the parents."""
+    given: Mapping[str, Any]
+    """The other fields of its runs."""
+    parents: "Mapping[str, _Recipe]"
+    """Recipe of each parent, by method."""
+    made: dict[int, Run] = dataclasses.field(default_factory=dict)
+    """Runs by seed, each made once."""
+
+    def run(self, seed: int) -> Run:
+        """The run with that seed."""
+        if seed not in self.made:
+            parents = {name: recipe.run(seed) for name, recipe in self.parents.items()}
+            keys = {name: parent.key for name, parent in parents.items()}
+            self.made[seed] = Run(
+                seed=seed,
+                parents={name: parent.name for name, parent in parents.items()},
+                resolved={**self.resolved, "seed": seed, "parents": keys},
+                **self.given,
+            )
+        return self.made[seed]
+
+
+def _add(runs: dict[str, Run], recipe: _Recipe, seed: int) -> None:
+    """Puts the parents of a run and then the run itself into `runs`."""
+    for parent in recipe.parents.values():
+        _add(runs, parent, seed)
+    run = recipe.run(seed)
+    runs.setdefault(run.name, run)
+
+
+def _recipe(
+    recipes: dict[tuple, _Recipe], row: Row, task: str, team_size: int, children: tuple[str, ...]
+) -> _Recipe:
+    """The recipe of a row in one cell; the same one for rows that say the same."""
     if row.method in children:
         circle = " -> ".join((*children[children.index(row.method) :], row.method))
         raise PlanError(f"These methods need each other as parents: {circle}.")
-    method_class = registry.load("method", row.method)
-    parents = {
-        parent: _add(
-            runs,
-            Row(parent, task_settings=row.task_settings),
-            task,
-            team_size,
-            seed,
-            (*children, row.method),
-        )
-        for parent in method_class.parents
-    }
-    run = _make_run(row, method_class, task, team_size, seed, parents)
-    return runs.setdefault(run.name, run)
+    texts = (json.dumps(s, sort_keys=True, default=repr) for s in (row.settings, row.task_settings))
+    index = (row.method, row.residual, *texts, task, team_size)
+    if index not in recipes:
+        method_class = registry.load("method", row.method)
+        parents = {
+            parent: _recipe(
+                recipes,
+                Row(parent, task_settings=row.task_settings),
+                task,
+                team_size,
+                (*children, row.method),
+            )
+            for parent in method_class.parents
+        }
+        recipes[index] = _make_recipe(row, method_class, task, team_size, parents)
+    return recipes[index]
 
 
-def _make_run(
-    row: Row,
-    method_class: type,
-    task: str,
-    team_size: int,
-    seed: int,
-    parents: Mapping[str, Run],
-) -> Run:
+def _make_recipe(
+    row: Row, method_class: type, task: str, team_size: int, parents: Mapping[str, _Recipe]
+) -> _Recipe:
     residual = _residual(row, method_class)
     given = {"residual": residual} if residual else {}
     where = f"Method '{row.method}'"
@@ -171,30 +211,26 @@ def _make_run(
         "settings": method,
         "task": task,
         "task_settings": flown,
-        "seed": seed,
         "versions": {plugin: _version(plugin, cls) for plugin, cls in found.items()},
         "defaults": {
             plugin: _defaults(plugin, cls)
             for plugin, cls in found.items()
             if plugin.split()[0] in ("residual", "simulator")
         },
-        "parents": {name: parent.key for name, parent in parents.items()},
         "numerics": _numerics(),
     }
-    return Run(
-        method=row.method,
-        residual=residual,
-        variant=settings.variant((method, default_method), (flown, default_task)),
-        task=task,
-        team_size=team_size,
-        seed=seed,
-        overrides=row.settings,
-        task_overrides=row.task_settings,
-        parents={name: parent.name for name, parent in parents.items()},
-        resolved=resolved,
-        sources={plugin: _source(cls) for plugin, cls in found.items()},
-        cost=_cost(method_class, team_size),
-    )
+    given = {
+        "method": row.method,
+        "residual": residual,
+        "variant": settings.variant((method, default_method), (flown, default_task)),
+        "task": task,
+        "team_size": team_size,
+        "overrides": row.settings,
+        "task_overrides": row.task_settings,
+        "sources": {plugin: _source(cls) for plugin, cls in found.items()},
+        "cost": _cost(method_class, team_size),
+    }
+    return _Recipe(resolved, given, parents)
 
 
 def _describe(

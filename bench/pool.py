@@ -1,24 +1,36 @@
-"""One worker process: started with single-threaded XLA, given runs one at a time, watched.
+"""Tasks on processes of this machine: loky's, with single-threaded XLA, each on its own cores.
 
-Every worker has a pipe of its own, so that the death of one says which run it cost and harms no
-other. Processes are spawned, because JAX does not survive a fork.
+Every slot has a loky pool of one process, so that a process that is killed says which task it cost
+and harms no other (a pool of several gives up all its tasks). Processes are started afresh, because
+JAX does not survive a fork; they end at once when this process is gone, however it went.
 """
 
 import contextlib
-import multiprocessing
+import dataclasses
 import os
+import queue
+import re
 import signal
+import sys
 import threading
+import time
 from collections.abc import Iterator
-from multiprocessing.context import SpawnProcess
+from concurrent.futures import Future
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
+
+from joblib.externals.loky import process_executor
+from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
 
 from bench.environment import environment
-from bench.plan import Run
-from bench.worker import serve
+from bench.executor import AbstractExecutor, Ended, Message, Task, one_line
 
-RUNS_PER_PROCESS = 24
-"""Runs after which a process is replaced, so that compiled programs do not pile up in memory."""
+TASKS_PER_PROCESS = 24
+"""Tasks after which a process is replaced, so that compiled programs do not pile up in memory."""
+POLL = 0.1
+"""Longest time that a message waits to be read [s]; an end is noticed at once."""
 
 
 def share_of_cores(number: int, jobs: int) -> list[int]:
@@ -33,94 +45,122 @@ def share_of_cores(number: int, jobs: int) -> list[int]:
     return cores[number::jobs] if jobs <= len(cores) else []
 
 
-class Worker:
-    """A place for one process, which is started when it is first needed."""
+@dataclasses.dataclass
+class _Process:
+    """A pool of one process and our end of the pipe to it."""
 
-    def __init__(self, directory: Path, number: int, jobs: int) -> None:
-        self.directory = directory
-        self.number = number
-        self._cores = share_of_cores(number, jobs)
-        self.run: Run | None = None
-        self._log = directory / "runs" / ".logs" / f"worker-{number}.log"
-        self._process: SpawnProcess | None = None
-        self._given = 0
-
-    def give(self, run: Run) -> None:
-        """Starts a run, in a new process if the old one has died or done enough."""
-        if self._process is not None and (
-            not self._process.is_alive() or self._given >= RUNS_PER_PROCESS
-        ):
-            self.stop()
-        if self._process is None:
-            self._start()
-        self._given += 1
-        self.run = run
-        with contextlib.suppress(OSError):  # a process that just died is noticed by `died`
-            self.connection.send(run)
-
-    def _start(self) -> None:
-        self._log.parent.mkdir(parents=True, exist_ok=True)
-        context = multiprocessing.get_context("spawn")
-        self.connection, theirs = context.Pipe()
-        self._process = context.Process(
-            target=serve, args=(theirs, self.directory, self._log), daemon=True
-        )
-        with _patched_environment(environment()), _on_cores(self._cores), _interrupts_ignored():
-            self._process.start()
-        theirs.close()
-        self._given = 0
-
-    @property
-    def sentinel(self) -> int:
-        """A handle that becomes ready when the process ends."""
-        assert self._process is not None
-        return self._process.sentinel
-
-    def died(self) -> str:
-        """Why the process is gone, empty while it is there."""
-        if self._process is None or self._process.is_alive():
-            return ""
-        code = self._process.exitcode
-        if code is not None and code < 0:
-            name = signal.Signals(-code).name
-            more = " (out of memory?)" if name == "SIGKILL" else ""
-            return f"its worker process was ended by {name}{more}"
-        return f"its worker process ended with exit status {code}; see {self._log}"
+    pool: ProcessPoolExecutor
+    connection: Connection
+    theirs: Connection
+    """Kept open: it is handed over when the process is started."""
+    given: int = 0
 
     def stop(self) -> None:
-        """Ends the process, whatever it is doing."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.join()
-            self._process.close()
-            self.connection.close()
-        self._process, self.run = None, None
+        """Kills it."""
+        self.pool.shutdown(wait=True, kill_workers=True)
+        self.connection.close()
+        self.theirs.close()
 
 
-@contextlib.contextmanager
-def _patched_environment(changes: dict[str, str]) -> Iterator[None]:
-    """Inside, the environment that a spawned process inherits."""
-    before = dict(os.environ)
-    os.environ.update(changes)
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
+class LocalExecutor(AbstractExecutor):
+    """One process a slot, started when it is first needed and again after it was killed."""
+
+    def __init__(self, slots: int, logs: Path) -> None:
+        """`logs` is the folder for what the processes print."""
+        self._slots = slots
+        self._logs = logs
+        self._processes: dict[int, _Process] = {}
+        self._ended: queue.SimpleQueue[tuple[int, Future]] = queue.SimpleQueue()
+
+    @property
+    def slots(self) -> int:
+        """Number of tasks at a time."""
+        return self._slots
+
+    def start(self, slot: int, task: Task) -> None:
+        """Starts a task in a free slot and returns at once."""
+        process = self._processes.get(slot)
+        if process is not None and process.given >= TASKS_PER_PROCESS:
+            self._drop(slot)
+        if slot not in self._processes:
+            self._processes[slot] = self._make_process(slot)
+        process = self._processes[slot]
+        process.given += 1
+        with _interrupts_ignored():
+            future = process.pool.submit(_perform, task)
+        future.add_done_callback(lambda future: self._ended.put((slot, future)))
+
+    def events(self, timeout: float) -> list[Message | Ended]:
+        """What happened since the last call; waits at most `timeout` seconds for something."""
+        deadline = time.monotonic() + timeout
+        while True:
+            left = max(0.0, deadline - time.monotonic())
+            ended = self._wait(min(POLL, left))
+            events: list[Message | Ended] = [
+                Message(slot, content)
+                for slot, process in self._processes.items()
+                for content in _received(process.connection)
+            ]
+            events += [self._end(slot, future) for slot, future in ended]
+            if events or left == 0.0:
+                return events
+
+    def stop(self) -> None:
+        """Ends all processes, whatever they are doing."""
+        for slot in list(self._processes):
+            self._drop(slot)
+
+    def _wait(self, timeout: float) -> list[tuple[int, Future]]:
+        """Tasks that ended."""
+        found = []
+        with contextlib.suppress(queue.Empty):
+            found.append(self._ended.get(timeout=timeout))
+            while True:
+                found.append(self._ended.get_nowait())
+        return found
+
+    def _end(self, slot: int, future: Future) -> Ended:
+        error = future.exception()
+        if error is None:
+            return Ended(slot, value=future.result())
+        if not isinstance(error, BrokenProcessPool):
+            return Ended(slot, error=one_line(error))
+        self._drop(slot)
+        return Ended(slot, error=self._cause(slot, error), killed=True)
+
+    def _cause(self, slot: int, error: BrokenProcessPool) -> str:
+        """Why a process is gone, from loky's text: it names signals and exit statuses."""
+        if found := re.search(r"\b(SIG[A-Z0-9]+)\(-\d+\)", str(error)):
+            more = " (out of memory?)" if found[1] == "SIGKILL" else ""
+            return f"its worker process was ended by {found[1]}{more}"
+        log = self._log(slot)
+        if found := re.search(r"\bEXIT\((\d+)\)", str(error)):
+            return f"its worker process ended with exit status {found[1]}; see {log}"
+        return f"its worker process could not go on ({one_line(error)}); see {log}"
+
+    def _make_process(self, slot: int) -> _Process:
+        self._logs.mkdir(parents=True, exist_ok=True)
+        ours, theirs = Pipe()
+        pool = ProcessPoolExecutor(
+            max_workers=1,
+            env=environment(),
+            initializer=_prepare,
+            initargs=(theirs, self._log(slot), share_of_cores(slot, self._slots)),
+        )
+        return _Process(pool, ours, theirs)
+
+    def _drop(self, slot: int) -> None:
+        self._processes.pop(slot).stop()
+
+    def _log(self, slot: int) -> Path:
+        return self._logs / f"worker-{slot}.log"
 
 
-@contextlib.contextmanager
-def _on_cores(cores: list[int]) -> Iterator[None]:
-    """Inside, a process that starts may use only these cores; any if the list is empty."""
-    if not cores:
-        yield
-        return
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, cores)
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)
+def _received(connection: Connection) -> Iterator[tuple[Any, ...]]:
+    """What came through a pipe since the last time."""
+    with contextlib.suppress(EOFError, OSError):
+        while connection.poll():
+            yield connection.recv()
 
 
 @contextlib.contextmanager
@@ -134,3 +174,43 @@ def _interrupts_ignored() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+# --- In the process -------------------------------------------------------------------------
+
+_TO_PARENT: list[Connection] = []
+"""The pipe to the process that gives tasks, once `_prepare` was called."""
+
+
+def _prepare(connection: Connection, log: Path, cores: list[int]) -> None:
+    """Before the first task: cores, log, nothing of Ctrl-C, and no life after the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    # A process that grows has compiled a program: no leak for which loky should replace it.
+    process_executor._MAX_MEMORY_LEAK_SIZE = float("inf")
+    if cores:
+        os.sched_setaffinity(0, cores)
+    with log.open("a", encoding="utf-8") as file:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os.dup2(file.fileno(), sys.stdout.fileno())
+        os.dup2(file.fileno(), sys.stderr.fileno())
+    _TO_PARENT[:] = [connection]
+    threading.Thread(target=_leave_with_parent, args=(connection,), daemon=True).start()
+
+
+def _leave_with_parent(connection: Connection) -> None:
+    """Ends this process when the other end of the pipe is gone: nobody waits for its task."""
+    with contextlib.suppress(EOFError, OSError):
+        connection.recv()
+    os._exit(1)
+
+
+def _perform(task: Task) -> Any:
+    return task(_send)
+
+
+def _send(*content: Any) -> None:
+    try:
+        _TO_PARENT[0].send(content)
+    except OSError:
+        os._exit(1)  # the parent is gone

@@ -1,16 +1,13 @@
 """One HTML page that opens offline: leaderboards, figures, runs.
 
 The page is a function of the tables. It loads nothing: scripts, styles and data are inside, and
-its content security policy forbids the rest. Figures are drawn when they come into view.
+its content security policy forbids the rest. Figures are drawn when they come into view, and a
+click on a method or run opens its settings, metrics, training curve and flight.
 """
 
-import functools
-import json
 from pathlib import Path
 from typing import Any
 
-import jinja2
-import pandas as pd
 from markdown_it import MarkdownIt
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
@@ -24,45 +21,51 @@ from bench.leaderboard import (
     Column,
     Row,
     leaderboard_rows,
-    number,
     standing_lines,
 )
-from bench.statistics import COUNTED, entry_of, records
+from bench.pages import environment, harmless_json, write_text
+from bench.run_details import details, first_runs, run_lines, settings_groups, version_groups
+from bench.statistics import Cell, Entry
 from bench.tables import Tables
 from bench.top_view import TOP_VIEW_INTRO, trajectory_drawings
 
 
 def write_report(tables: Tables, path: Path, title: str = "Benchmark report") -> None:
     """Writes the report as one HTML file to `path`."""
-    rows = leaderboard_rows(tables)
+    rows, lines = leaderboard_rows(tables), run_lines(tables)
+    settings, versions = settings_groups(tables.runs), version_groups(tables.runs)
     sections = [
         ("Cost and reward", "", summary_drawings(tables)),
         ("Training curves", CURVES_INTRO, curve_drawings(tables)),
         ("Flown paths", TOP_VIEW_INTRO, trajectory_drawings(tables)),
     ]
-    page = _environment().get_template("report.html.j2")
+    opened = details(tables, lines, settings, versions)
+    drawn = any(drawings for *_, drawings in sections) or any(run["curve"] for run in opened)
+    page = environment().get_template("report.html.j2")
     text = page.render(
         title=title,
-        plotly=Markup(_script_safe(get_plotlyjs()))
-        if any(drawings for *_, drawings in sections)
-        else "",
+        plotly=plotly_source() if drawn else "",
         how_to_read=[render_markdown(line, inline=True) for line in HOW_TO_READ],
         counts=_counts(tables),
         standing_headings=STANDING_HEADINGS,
         standings=standing_lines(rows),
-        boards=_boards(rows),
-        sections=sections,
-        runs=_runs(tables),
-        settings=_settings(tables.runs),
-        versions=_versions(tables.runs),
+        boards=_boards(rows, first_runs(tables, lines)),
+        sections=[
+            (name, intro, [(d, _figure_json(d)) for d in drawings])
+            for name, intro, drawings in sections
+        ],
+        runs=lines,
+        settings=settings,
+        versions=versions,
+        details=opened,
     )
-    _write(path, text)
+    write_text(path, text)
 
 
 def write_page(markdown_text: str, path: Path, title: str) -> None:
     """Writes a Markdown text as an HTML page in the style of the report."""
-    page = _environment().get_template("page.html.j2")
-    _write(path, page.render(title=title, body=render_markdown(markdown_text)))
+    page = environment().get_template("page.html.j2")
+    write_text(path, page.render(title=title, body=render_markdown(markdown_text)))
 
 
 def render_markdown(text: str, inline: bool = False) -> Markup:
@@ -71,41 +74,27 @@ def render_markdown(text: str, inline: bool = False) -> Markup:
     return Markup(parser.renderInline(text) if inline else parser.render(text))
 
 
-@functools.cache
-def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["figure_json"] = _figure_json
-    return environment
-
-
-def _write(path: Path, text: str) -> None:
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+def plotly_source() -> Markup:
+    """The plotting library, for a script element."""
+    return Markup(get_plotlyjs().replace("</script", "<\\/script"))
 
 
 def _figure_json(drawing: Drawing) -> Markup:
-    return Markup(str(drawing.plot.to_json()).replace("<", "\\u003c"))
+    return harmless_json(str(drawing.plot.to_json()))
 
 
-def _script_safe(source: str) -> str:
-    return source.replace("</script", "<\\/script")
-
-
-def _boards(rows: list[Row]) -> list[dict[str, Any]]:
-    """One table per cell: its label, and lines of (text, value to sort by)."""
+def _boards(rows: list[Row], opens: dict[tuple[Cell, Entry], str]) -> list[dict[str, Any]]:
+    """One table per cell: its label, and lines of (text, value to sort by) with the run to open."""
     return [
         {
             "label": cell.label,
             "headings": [column.heading for column in COLUMNS],
             "lines": [
-                {"best": row["best"], "cells": [_sortable(column, row) for column in COLUMNS]}
+                {
+                    "best": row["best"],
+                    "opens": opens.get((cell, row["entry"]), ""),
+                    "cells": [_sortable(column, row) for column in COLUMNS],
+                }
                 for row in rows
                 if row["cell"] == cell
             ],
@@ -129,56 +118,3 @@ def _counts(tables: Tables) -> list[tuple[str, str]]:
         ("seeds", str(runs["seed"].nunique())),
         ("status", ", ".join(f"{count} {name}" for name, count in by_status.items()) or MISSING),
     ]
-
-
-def _runs(tables: Tables) -> list[dict[str, Any]]:
-    """Every run, those that were lost first."""
-    rewards = tables.results[tables.results["metric"] == "reward"]
-    reward = dict(zip(rewards["run"], rewards["value"], strict=True))
-    found = [
-        {
-            "run": row["run"],
-            "method": entry_of(row).label,
-            "task": row["task"],
-            "team_size": row["team_size"],
-            "seed": row["seed"],
-            "status": row["status"],
-            "lost": row["status"] not in COUNTED,
-            "cause": row["cause"],
-            "reward": number(reward.get(row["run"], float("nan")), 1),
-        }
-        for row in records(tables.runs)
-    ]
-    keys = ("task", "team_size", "method", "seed")
-    return sorted(found, key=lambda run: (not run["lost"], *(run[key] for key in keys)))
-
-
-def _settings(runs: pd.DataFrame) -> list[dict[str, Any]]:
-    """What ran with which settings; seeds that share them stand together."""
-    seeds: dict[tuple[str, int, str, str], list[int]] = {}
-    for row in records(runs):
-        key = (row["task"], row["team_size"], entry_of(row).label, row["settings"])
-        seeds.setdefault(key, []).append(row["seed"])
-    return [
-        {
-            "method": method,
-            "task": task,
-            "team_size": team_size,
-            "seeds": ", ".join(map(str, sorted(own))),
-            "settings": _pretty(text),
-        }
-        for (task, team_size, method, text), own in sorted(seeds.items())
-    ]
-
-
-def _versions(runs: pd.DataFrame) -> list[tuple[int, str]]:
-    """The distinct sets of versions, with the number of runs that had each."""
-    return [(int(n), _pretty(str(text))) for text, n in runs["versions"].value_counts().items()]
-
-
-def _pretty(text: str) -> str:
-    """Indented JSON; a record that is no JSON is shown as it is."""
-    try:
-        return json.dumps(json.loads(text), indent=1, ensure_ascii=False)
-    except json.JSONDecodeError:
-        return text

@@ -64,6 +64,10 @@ class Cell(NamedTuple):
         return ", ".join([name, *filter(None, extras)])
 
 
+Values = dict[Cell, dict[Entry, dict[int, float]]]
+"""Values of a metric by cell, entry and seed."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Estimate:
     """A mean over seeds, or a difference of two."""
@@ -141,7 +145,7 @@ def ranks(samples: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, int | Non
     return result
 
 
-def seed_values(results: pd.DataFrame, metric: str) -> dict[Cell, dict[Entry, dict[int, float]]]:
+def seed_values(results: pd.DataFrame, metric: str) -> Values:
     """Values of one metric by cell, entry and seed, of runs that count, cells in order.
 
     Raises:
@@ -149,7 +153,7 @@ def seed_values(results: pd.DataFrame, metric: str) -> dict[Cell, dict[Entry, di
     """
     values = np.asarray(results["value"], dtype=float)
     kept = results["metric"].eq(metric) & results["status"].isin(COUNTED) & np.isfinite(values)
-    found: dict[Cell, dict[Entry, dict[int, float]]] = {}
+    found: Values = {}
     owner: dict[tuple[Cell, Entry, int], str] = {}
     for row in records(results.loc[kept]):
         cell, entry, seed = cell_of(row), entry_of(row), int(row["seed"])

@@ -7,71 +7,64 @@
                policy.npz          arrays of the policy, in the order of its pytree
                residual.npz        the same of the residual, where there is one
 
-A folder is written beside its place, flushed to disk and renamed. One that cannot be read, or whose
-files do not match their checksums, is moved to `runs/.quarantine`. Nothing is pickled.
+A folder is written beside its place, flushed to disk and renamed; from then on nobody changes it. A
+failed attempt is a folder too, which a later attempt replaces. One that cannot be read, or whose
+files do not match their checksums, is moved to `runs/.quarantine`, with the reason beside it.
+Nothing is pickled.
+
+    runs/.lock                     held by the sweep that works here
+    runs/.claims/<run>.lock        held by the process that does a run
+    runs/.checkpoints/<run>/       trainings in progress (`bench/checkpoints.py`)
+    runs/.part-*                   commits in progress, or what a killed one left
 """
 
-import dataclasses
-import hashlib
+import contextlib
 import json
-import os
-import shutil
 import uuid
-import zipfile
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
-import equinox as eqx
 import filelock
-import jax
-import numpy as np
 import pandas as pd
 
-from bench.plan import REALITY, Run, packages
-from bench.settings import describe_fields
+from bench.checkpoints import Checkpoints
+from bench.disk import Disk
+from bench.plan import Run, packages
+from bench.record import (
+    FILES,
+    Outcome,
+    UnreadableRunError,
+    checksum,
+    describe_run,
+    load_arrays,
+    number,
+    run_files,
+    to_json,
+)
 from bench.tables import IDENTITY, STATUSES, Tables, results_rows, runs_row, stack, table
 from methods.contract import Ledger, Trained
 from methods.policy import Policy
 
-FILES = ("metrics.json", "curves.parquet", "trajectory.parquet", "policy.npz")
-"""What the folder of a trained run holds beside run.json."""
+LONGEST_CLAIM = 600.0
+"""Time for which a run that another process is at is waited for [s]."""
 
 
-class UnreadableRunError(ValueError):
-    """A run's folder that is damaged or is not what its name says."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Outcome:
-    """What a run left; a failed one has only its status and cause."""
-
-    status: str
-    """`ok`, `failed`, `diverged` or `budget`."""
-    cause: str = ""
-    """One line that says why it failed."""
-    details: str = ""
-    """Traceback of a failure."""
-    trained: Trained | None = None
-    """Policy, ledger, residual, notes."""
-    metrics: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    """Metric -> value."""
-    curves: pd.DataFrame | None = None
-    """Rows of the table `curves`."""
-    trajectory: pd.DataFrame | None = None
-    """Rows of the table `trajectories`."""
+class ClaimedError(RuntimeError):
+    """A run that another process is at."""
 
 
 class Store:
     """The runs under one directory of results."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, disk: Disk | None = None) -> None:
         """Nothing is written before the first commit or lock."""
         self.directory = Path(directory).absolute()
         self.runs = self.directory / "runs"
+        self._disk = disk or Disk()
 
-    def lock(self, waiting: Callable[[], None]) -> filelock.FileLock:
+    def lock(self, waiting: Callable[[], None]) -> filelock.BaseFileLock:
         """The acquired lock of this directory; calls `waiting` once if another process has it."""
-        self.runs.mkdir(parents=True, exist_ok=True)
+        self._disk.make_folder(self.runs)
         lock = filelock.FileLock(self.runs / ".lock")
         try:
             lock.acquire(timeout=0)
@@ -80,28 +73,97 @@ class Store:
             lock.acquire()
         return lock
 
-    def commit(self, run: Run, outcome: Outcome) -> None:
-        """Puts a run's folder in place, instead of a failed attempt's if there is one."""
-        part = self.runs / f".part-{run.name}-{uuid.uuid4().hex[:8]}"
-        part.mkdir(parents=True)
+    @contextlib.contextmanager
+    def claim(self, name: str, longest: float = LONGEST_CLAIM) -> Iterator[None]:
+        """Inside, no other process is at this run; waits for one that is.
+
+        A process that dies loses its claim.
+
+        Raises:
+            ClaimedError: It is still at it after `longest` seconds.
+        """
+        path = self.runs / ".claims" / f"{name}.lock"
+        self._disk.make_folder(path.parent)
+        lock = filelock.FileLock(path, is_singleton=False)
         try:
-            _write(part, run, outcome)
-            place = self.runs / run.name
-            if place.exists():
-                old = self.runs / f".part-{uuid.uuid4().hex[:8]}"
-                place.rename(old)
-                part.rename(place)
-                shutil.rmtree(old)
-            else:
-                part.rename(place)
-            _flush(self.runs)
+            lock.acquire(timeout=longest)
+        except filelock.Timeout:
+            raise ClaimedError(f"another process has been at it for {longest:.0f} s") from None
+        try:
+            yield
         finally:
-            shutil.rmtree(part, ignore_errors=True)
+            with contextlib.suppress(OSError):
+                self._disk.remove(path)  # who waits for it gets it nevertheless
+            lock.release()
+
+    def checkpoints(self, run: Run) -> Checkpoints:
+        """Keeps the trainings of a run while they are in progress."""
+        return Checkpoints(
+            self.runs / ".checkpoints" / run.name,
+            json.dumps({**run.sources, **packages()}, sort_keys=True),
+            self._disk,
+        )
+
+    def commit(self, run: Run, outcome: Outcome) -> bool:
+        """Puts a run's folder in place, instead of a failed attempt's or a damaged one.
+
+        Returns:
+            Whether it is there now; False: a sound one was there already, and still is.
+        """
+        place, part = self.runs / run.name, self._part(run.name)
+        try:
+            if self.read(run.name)["status"] != "failed":
+                return False
+        except UnreadableRunError as error:
+            if place.exists():
+                self.quarantine(run.name, str(error))
+        try:
+            self._write(part, run, outcome)
+            if place.exists():
+                old = self._part(run.name)
+                self._disk.move(place, old)
+                self._disk.move(part, place)
+                self._disk.flush_folder(self.runs)
+                self._disk.remove(old)
+            else:
+                self._disk.move(part, place)
+                self._disk.flush_folder(self.runs)
+        except OSError:
+            with contextlib.suppress(OSError):
+                self._disk.remove(part)
+            raise
+        if outcome.status != "failed":
+            with contextlib.suppress(OSError):  # `tidy` removes it as well
+                self._disk.remove(self.runs / ".checkpoints" / run.name)
+        return True
+
+    def _part(self, name: str) -> Path:
+        """A new name for what is not in its place."""
+        return self.runs / f".part-{name}-{uuid.uuid4().hex[:8]}"
+
+    def _write(self, folder: Path, run: Run, outcome: Outcome) -> None:
+        """All files of a run into a new folder, on disk when this returns."""
+        self._disk.make_folder(folder)
+        files = run_files(outcome)
+        for name, content in files.items():
+            self._disk.write(folder / name, content)
+        self._disk.write(folder / "run.json", to_json(describe_run(run, outcome, files)))
+        self._disk.flush_folder(folder)
 
     def tidy(self) -> None:
-        """Removes what interrupted commits left; only for the holder of the lock."""
+        """Removes what interrupted processes left; only for the holder of the lock."""
         for left in self.runs.glob(".part-*"):
-            shutil.rmtree(left)
+            self._disk.remove(left)
+        for folder in self.runs.glob(".checkpoints/*"):
+            if self.status(folder.name) not in ("", "failed"):
+                self._disk.remove(folder)
+
+    def status(self, name: str) -> str:
+        """How a run ended, empty if it is not there or damaged."""
+        try:
+            return self.read(name)["status"]
+        except UnreadableRunError:
+            return ""
 
     def names(self) -> list[str]:
         """Names of all runs in place."""
@@ -123,8 +185,8 @@ class Store:
             if content["status"] not in STATUSES:
                 raise UnreadableRunError(f"run.json has the status '{content['status']}'")
             needed = () if content["status"] == "failed" else FILES
-            for file in {*needed, *content["files"]}:
-                if content["files"].get(file) != _checksum(folder / file):
+            for file in sorted({*needed, *content["files"]}):
+                if content["files"].get(file) != checksum((folder / file).read_bytes()):
                     raise UnreadableRunError(f"{file} is not as it was written")
         except OSError as error:
             reason = f"{Path(error.filename or '').name}: {error.strerror}"
@@ -135,27 +197,41 @@ class Store:
             raise UnreadableRunError("run.json is not text") from error
         return content
 
-    def sound(self, warn: Callable[[str], None]) -> dict[str, dict]:
-        """Content of run.json of every sound run, by name; others are put in quarantine."""
+    def sound(
+        self, warn: Callable[[str], None], names: Iterable[str] | None = None
+    ) -> dict[str, dict]:
+        """Content of run.json of every sound run among `names`; others are put in quarantine.
+
+        Args:
+            warn: Called with a line on each run that cannot be used.
+            names: Which runs to look at, as far as they are there; None: all.
+        """
         found = {}
-        for name in self.names():
+        there = self.names()
+        for name in there if names is None else sorted({*names} & {*there}):
             try:
                 found[name] = self.read(name)
             except UnreadableRunError as error:
-                self.quarantine(name)
-                warn(f"Run {name} cannot be used: {error}. It is now in runs/.quarantine.")
+                try:
+                    place = self.quarantine(name, str(error)).relative_to(self.directory)
+                    where = f"It is now {place}."
+                except OSError as hindrance:
+                    where = f"It stays where it is: {hindrance.strerror}."
+                warn(f"Run {name} cannot be used: {error}. {where}")
         return found
 
-    def quarantine(self, name: str) -> None:
-        """Moves a run out of the way, never over an earlier one."""
+    def quarantine(self, name: str, reason: str) -> Path:
+        """Where a run is now: out of the way, never over an earlier one, the reason beside it."""
         place = self.runs / ".quarantine" / f"{name}-{uuid.uuid4().hex[:8]}"
-        place.parent.mkdir(exist_ok=True)
-        (self.runs / name).rename(place)
+        self._disk.make_folder(place.parent)
+        self._disk.write(place.with_name(f"{place.name}.reason.txt"), f"{reason}\n".encode())
+        self._disk.move(self.runs / name, place)
+        return place
 
     def metrics(self, name: str) -> dict[str, float]:
         """Metric -> value; NaN where a number was not finite."""
         content = json.loads((self.runs / name / "metrics.json").read_text(encoding="utf-8"))
-        return {metric: _number(value) for metric, value in content.items()}
+        return {metric: number(value) for metric, value in content.items()}
 
     def frame(self, name: str, file: str) -> pd.DataFrame:
         """A run's `curves` or `trajectory`."""
@@ -195,102 +271,9 @@ class Store:
             raise UnreadableRunError(f"{name} failed: {content['cause']}")
         curves = self.frame(name, "curves").drop(columns=["run", "epoch"])
         return Trained(
-            policy=_load_arrays(self.runs / name / "policy.npz", template),
+            policy=load_arrays(self.runs / name / "policy.npz", template),
             ledger=Ledger(**content["ledger"]),
             curves={column: curves[column].to_numpy() for column in curves},
             status=content["status"],
-            notes={name: _number(value) for name, value in content["notes"].items()},
+            notes={name: number(value) for name, value in content["notes"].items()},
         )
-
-
-def _write(folder: Path, run: Run, outcome: Outcome) -> None:
-    """All files of a run into `folder`, flushed to disk."""
-    if outcome.trained is not None:
-        metrics = {name: _finite(value) for name, value in outcome.metrics.items()}
-        _write_json(folder / "metrics.json", metrics)
-        for name, frame in (("curves", outcome.curves), ("trajectories", outcome.trajectory)):
-            frame = table(name, []) if frame is None else frame
-            file = "trajectory" if name == "trajectories" else name
-            frame.to_parquet(folder / f"{file}.parquet", index=False)
-        _save_arrays(folder / "policy.npz", outcome.trained.policy)
-        if outcome.trained.residual is not None:
-            _save_arrays(folder / "residual.npz", outcome.trained.residual)
-    if outcome.details:
-        (folder / "traceback.txt").write_text(outcome.details, encoding="utf-8")
-    content = {
-        "run": run.name,
-        "key": run.key,
-        "method": run.method,
-        "residual": run.residual,
-        "variant": run.variant,
-        "task": run.task,
-        "team_size": run.team_size,
-        "seed": run.seed,
-        "status": outcome.status,
-        "cause": outcome.cause,
-        "deployed_in": REALITY,
-        "parents": dict(run.parents),
-        "resolved": run.resolved,
-        "sources": dict(run.sources),
-        "packages": packages(),
-        "committed": pd.Timestamp.now(tz="UTC").isoformat(),
-        "files": {path.name: _checksum(path) for path in sorted(folder.iterdir())},
-    }
-    if outcome.trained is not None:
-        content["ledger"] = describe_fields(outcome.trained.ledger, "ledger")
-        content["notes"] = {k: _finite(v) for k, v in outcome.trained.notes.items()}
-    _write_json(folder / "run.json", content)
-    for path in (*folder.iterdir(), folder):
-        _flush(path)
-
-
-def _save_arrays(path: Path, tree: eqx.Module) -> None:
-    leaves = jax.tree.leaves(eqx.filter(tree, eqx.is_array))
-    arrays = {f"{index:03d}": np.asarray(leaf) for index, leaf in enumerate(leaves)}
-    np.savez(path, allow_pickle=False, **arrays)
-
-
-def _load_arrays(path: Path, template: Policy) -> Policy:
-    """`template` with the arrays of a file."""
-    arrays, rest = eqx.partition(template, eqx.is_array)
-    leaves, structure = jax.tree.flatten(arrays)
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            found = [stored[name] for name in sorted(stored.files)]
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise UnreadableRunError(f"{path.name} of {path.parent.name}: {error}") from error
-    if [leaf.shape for leaf in found] != [leaf.shape for leaf in leaves]:
-        raise UnreadableRunError(
-            f"{path.name} of {path.parent.name} is not the shared policy of its task: it has "
-            f"arrays {[leaf.shape for leaf in found]}, not {[leaf.shape for leaf in leaves]}."
-        )
-    loaded = [jax.numpy.asarray(new, old.dtype) for new, old in zip(found, leaves, strict=True)]
-    return eqx.combine(jax.tree.unflatten(structure, loaded), rest)
-
-
-def _finite(value: float) -> float | None:
-    """`value`, or None, since JSON has no NaN."""
-    return float(value) if np.isfinite(value) else None
-
-
-def _number(value: float | None) -> float:
-    """What `_finite` was given, as far as JSON kept it."""
-    return float("nan") if value is None else value
-
-
-def _write_json(path: Path, content: Mapping) -> None:
-    text = json.dumps(content, indent=1, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-def _checksum(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _flush(path: Path) -> None:
-    """Waits until a file or folder is on disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

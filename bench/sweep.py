@@ -1,6 +1,5 @@
 """A sweep from beginning to end: execute what is missing, then tables and documents."""
 
-import os
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -9,10 +8,12 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.execute import execute
+from bench.executor import Name, make_executor
 from bench.leaderboard import COLUMNS, leaderboard_rows, write_leaderboard
-from bench.plan import Plan, Run
+from bench.plan import Plan
 from bench.progress import Display
 from bench.report import write_report
+from bench.resume import Standing, make_standing, stale_lines
 from bench.store import Store
 from bench.tables import Tables
 
@@ -30,7 +31,16 @@ NARROW = {
 """Columns that a narrower terminal shows, with the headings there."""
 
 
-def sweep(plan: Plan, tables_dir: Path, documents_dir: Path, jobs: int | None) -> int:
+def sweep(
+    plan: Plan,
+    tables_dir: Path,
+    documents_dir: Path,
+    jobs: int | None,
+    *,
+    executor: Name = "local",
+    fail_fast: bool = False,
+    retry_failed: bool = False,
+) -> int:
     """Exit status: 0, 1 if anything failed or was left out, 130 after Ctrl-C.
 
     Args:
@@ -38,43 +48,45 @@ def sweep(plan: Plan, tables_dir: Path, documents_dir: Path, jobs: int | None) -
         tables_dir: Folder of the tables and of `runs/`.
         documents_dir: Folder of the leaderboard and the report.
         jobs: Number of worker processes; None: one per core.
+        executor: Where they are: `local` or `ray`.
+        fail_fast: Whether the first failure ends the sweep.
+        retry_failed: Whether runs that failed in an earlier sweep are tried again.
     """
     console, errors = Console(), Console(stderr=True)
+    warn = lambda text: _say(errors, f"Warning: {text}")  # noqa: E731
     store = Store(tables_dir)
     with store.lock(lambda: _say(errors, f"Waiting: another run is working in {tables_dir}.")):
         store.tidy()
-        sound = store.sound(lambda text: _say(errors, f"Warning: {text}"))
-        done = [r for r in plan.runs if sound.get(r.name, {}).get("status", "failed") != "failed"]
-        missing = [run for run in plan.runs if run not in done]
-        for text in (*_stale(done, sound), *(f"Left out: {line}" for line in plan.broken)):
-            _say(errors, f"Warning: {text}")
-        jobs = min(jobs or _cores(), max(1, len(missing)))
-        _say(console, _announcement(len(done), len(missing), jobs))
-        display = Display(missing, console)
-        try:
-            with display:
-                status = execute(missing, store, jobs, display, [run.name for run in done])
-        except KeyboardInterrupt:
-            kept = len(done) + display.kept
-            _say(
-                errors,
-                f"Interrupted: {kept} of {len(plan.runs)} runs are finished and kept. Give the "
-                "same command again to go on.",
-            )
-            return 130
-        tables = store.tables(
-            store.sound(lambda text: _say(errors, f"Warning: {text}")),
-            {run.name for run in plan.runs},
-        )
+        sound = store.sound(warn)
+        standing = make_standing(plan, sound, retry_failed)
+        for text in (*stale_lines(standing.done, sound), *(f"Left out: {x}" for x in plan.broken)):
+            warn(text)
+        missing = standing.missing
+        logs = store.runs / ".logs"
+        chosen = executor if missing else "local"  # which starts nothing before it is needed
+        with make_executor(chosen, jobs, max(1, len(missing)), logs) as workers:
+            _say(console, _announcement(standing, workers.slots))
+            display = Display(missing, console)
+            try:
+                with display:
+                    names = ([r.name for r in runs] for runs in (standing.done, standing.failed))
+                    status = execute(missing, store, workers, display, *names, fail_fast=fail_fast)
+            except KeyboardInterrupt:
+                _say(errors, _interruption(len(standing.done) + display.kept, len(plan.runs)))
+                return 130
+        sound |= store.sound(warn, [run.name for run in missing])
+        tables = store.tables(sound, {run.name for run in plan.runs})
         tables.save(tables_dir)
     rebuild_report(tables, documents_dir, console)
     rebuild_leaderboard(tables, documents_dir, console)
     _say(console, f"Tables: {tables_dir}")
-    failed = [run for run in missing if status[run.name] == "failed"]
+    failed = [*standing.failed, *(run for run in missing if status.get(run.name) == "failed")]
     if failed:
         causes = tables.runs.set_index("run")["cause"]
         first = f"{failed[0].label}: {causes.get(failed[0].name, '')}"
         _say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {first}")
+    if left := len(missing) - len(status):
+        _say(errors, f"Stopped at the first failure: {left} runs are still to do.")
     return 1 if failed or plan.broken else 0
 
 
@@ -126,30 +138,20 @@ def show(tables: Tables, console: Console) -> None:
         console.print(table)
 
 
-def _stale(done: list[Run], sound: dict[str, dict]) -> list[str]:
-    """A line for each plug-in whose source, not version, changed since a run was stored."""
-    changed: dict[str, int] = {}
-    for run in done:
-        for plugin, source in run.sources.items():
-            if sound[run.name]["sources"].get(plugin, source) != source:
-                changed[plugin] = changed.get(plugin, 0) + 1
-    return [
-        f"the source of {plugin} has changed but its version has not; {count} stored runs are "
-        "used as they are. Change its `version` to run them again."
-        for plugin, count in sorted(changed.items())
-    ]
+def _announcement(standing: Standing, slots: int) -> str:
+    n_done, n_failed, n_missing = map(len, (standing.done, standing.failed, standing.missing))
+    to_do = f"{n_missing}, on {slots} worker{'s' * (slots > 1)}" if n_missing else "nothing"
+    text = f"Runs finished already: {n_done} of {n_done + n_failed + n_missing}. To do: {to_do}."
+    if n_failed:
+        text += f" Failed earlier: {n_failed}; --retry-failed tries them again."
+    return text
 
 
-def _cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1  # macOS
-
-
-def _announcement(n_done: int, n_missing: int, jobs: int) -> str:
-    to_do = f"{n_missing}, on {jobs} worker{'s' * (jobs > 1)}" if n_missing else "nothing"
-    return f"Runs finished already: {n_done} of {n_done + n_missing}. To do: {to_do}."
+def _interruption(kept: int, planned: int) -> str:
+    return (
+        f"Interrupted: {kept} of {planned} runs are finished and kept. Give the same command again "
+        "to go on."
+    )
 
 
 def _say(console: Console, text: str) -> None:

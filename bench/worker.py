@@ -1,4 +1,4 @@
-"""Trains and evaluates one run; this is what a worker process does.
+"""Trains and evaluates one run; this is what a worker process does, on whatever machine.
 
 Every policy is deployed twice with the initial states of its seed: in the high-fidelity simulator
 (the row of the leaderboard) and in the nominal point mass, which tells how much of a return was
@@ -7,22 +7,23 @@ For the built-in methods no high-fidelity flight is hidden by this, because thei
 baseline, flies none.
 """
 
-import os
-import signal
-import sys
+import dataclasses
+import platform
 import time
 import traceback
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 import jax
 import numpy as np
 import pandas as pd
 
+from bench.executor import Report, one_line
 from bench.plan import NOMINAL, REALITY, Run
+from bench.record import Outcome
 from bench.settings import build
-from bench.store import Outcome, Store
+from bench.store import Store
 from bench.tables import SCHEMAS, STATUSES, UNITS, table
+from methods.checkpoint import kept_by
 from methods.contract import Progress, Setup, Trained
 from methods.evaluate import Evaluation, evaluate
 from methods.policy import PolicyController, make_policy
@@ -36,39 +37,33 @@ SAMPLE_EVERY = 5
 """Control steps between two stored positions: 10 Hz."""
 
 
-def serve(connection: Connection, directory: Path, log: Path) -> None:
-    """Does the runs that arrive on `connection` until it closes or None arrives.
+def do_run(run: Run, directory: Path, report: Report) -> tuple[str, str]:
+    """Status and cause of a run, once it is in the store; one that is there is not done again.
 
-    Reports ("progress", stage, epoch, epochs, return) and, once a run is committed, ("done",
-    status, cause). What the run prints goes to `log`.
+    Raises:
+        OSError: It cannot be stored, e.g. because the disk is full.
+        ClaimedError: Another process is at it and does not end.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
-    with log.open("a", encoding="utf-8") as file:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os.dup2(file.fileno(), sys.stdout.fileno())
-        os.dup2(file.fileno(), sys.stderr.fileno())
     store = Store(directory)
-    try:
-        while (run := connection.recv()) is not None:
-            outcome = attempt(run, store, _reporter(connection))
-            store.commit(run, outcome)
-            connection.send(("done", outcome.status, outcome.cause))
-    except (EOFError, BrokenPipeError, ConnectionResetError):
-        return  # the parent is gone, and nobody waits for the rest
+    if not (store.runs / ".lock").exists():
+        raise FileNotFoundError(
+            f"{store.runs} is not on {platform.node()}: every machine must see the folder of the "
+            "results, under the same path."
+        )
+    with store.claim(run.name):
+        if (status := store.status(run.name)) not in ("", "failed"):
+            return status, ""
+        outcome = attempt(run, store, _progress(report))
+        store.commit(run, outcome)
+    return outcome.status, outcome.cause
 
 
 def attempt(run: Run, store: Store, progress: Progress) -> Outcome:
     """The outcome of a run; whatever it raises becomes a failure with its cause."""
     try:
         return train_and_evaluate(run, store, progress)
-    except Exception as error:
-        words = " ".join(str(error).split())
-        return Outcome(
-            status="failed",
-            cause=f"{type(error).__name__}: {words}" if words else type(error).__name__,
-            details=traceback.format_exc(),
-        )
+    except (Exception, SystemExit) as error:
+        return Outcome("failed", cause=one_line(error), details=traceback.format_exc())
 
 
 def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
@@ -88,11 +83,16 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
     template = make_policy(task, nominal.spec, nominal.action_space, jax.random.key(0))
     parents = {name: store.trained(parent, template) for name, parent in run.parents.items()}
     setup = Setup(task, nominal, reality, parents, progress)
-    trained = method.train(setup, jax.random.fold_in(jax.random.key(run.seed), 0))
+    checkpoints = store.checkpoints(run)
+    with kept_by(checkpoints):
+        trained = method.train(setup, jax.random.fold_in(jax.random.key(run.seed), 0))
     if not isinstance(trained, Trained):
         raise TypeError(f"`train` of '{run.method}' must return a Trained, got {trained!r:.80}.")
     if trained.status not in STATUSES or trained.status == "failed":
         raise ValueError(f"'{run.method}' returned the status '{trained.status}'; raise to fail.")
+    seconds = trained.ledger.train_seconds + checkpoints.earlier_seconds
+    ledger = dataclasses.replace(trained.ledger, train_seconds=seconds)
+    trained = dataclasses.replace(trained, ledger=ledger)
     progress("evaluation", 0, 2, float("nan"))
     controller = PolicyController(task, trained.policy)
     deployed = evaluate(task, reality, controller, run.seed)
@@ -162,19 +162,15 @@ def _trajectory(run: Run, deployed: Evaluation) -> pd.DataFrame:
     return table("trajectories", pd.DataFrame(columns))
 
 
-def _reporter(connection: Connection) -> Progress:
-    """A `Progress` that reports to the parent, not too often."""
+def _progress(report: Report) -> Progress:
+    """A `Progress` that reports not too often."""
     last, stage_before = 0.0, ""
 
-    def report(stage: str, epoch: int, epochs: int, reward: float) -> None:
+    def progress(stage: str, epoch: int, epochs: int, reward: float) -> None:
         nonlocal last, stage_before
         now = time.monotonic()
-        if now - last < REPORT_EVERY and stage == stage_before:
-            return
-        last, stage_before = now, stage
-        try:
-            connection.send(("progress", stage, int(epoch), int(epochs), float(reward)))
-        except OSError:
-            raise SystemExit(1) from None  # the parent is gone: a run that nobody waits for
+        if now - last >= REPORT_EVERY or stage != stage_before:
+            last, stage_before = now, stage
+            report(stage, int(epoch), int(epochs), float(reward))
 
-    return report
+    return progress

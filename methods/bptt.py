@@ -9,11 +9,15 @@ finite is left out and counted.
 The returned policy is the one of the epoch whose training return, averaged over the last
 `smoothing` epochs, was best. With `patience`, training ends when that average has not improved
 by `min_improvement` for as many epochs (noise alone makes small records for ever).
+
+Inside a keeper (`methods/checkpoint.py`) a training that was killed goes on from its last saved
+epoch, and equals one that was not. Its bill is that of its epochs, each counted once.
 """
 
 import dataclasses
 import functools
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -23,6 +27,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from methods.checkpoint import next_place
 from methods.contract import Progress
 from methods.policy import Policy, PolicyController
 from simulators.contract import AbstractSimulator
@@ -79,31 +84,88 @@ class BPTT(eqx.Module):
     ) -> "Training":
         """The best policy found from `policy` on, with its history."""
         start = time.perf_counter()
-        opt_state = _optimizer(self).init(eqx.filter(policy, eqx.is_inexact_array))
-        history, best, best_policy = [], -np.inf, policy
-        window = min(self.smoothing, self.epochs)
-        milestone, milestone_epoch = -np.inf, window - 1
-        for epoch in range(self.epochs):
+        place = next_place(f"{stage} {self!r}", key, task, simulator, policy)
+        course = _Course(self, policy)
+        if (kept := place.load()) is not None:
+            course.restore(kept)
+        while not course.over():
+            epoch = len(course.history)
             epoch_key = jax.random.fold_in(key, epoch)
-            updated, opt_state, row = _epoch(self, task, simulator, policy, opt_state, epoch_key)
-            history.append(jax.tree.map(float, row))
-            recent = [r["smooth_reward"] for r in history[-window:]]
-            if len(recent) == window and np.mean(recent) > best:
-                best, best_policy = float(np.mean(recent)), policy
-                if not best - milestone < self.min_improvement * abs(milestone):
-                    milestone, milestone_epoch = best, epoch
-            policy = updated
-            progress(stage, epoch + 1, self.epochs, history[-1]["reward"])
-            if self.patience is not None and epoch - milestone_epoch >= self.patience:
-                break
+            updated, opt_state, row = _epoch(
+                self, task, simulator, course.policy, course.opt_state, epoch_key
+            )
+            course.add(updated, opt_state, jax.tree.map(float, row))
+            if place.due():
+                place.save(course.arrays())
+            progress(stage, epoch + 1, self.epochs, course.history[-1]["reward"])
+        place.save(course.arrays())
+        history = course.history
         curves = {name: np.asarray([r[name] for r in history], np.float32) for name in history[0]}
         return Training(
-            policy=best_policy,
+            policy=course.best_policy,
             curves=curves,
             stopped_early=len(history) < self.epochs,
-            best_reward=best,
+            best_reward=course.best,
             seconds=time.perf_counter() - start,
         )
+
+
+class _Course:
+    """How far a training has come: all that its next epochs depend on, beside its key."""
+
+    def __init__(self, settings: BPTT, policy: Policy) -> None:
+        self.settings = settings
+        self.policy = policy
+        self.opt_state = _optimizer(settings).init(eqx.filter(policy, eqx.is_inexact_array))
+        self.history: list[dict[str, float]] = []
+        self.best = -np.inf
+        self.best_policy = policy
+        self._window = min(settings.smoothing, settings.epochs)
+        self._milestone = -np.inf
+        self._milestone_epoch = self._window - 1
+
+    def over(self) -> bool:
+        """Whether the budget is spent or patience has run out."""
+        patience, epochs = self.settings.patience, len(self.history)
+        if patience is not None and epochs - 1 - self._milestone_epoch >= patience:
+            return True
+        return epochs >= self.settings.epochs
+
+    def add(self, updated: Policy, opt_state: Any, row: dict[str, float]) -> None:
+        """One more epoch; its row describes the policy before the update."""
+        self.history.append(row)
+        recent = [r["smooth_reward"] for r in self.history[-self._window :]]
+        if len(recent) == self._window and np.mean(recent) > self.best:
+            self.best, self.best_policy = float(np.mean(recent)), self.policy
+            enough = self.settings.min_improvement * abs(self._milestone)
+            if not self.best - self._milestone < enough:
+                self._milestone, self._milestone_epoch = self.best, len(self.history) - 1
+        self.policy, self.opt_state = updated, opt_state
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything as arrays, by name."""
+        trees = (self.policy, self.opt_state, self.best_policy)
+        leaves = jax.tree.leaves(eqx.filter(trees, eqx.is_array))
+        columns = list(self.history[0])
+        return {
+            "columns": np.asarray(columns),
+            "history": np.asarray([[row[name] for name in columns] for row in self.history]),
+            "patience": np.asarray([self.best, self._milestone, self._milestone_epoch], float),
+        } | {f"{index:03d}": np.asarray(leaf) for index, leaf in enumerate(leaves)}
+
+    def restore(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Back to where `arrays` were taken from a course of the same training."""
+        columns = arrays["columns"].tolist()
+        self.history = [dict(zip(columns, row.tolist(), strict=True)) for row in arrays["history"]]
+        self.best, self._milestone = arrays["patience"][:2].tolist()
+        self._milestone_epoch = int(arrays["patience"][2])
+        trees = (self.policy, self.opt_state, self.best_policy)
+        found, rest = eqx.partition(trees, eqx.is_array)
+        leaves, structure = jax.tree.flatten(found)
+        stored = [arrays[f"{index:03d}"] for index in range(len(leaves))]
+        loaded = [jnp.asarray(new, old.dtype) for new, old in zip(stored, leaves, strict=True)]
+        trees = eqx.combine(jax.tree.unflatten(structure, loaded), rest)
+        self.policy, self.opt_state, self.best_policy = trees
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,7 +181,7 @@ class Training:
     best_reward: float
     """Best smoothed training return."""
     seconds: float
-    """Wall time [s]."""
+    """Wall time in this process [s]."""
 
     @property
     def epochs(self) -> int:

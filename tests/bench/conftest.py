@@ -14,6 +14,7 @@ METHODS = {
     "failing": "Failing",
     "heir": "Heir",
     "dying": "Dying",
+    "flown": "Flown",
     "ouroboros": "Ouroboros",
 }
 

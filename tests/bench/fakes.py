@@ -10,7 +10,10 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from methods.contract import AbstractMethod, Ledger, Trained
+from bench import checkpoints
+from methods.bptt import BPTT
+from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.high_fidelity import train_in_reality
 from methods.policy import make_policy
 
 
@@ -90,6 +93,37 @@ class Dying(AbstractMethod):
 
     def train(self, setup, key, init=None):
         os.kill(os.getpid(), signal.SIGKILL)
+
+
+class Flown(AbstractMethod):
+    """A real training, billed as high-fidelity flight; its process is killed at epoch `die_at`.
+
+    Only once: the file `grave` remembers it.
+    """
+
+    trainer: BPTT = BPTT(epochs=8, n_worlds=1, smoothing=2, patience=6, min_improvement=0.5)
+    die_at: int = eqx.field(static=True, default=0)
+    grave: str = eqx.field(static=True, default="")
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple[str, ...]] = ()
+    simulator: ClassVar[str] = "crazyflow"
+
+    def train(self, setup, key, init=None):
+        checkpoints.EVERY = 0.0
+
+        def progress(stage, epoch, epochs, reward):
+            setup.progress(stage, epoch, epochs, reward)
+            if self.grave:
+                with Path(self.grave).open("a") as file:
+                    file.write(f"{epoch}\n")
+                if epoch == self.die_at and Path(self.grave).read_text().count("\n") == epoch:
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+        nominal = setup.nominal
+        policy = make_policy(setup.task, nominal.spec, nominal.action_space, key)
+        cell = Setup(setup.task, nominal, nominal, progress=progress)
+        return train_in_reality(self.trainer, cell, policy, key, "flown")
 
 
 class Ouroboros(AbstractMethod):

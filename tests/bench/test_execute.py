@@ -1,5 +1,6 @@
 """Whole sweeps on worker processes, with methods that train in no time, fail or die."""
 
+import importlib.util
 import io
 import json
 import os
@@ -8,14 +9,17 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pandas as pd
 import pytest
+from outcomes import FailingDisk
 from rich.console import Console
 
 from bench.cli import main
 from bench.execute import _Schedule
 from bench.plan import expand
 from bench.progress import Display
+from bench.store import Store
 from bench.suite import Row, Suite
 from bench.tables import UNITS, Tables
 
@@ -74,14 +78,22 @@ def test_failures_and_deaths_cost_only_their_runs_and_are_retried(
 
     (tmp_path / "cure").touch()
     os.truncate(next((out / "runs").glob("child-*")) / "policy.npz", 100)
-    assert main([*arguments[:-1], "1"]) == 1  # one still dies, one is still broken
+    assert main([*arguments[:-1], "1"]) == 1  # one failed, one still dies, one is still broken
+    captured = capsys.readouterr()
+    again = runs_of(out)
+    assert again["failing", 0] == runs["failing", 0]
+    assert again["heir", 0] == runs["heir", 0]
+    assert "To do: 3, on 1 worker. Failed earlier: 1; --retry-failed" in captured.out
+    assert "policy.npz is not as it was written. It is now runs/.quarantine" in captured.err
+    assert log.read_text().count("\n") == 2
+
+    assert main([*arguments[:-1], "1", "--retry-failed"]) == 1
     captured = capsys.readouterr()
     runs = runs_of(out)
     assert runs["failing", 0] == runs["heir", 0] == ("ok", "")
     assert runs["dying", 0][0] == "failed"
     assert runs["child", 0] == ("ok", "")
-    assert "policy.npz is not as it was written. It is now in runs/.quarantine" in captured.err
-    assert "Runs finished already: 1 of 5. To do: 4, on 1 worker." in captured.out
+    assert "Runs finished already: 2 of 5. To do: 3, on 1 worker." in captured.out
     assert log.read_text().count("\n") == 2
 
 
@@ -151,6 +163,118 @@ def test_ctrl_c_keeps_finished_runs_and_running_again_resumes(
     assert log.read_text().count("\n") == 3
     assert "Runs finished already: 2 of 2. To do: nothing." in capsys.readouterr().out
     pd.testing.assert_frame_equal(Tables.load(out).results, first.results)
+
+
+def test_the_first_failure_ends_a_sweep_that_fails_fast(plugins, write_suite, tmp_path, capsys):
+    gate, out = tmp_path / "gate", tmp_path / "out"
+    suite = write_suite("failing", f'method = "instant"\nsettings.wait_for = "{gate}"')
+    arguments = ["run", str(suite), "--out", str(out), "--jobs", "2"]
+    assert main([*arguments, "--fail-fast"]) == 1  # it would wait for ever
+    captured = capsys.readouterr()
+    assert runs_of(out).keys() == {("failing", 0)}
+    assert "1 of 2 runs failed; the first: failing spread" in captured.err
+    assert "Stopped at the first failure: 1 runs are still to do." in captured.err
+    gate.touch()
+    assert main([*arguments, "--fail-fast"]) == 1  # the failure is not a new one
+    assert runs_of(out)["instant", 0] == ("ok", "")
+
+
+def test_two_sweeps_on_one_store_do_every_run_once(plugins, write_suite, tmp_path):
+    log, gate, out = tmp_path / "trainings", tmp_path / "gate", tmp_path / "out"
+    settings = f'settings.log = "{log}"\nsettings.wait_for = "{gate}"'
+    suite = write_suite(f'method = "instant"\n{settings}', seeds=3)
+    command = [sys.executable, "-m", "bench", "run", str(suite), "--out", str(out), "--jobs", "1"]
+    quiet = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **quiet) as first:
+        wait_until(log.exists)
+        with subprocess.Popen(command, **quiet) as second:
+            assert second.stderr.readline().startswith("Waiting: another run is working in")
+            gate.touch()
+            printed = [process.communicate(timeout=WAIT)[0] for process in (first, second)]
+    assert [first.returncode, second.returncode] == [0, 0]
+    assert log.read_text().count("\n") == 3
+    assert "Runs finished already: 0 of 3. To do: 3" in printed[0]
+    assert "Runs finished already: 3 of 3. To do: nothing." in printed[1]
+
+
+def test_a_run_that_is_killed_goes_on_inside_and_bills_every_flight_once(
+    plugins, write_suite, tmp_path
+):
+    """Killed by SIGKILL after 4 of 8 epochs; the other never is."""
+    grave = tmp_path / "grave"
+    tables = {}
+    for name, die_at in (("whole", 0), ("killed", 4)):
+        row = f'method = "flown"\nsettings.die_at = {die_at}\nsettings.grave = "{grave}-{name}"'
+        out = tmp_path / name
+        arguments = ["run", str(write_suite(row)), "--out", str(out), "--jobs", "1"]
+        if die_at:
+            assert main(arguments) == 1
+            assert "ended by SIGKILL" in runs_of(out)["flown", 0][1]
+            assert list((out / "runs" / ".checkpoints").glob("flown-*/000.npz"))
+        assert main(arguments) == 0
+        assert not list((out / "runs" / ".checkpoints").iterdir())
+        tables[name] = Tables.load(out)
+    assert (tmp_path / "grave-killed").read_text().split() == [str(i) for i in range(1, 9)]
+    whole, killed = tables["whole"], tables["killed"]
+    columns = ["metric", "value", "unit", "status"]
+    rows = [t.results.loc[t.results["metric"] != "train_seconds", columns] for t in (whole, killed)]
+    pd.testing.assert_frame_equal(*rows, check_exact=True)
+    pd.testing.assert_frame_equal(*(t.curves.drop(columns="run") for t in (whole, killed)))
+    rows = rows[0].set_index("metric")["value"]
+    assert rows["fleet_minutes"] == pytest.approx(8 * 5 * 0.02 * 2 / 60)
+    policies = [next((tmp_path / n / "runs").glob("flown-*/policy.npz")) for n in tables]
+    with np.load(policies[0]) as one, np.load(policies[1]) as other:
+        assert one.files == other.files
+        for name in one.files:
+            np.testing.assert_array_equal(one[name], other[name])
+
+
+def test_a_full_disk_costs_the_runs_that_cannot_be_stored(plugins, tmp_path, monkeypatch):
+    """Nothing can be stored, not even that they failed; the sweep ends and says so."""
+    from bench.execute import execute
+    from bench.executor import AbstractExecutor, Ended
+
+    class Full(AbstractExecutor):
+        slots = 1
+
+        def start(self, slot, task):
+            error = "OSError: [Errno 28] No space left on device"
+            self.given = [Ended(slot, error=error)]
+
+        def events(self, timeout):
+            given, self.given = self.given, []
+            return given
+
+        def stop(self):
+            pass
+
+    runs = expand(Suite("test", "", ("spread",), (2,), 2, (Row("child"),))).runs
+    store = Store(tmp_path, FailingDisk())
+    console = Console(file=io.StringIO(), width=200)
+    status = execute(runs, store, Full(), Display(runs, console))
+    assert status == {run.name: "failed" for run in runs}
+    assert store.names() == []
+    text = console.file.getvalue()
+    assert text.count("No space left on device; and this could not be stored: No space left") == 2
+    assert text.count("failed; and this could not be stored") == 2  # the children
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("ray") is None,
+    reason="Ray is not installed; pip install 'fidelity-bench[ray]'",
+)
+def test_a_sweep_on_ray_leaves_the_same_store(plugins, write_suite, tmp_path):
+    log, out = tmp_path / "trainings", tmp_path / "out"
+    suite = write_suite(f'method = "child"\nsettings.log = "{log}"', "failing")
+    command = [sys.executable, "-m", "bench", "run", str(suite), "--out", str(out)]
+    done = subprocess.run(
+        [*command, "--executor", "ray", "--jobs", "2"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    runs = runs_of(out)
+    assert runs["instant", 0] == runs["child", 0] == ("ok", "")
+    assert runs["failing", 0] == ("failed", "RuntimeError: the propellers fell off")
+    check_tables(out)
 
 
 @pytest.mark.parametrize("seeds", [1, 3])

@@ -10,7 +10,9 @@ from markdown_it import MarkdownIt
 from tables_for_tests import Sheet
 
 from bench import markdown
-from bench.leaderboard import leaderboard_rows, number, seconds, standings, write_leaderboard
+from bench.leaderboard import leaderboard_rows, write_leaderboard
+from bench.numbers import number, seconds
+from bench.standings import axis_lines, standings
 
 KEPT = Path(__file__).parent / "kept" / "leaderboard.md"
 
@@ -97,7 +99,7 @@ def test_hostile_names_are_shown_and_do_nothing(typical, tmp_path):
     assert "<script" not in html
     assert "&lt;script&gt;alert(1)&lt;/script&gt;|x</td>" in html
     widths = {len(re.findall(r"<t[dh][ >]", row)) for row in html.split("<tr>")[1:]}
-    assert widths == {5, 12}
+    assert widths == {5, 8, 14}
 
 
 @pytest.mark.parametrize(
@@ -119,3 +121,15 @@ def test_numbers_and_durations_read_well():
         "10.0 min",
         "2.5 h",
     ]
+
+
+def test_every_axis_has_its_own_ranks(typical):
+    rows = rows_by_method(typical)
+    assert rows["spread", "hybrid (mlp)"]["axis_ranks"]["fleet_minutes"] == 4
+    assert rows["spread", "hf_hotstart"]["axis_ranks"]["fleet_minutes"] == 5
+    assert rows["spread", "hf_scratch"]["axis_ranks"]["fleet_minutes"] == 1
+    assert rows["spread", "hf_scratch"]["axis_ranks"]["training_crashes"] == 5
+    assert rows["spread", "hf_scratch"]["axis_ranks"]["crashes"] == 1
+    assert rows["spread", "hybrid (affine)"]["axis_ranks"]["crashes"] is None  # one seed
+    lines = {line[0]: line[1:] for line in axis_lines(leaderboard_rows(typical))}
+    assert lines["hf_scratch"][:4] == ["0 of 1", "1 of 1", "0 of 1", "1 of 1"]

@@ -11,6 +11,7 @@ from tables_for_tests import Sheet
 
 from bench.figures import BUILT_IN, curve_drawings, styles, summary_drawings
 from bench.report import render_markdown, write_report
+from bench.run_details import curve
 from bench.statistics import Entry
 from bench.top_view import trajectory_drawings
 
@@ -68,7 +69,8 @@ def test_report_stays_small(typical, tmp_path):
 def test_hostile_names_never_become_markup(page):
     assert "<script>alert(1)</script>|x" in page.text
     assert all(data.strip() != "alert(1)" for _, data in page.scripts)
-    figures = [json.loads(data) for kind, data in page.scripts if kind == "application/json"]
+    data = [json.loads(data) for kind, data in page.scripts if kind == "application/json"]
+    figures = [value for value in data if "layout" in value]
     names = {trace.get("name") for figure in figures for trace in figure["data"]}
     assert not any("<" in name for name in names if name)
     assert "&lt;script&gt;alert(1)&lt;/script&gt;|x" in names
@@ -177,3 +179,65 @@ def test_markdown_shows_html_and_does_not_interpret_it():
     assert "<img" not in found
     assert 'href="javascript' not in found
     assert "<strong>bold</strong>" in found
+
+
+def details_of(page):
+    (data,) = (
+        json.loads(data)
+        for kind, data in page.scripts
+        if kind == "application/json" and data.startswith("[")
+    )
+    return data
+
+
+def test_every_run_can_be_opened_with_settings_metrics_curve_and_flight(typical, page):
+    details = details_of(page)
+    assert sorted(run["run"] for run in details) == sorted(typical.runs["run"])
+    drawn = set(typical.trajectories["run"])
+    ids = {attrs["id"] for _, attrs in page.tags if "id" in attrs}
+    results = typical.results.set_index(["run", "metric"])["value"]
+    for run in details:
+        assert (run["flight"] is not None) == (run["run"] in drawn)
+        assert (run["curve"] is not None) == (run["run"] in drawn)
+        assert {run["settings"], run["versions"]} <= ids
+        metrics = {name: text for name, text, _ in run["metrics"]}
+        if run["status"] == "failed":
+            assert metrics == {}
+            assert run["cause"] == "out of memory"
+        else:
+            assert float(metrics["reward"]) == pytest.approx(results[run["run"], "reward"])
+    seeds = {tuple(run["seeds"]) for run in details if run["method"] == "hf_scratch"}
+    assert sorted(map(len, seeds)) == [1, 3]
+
+
+def test_every_row_of_the_leaderboard_leads_to_a_run_of_its_own(typical, page):
+    details = details_of(page)
+    links = [attrs["href"] for tag, attrs in page.tags if tag == "a" and "data-run" in attrs]
+    ids = {attrs["id"] for _, attrs in page.tags if "id" in attrs}
+    assert {link.removeprefix("#") for link in links} <= ids
+    assert {link.removeprefix("#run-") for link in links} == set(map(str, range(len(details))))
+    rows = typical.runs[["method", "residual", "variant", "task"]].drop_duplicates()
+    boards = links[: len(rows)]  # they come before the runs
+    opened = [details[int(link.removeprefix("#run-"))] for link in boards]
+    assert len({(run["method"], run["task"]) for run in opened}) == len(rows)
+    first = {(run["method"], run["task"]): run for run in opened}
+    assert first["hf_scratch", "spread"]["status"] == "ok"  # not the one that failed
+
+
+def test_a_training_curve_is_binned_and_its_gaps_stay_gaps():
+    sheet = Sheet().add(drawn=True)
+    tables = sheet.tables()
+    frame = tables.curves.assign(epoch=tables.curves["epoch"])
+    binned = curve(frame)
+    assert binned["epoch"] == list(range(30))
+    np.testing.assert_allclose(binned["reward"], frame["reward"], rtol=1e-4)
+    assert curve(frame.assign(reward=float("nan"))) is None
+    frame.loc[frame["epoch"] == 3, "reward"] = float("inf")
+    assert curve(frame)["reward"][3] is None
+
+
+def test_a_sweep_without_flights_and_curves_is_a_whole_page(tmp_path):
+    tables = Sheet().add(rewards=(-1.0,)).tables()
+    write_report(tables, tmp_path / "report.html")
+    (run,) = details_of(Page((tmp_path / "report.html").read_text(encoding="utf-8")))
+    assert run["flight"] is run["curve"] is None

@@ -1,3 +1,4 @@
+import errno
 import json
 import os
 import signal
@@ -10,54 +11,25 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
+from outcomes import FailingDisk, make_template, outcome, plan
 
 from bench.plan import expand
-from bench.store import Outcome, Store, UnreadableRunError
+from bench.record import FILES, Outcome, UnreadableRunError
+from bench.resume import make_standing, stale_lines
+from bench.store import ClaimedError, Store
 from bench.suite import Row, Suite
-from bench.tables import TableError, Tables, table
-from methods.contract import Ledger, Trained
-from methods.policy import make_policy
-from simulators.point_mass import PointMass
+from bench.tables import TableError, Tables
 from tasks.spread import Spread
 
 
 @pytest.fixture
 def planned(plugins):
-    suite = Suite("test", "", ("spread",), (2,), 2, (Row("instant"),))
-    return expand(suite).runs
+    return plan().runs
 
 
 @pytest.fixture
 def store(tmp_path):
     return Store(tmp_path / "results")
-
-
-def make_template(seed=0, n_neighbors=3):
-    simulator = PointMass()
-    task = Spread(n_drones=2, n_neighbors=n_neighbors)
-    return make_policy(task, simulator.spec, simulator.action_space, jax.random.key(seed))
-
-
-def outcome(run, reward=-3.0):
-    column = np.asarray([-5.0, -4.0], np.float32)
-    names = ("reward", "smooth_reward", "crashes", "grad_norm")
-    trained = Trained(
-        policy=make_template(seed=1),
-        ledger=Ledger(hf_fleet_seconds=90.0, epochs=2, calibration_flights=7),
-        curves=dict.fromkeys(names, column),
-        status="budget",
-        notes={"fit": 0.5, "unknown": float("nan")},
-    )
-    return Outcome(
-        status="budget",
-        trained=trained,
-        metrics={"reward": reward, "lf_reward": float("nan")},
-        curves=table("curves", pd.DataFrame({"run": run.name, "epoch": [0, 1]} | trained.curves)),
-        trajectory=table(
-            "trajectories",
-            [{"run": run.name, "drone": 0, "t": 0.1, "pos_x": 1.0, "pos_y": 2.0, "pos_z": 3.0}],
-        ),
-    )
 
 
 def test_what_is_restored_is_what_was_stored(store, planned):
@@ -104,27 +76,157 @@ def test_a_failed_run_has_no_policy_and_can_be_replaced(store, planned):
     assert not list(store.runs.glob(".part-*"))
 
 
-@pytest.mark.parametrize("moment", ["_write_json", "_flush"])
-def test_a_kill_in_the_middle_of_a_commit_leaves_nothing_half(store, planned, moment, monkeypatch):
+def test_a_finished_run_is_never_replaced(store, planned):
     run = planned[0]
+    assert store.commit(run, outcome(run, reward=-1.0))
+    before = {path.name: path.read_bytes() for path in (store.runs / run.name).iterdir()}
+    assert not store.commit(run, outcome(run, reward=-2.0))
+    assert not store.commit(run, Outcome("failed", cause="too late"))
+    assert before == {path.name: path.read_bytes() for path in (store.runs / run.name).iterdir()}
+
+
+KILLED_EVERYWHERE = """
+    import os, sys
+    from pathlib import Path
+    import bench.store as module
+    from outcomes import MortalDisk, outcome, plan
+
+    runs = plan().runs
+    outcomes = {run.name: outcome(run) for run in runs}
+    files = {id(o): module.run_files(o) for o in outcomes.values()}
+    module.run_files = lambda o: files.get(id(o), {})  # nothing but the disk after the fork
+
+    def work(directory, left):
+        store = module.Store(directory, MortalDisk(left))
+        store.tidy()
+        if store.status(runs[0].name) == "":
+            store.commit(runs[0], module.Outcome("failed", cause="first attempt"))
+        for run in runs:
+            store.commit(run, outcomes[run.name])
+
+    def child(directory, left):
+        if (pid := os.fork()) == 0:
+            work(directory, left)
+            os._exit(0)
+        return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+    point, statuses = 0, None
+    while statuses != [0, 0]:
+        directory = Path(sys.argv[1]) / f"{point:03d}"
+        statuses = [child(directory, point) for _ in range(2)]
+        assert set(statuses) <= {0, -9}, statuses
+        names = module.Store(directory).names()
+        for name in names:
+            module.Store(directory).read(name)  # nothing half-written has the name of a run
+        assert child(directory, 10**9) == 0
+        point += 1
+    print(point)
+"""
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_kills_at_every_point_of_a_commit_twice_in_a_row_change_nothing(store, planned, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", textwrap.dedent(KILLED_EVERYWHERE), str(tmp_path)],
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    n_points = int(done.stdout)
+    assert n_points > 40
+    for run in planned:
+        store.commit(run, outcome(run))
+    uninterrupted = store.tables(store.sound(pytest.fail), ())
+    for point in range(n_points):
+        survivor = Store(tmp_path / f"{point:03d}")
+        survivor.tidy()
+        assert {path.name for path in survivor.runs.iterdir()} == {run.name for run in planned}
+        tables = survivor.tables(survivor.sound(pytest.fail), ())
+        for name in ("results", "curves", "trajectories", "runs"):
+            pd.testing.assert_frame_equal(getattr(tables, name), getattr(uninterrupted, name))
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
+@pytest.mark.parametrize("file", ["policy.npz", "run.json"])
+def test_a_disk_that_fails_leaves_the_store_as_it_was(store, planned, code, file):
+    first, second = planned
+    store.commit(first, outcome(first))
+    failing = Store(store.directory, FailingDisk(code, lambda path: path.name == file))
+    with pytest.raises(OSError, match=os.strerror(code)):
+        failing.commit(second, outcome(second))
+    assert store.names() == [first.name]
+    assert not list(store.runs.glob(".part-*"))
+    assert list(store.sound(pytest.fail)) == [first.name]
+    store.commit(second, outcome(second))
+    assert store.names() == sorted([first.name, second.name])
+
+
+def test_a_damaged_run_in_a_read_only_store_is_left_out_where_it_is(store, planned):
+    good, bad = planned
+    for run in planned:
+        store.commit(run, outcome(run))
+    os.truncate(store.runs / bad.name / "policy.npz", 10)
+    warnings = []
+    sound = Store(store.directory, FailingDisk(errno.EROFS)).sound(warnings.append)
+    assert list(sound) == [good.name]
+    assert "It stays where it is: Read-only file system." in warnings[0]
+    assert set(store.tables(sound, ()).results["run"]) == {good.name}
+
+
+@pytest.mark.parametrize("size", [0, 10])
+@pytest.mark.parametrize("file", [*FILES, "run.json"])
+def test_empty_and_truncated_files_are_found(store, planned, file, size):
+    good, bad = planned
+    for run in planned:
+        store.commit(run, outcome(run))
+    os.truncate(store.runs / bad.name / file, size)
+    warnings = []
+    assert list(store.sound(warnings.append)) == [good.name]
+    assert file in warnings[0]
+
+
+def test_what_killed_processes_left_is_removed(store, planned):
+    run = planned[0]
+    store.commit(run, outcome(run))
+    left = store.runs / ".part-x"
+    left.mkdir()
+    (left / "policy.npz").write_bytes(b"half")
+    (store.runs / ".part-file").write_bytes(b"")
+    for name in (run.name, planned[1].name):
+        (store.runs / ".checkpoints" / name).mkdir(parents=True)
+    store.tidy()
+    assert {p.name for p in store.runs.iterdir()} == {run.name, ".checkpoints"}
+    # What has not ended yet goes on from its checkpoint.
+    assert [p.name for p in (store.runs / ".checkpoints").iterdir()] == [planned[1].name]
+
+
+def test_a_stale_lock_and_a_stale_claim_hold_nobody_up(store, planned):
+    """They are files whose process is gone; the system has let go of its locks."""
     script = f"""
         import os, signal
-        import bench.store as module
-        from bench.plan import expand
-        from bench.suite import Row, Suite
-        module.{moment} = lambda *a: os.kill(os.getpid(), signal.SIGKILL)
-        run, _ = expand(Suite("test", "", ("spread",), (2,), 2, (Row("instant"),))).runs
-        failed = module.Outcome("failed", "killed", "Traceback")
-        module.Store({str(store.directory)!r}).commit(run, failed)
+        from bench.store import Store
+        store = Store({str(store.directory)!r})
+        store.lock(lambda: None)
+        with store.claim("x"):
+            os.kill(os.getpid(), signal.SIGKILL)
     """
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], check=False)
     assert done.returncode == -signal.SIGKILL
-    assert store.names() == []
-    assert len(list(store.runs.glob(".part-*"))) == 1
-    store.tidy()
-    assert list(store.runs.iterdir()) == []
-    store.commit(run, outcome(run))
-    assert store.names() == [run.name]
+    assert (store.runs / ".lock").exists()
+    assert (store.runs / ".claims" / "x.lock").exists()
+    with store.lock(pytest.fail), store.claim("x", longest=0.0):
+        pass
+    assert not (store.runs / ".claims" / "x.lock").exists()
+
+
+def test_a_run_that_another_process_is_at_is_not_started(store):
+    with store.claim("x"):
+        with pytest.raises(ClaimedError, match="another process has been at it for 0 s"):
+            store.claim("x", longest=0.0).__enter__()
+        with store.claim("y", longest=0.0):
+            pass
+    with store.claim("x", longest=0.0):
+        pass
 
 
 @pytest.mark.parametrize(
@@ -135,6 +237,7 @@ def test_a_kill_in_the_middle_of_a_commit_leaves_nothing_half(store, planned, mo
         (lambda folder: (folder / "run.json").write_text("{"), "run.json is not that of a run"),
         (lambda folder: (folder / "run.json").write_bytes(b"\xff"), "run.json is not text"),
         (lambda folder: (folder / "run.json").unlink(), "run.json: No such file"),
+        (lambda folder: (folder / "run.json").write_text("[]"), "run.json is not that of a run"),
     ],
 )
 def test_a_damaged_run_is_put_in_quarantine_with_its_reason(store, planned, damage, reason):
@@ -147,9 +250,12 @@ def test_a_damaged_run_is_put_in_quarantine_with_its_reason(store, planned, dama
     assert len(warnings) == 1
     assert bad.name in warnings[0]
     assert reason in warnings[0]
-    (kept,) = (store.runs / ".quarantine").iterdir()
+    kept, why = sorted((store.runs / ".quarantine").iterdir())
     assert kept.name.startswith(bad.name)
+    assert why.name == f"{kept.name}.reason.txt"
+    assert reason in why.read_text()
     assert store.names() == [good.name]
+    assert set(store.tables(store.sound(pytest.fail), ()).results["run"]) == {good.name}
 
 
 def test_a_run_in_the_folder_of_another_is_damaged(store, planned):
@@ -232,3 +338,32 @@ def test_a_second_sweep_waits_for_the_first(store):
 
         store.lock(release).release()
     assert waited == ["second"]
+
+
+def test_failed_runs_are_tried_again_if_asked_for_and_interrupted_ones_always(store, plugins):
+    planned = plan(seeds=4)
+    fine, failed, interrupted, missing = planned.runs
+    store.commit(fine, outcome(fine))
+    store.commit(failed, Outcome("failed", cause="bad luck"))
+    store.commit(interrupted, Outcome("failed", cause="killed", interrupted=True))
+    sound = store.sound(pytest.fail)
+    standing = make_standing(planned, sound, retry_failed=False)
+    assert standing.done == [fine]
+    assert standing.failed == [failed]
+    assert standing.missing == [interrupted, missing]
+    assert make_standing(planned, sound, retry_failed=True).missing == planned.runs[1:]
+    for content in sound.values():
+        del content["interrupted"]  # as in stores of earlier versions
+    assert make_standing(planned, sound, retry_failed=False).failed == []
+
+
+def test_a_changed_source_under_an_unchanged_version_is_named(store, planned, monkeypatch):
+    for run in planned:
+        store.commit(run, outcome(run))
+    sound = store.sound(pytest.fail)
+    assert stale_lines(planned, sound) == []
+    import bench.plan
+
+    monkeypatch.setattr(bench.plan, "_source", lambda cls: cls.__name__)
+    (line,) = [x for x in stale_lines(plan().runs, sound) if "instant" in x]
+    assert line.startswith("the source of method instant has changed but its version has not; 2 ")

@@ -1,0 +1,162 @@
+"""Commands of `bench` that have nothing to do with a sweep: diagnosis, plug-ins, environment."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import cyclopts
+
+from bench.errors import UsageError
+
+Repeatable = cyclopts.Parameter(negative=())
+
+
+def diagnose(
+    flights: Path | None = None,
+    /,
+    *,
+    simulator: str = "crazyflow",
+    reference: Path | None = None,
+    out: Path | None = None,
+    exclude: Annotated[list[str] | None, Repeatable] = None,
+    deploy: str | None = None,
+    reality: str | None = None,
+    team_size: int = 3,
+    seeds: int = 1,
+) -> int:
+    """Say why a simulator and real flights differ: where, which effect, how much it explains.
+
+    Writes diagnosis.json, diagnosis.md and diagnosis.html, one page that opens offline; nothing if
+    no flight is usable. With --deploy it says instead what a diagnosis is worth to a team: policies
+    for a task, trained in the nominal and in the corrected simulator, deployed in --reality.
+
+    Parameters
+    ----------
+    flights
+        Folder with vehicle.toml and flights/NAME.parquet or .csv.
+    simulator
+        Which simulator should explain them: crazyflow or point_mass.
+    reference
+        Folder of flights of the same vehicle before a change; then the answer is what changed.
+    out
+        Folder for the documents; without it, reports/diagnosis/NAME for flights in a folder NAME.
+    exclude
+        Withhold this effect, and all that these flights cannot tell from it, from the candidates.
+    deploy
+        Task to train and deploy in --reality; takes no flights.
+    reality
+        Simulated reality for --deploy, such as "crazyflow+mass(e=0.2)+wind(x=1)".
+    team_size
+        Drones of the team for --deploy.
+    seeds
+        Seeds of --deploy.
+    """
+    from bench.environment import environment
+
+    if (flights is None) == (deploy is None) or (deploy is None) != (reality is None):
+        raise UsageError("Give either a folder of flights, or --deploy TASK with --reality.")
+    os.environ.update(environment())
+    if flights is not None:
+        from bench.diagnosis.command import run_diagnosis
+
+        return run_diagnosis(flights, simulator, reference, exclude or (), out)
+    from rich.console import Console
+
+    from bench.diagnosis.deploy import deploy as deploy_team
+
+    assert deploy is not None and reality is not None  # noqa: PT018 - asked above
+    place = out or Path("reports") / "diagnosis" / f"deploy-{deploy}"
+    return deploy_team(deploy, reality, team_size, seeds, place, Console())
+
+
+def blind(
+    *,
+    cases: int | None = None,
+    reality: str = "crazyflow",
+    out: Path | None = None,
+    seed: int | None = None,
+    jobs: int | None = None,
+    report: Annotated[bool, Repeatable] = False,
+    next_flight: Annotated[bool, Repeatable] = False,
+    limits: Annotated[bool, Repeatable] = False,
+    notes: Path | None = None,
+) -> int:
+    """Make flights whose cause is withheld, diagnose them, and score the answers.
+
+    Every diagnosis runs in a process of its own that gets a folder of flights and nothing else.
+    The SHA-256 of the labels is printed before the first one and checked after the last. Running
+    again with the same folder continues.
+
+    Parameters
+    ----------
+    cases
+        Number of cases of all kinds; without it, the 321 of a counted run.
+    reality
+        Where they are flown: crazyflow, or rotorpy, against which a reference is used.
+    out
+        Folder for tables, report and flights; without it, tables go to results/blind/REALITY and
+        the report on all realities to reports/blind.md.
+    seed
+        Seed of the cases; without it, the operating system's.
+    jobs
+        Number of processes; without it, one per core.
+    report
+        Only write the report again, from the tables that are there.
+    next_flight
+        Instead of cases, fly what the diagnosis advises to fly next, and measure what it separates.
+    limits
+        Instead of cases, measure how small an effect may be to be named, and how long to fly.
+    notes
+        Markdown file with remarks on failures; without it, blind_notes.md beside the report.
+    """
+    from bench.environment import environment
+
+    os.environ.update(environment())
+    from bench.blind.command import rebuild_report, run_blind
+
+    if next_flight or limits:
+        from bench.blind.studies import run_studies
+
+        wanted = [name for name, on in (("next_flight", next_flight), ("limits", limits)) if on]
+        return run_studies(wanted, reality, out, notes)
+    if report:
+        return rebuild_report(out, notes)
+    return run_blind(cases, reality, out, seed, jobs, notes=notes)
+
+
+def check(
+    plugin: str,
+    /,
+    *,
+    setting: Annotated[list[str] | None, Repeatable] = None,
+    simulator: Annotated[list[str] | None, Repeatable] = None,
+) -> int:
+    """Run the conformance suite on a plug-in and say what is wrong with it.
+
+    Exit status 1 if a check failed.
+
+    Parameters
+    ----------
+    plugin
+        Registered name, with its kind where names coincide (effect:mass), or module:Class.
+    setting
+        Setting of the plug-in, such as trainer.epochs=3; may be repeated.
+    simulator
+        Only in this simulator (effects: where they are attached; methods: their reality).
+    """
+    from bench.environment import environment
+
+    os.environ.update(environment())
+    from bench.conformance.command import check as check_plugin
+
+    return check_plugin(plugin, setting or (), simulator or ())
+
+
+def doctor() -> int:
+    """Show versions, devices and graphics, and name combinations that are known to break.
+
+    Exit status 1 if anything was found that breaks runs.
+    """
+    from bench.doctor import doctor as examine  # before anything imports SciPy, which it looks for
+
+    return examine()

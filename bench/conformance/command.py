@@ -1,0 +1,191 @@
+"""`bench check`: finds a plug-in, runs the suite of its kind, and says what is wrong."""
+
+import importlib
+import json
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from bench.conformance import effects, methods, residuals, simulators, tasks
+from bench.conformance.suite import Check, Finding, execute
+from bench.errors import UsageError
+from bench.plan import REALITY
+from bench.settings import Setting
+from methods.contract import AbstractMethod
+from methods.residuals.contract import AbstractResidual
+from simulators import registry
+from simulators.contract import AbstractSimulator
+from simulators.effects.contract import AbstractEffect
+from tasks.contract import AbstractTask
+
+CONTRACTS = {
+    "method": AbstractMethod,
+    "task": AbstractTask,
+    "simulator": AbstractSimulator,
+    "residual": AbstractResidual,
+    "effect": AbstractEffect,
+}
+"""The class that a plug-in of each kind implements."""
+
+
+def check(plugin: str, assignments: Sequence[str], simulator_names: Sequence[str]) -> int:
+    """Prints every finding; exit status 1 if something is wrong.
+
+    Args:
+        plugin: Registered name, kind:name, or module:Class.
+        assignments: Settings of a method, each KEY=VALUE.
+        simulator_names: Simulators to use; empty: all for effects, crazyflow for methods.
+
+    Raises:
+        UsageError: There is no such plug-in or setting.
+    """
+    console = Console()
+    kind, cls = find(plugin)
+    if assignments and kind != "method":
+        raise UsageError(f"`--setting` is for methods, and '{plugin}' is of another kind: {kind}.")
+    chosen = simulator_names or (registry.names("simulator") if kind == "effect" else [REALITY])
+    realities = {name: registry.load("simulator", name) for name in chosen}
+    settings = parse(assignments)
+    _say(console, f"Checking {kind} {cls.__module__}.{cls.__qualname__}.")
+    if kind == "method":
+        used = methods.short_settings(cls, settings)
+        _say(console, f"Trained for a moment with {json.dumps(used)}; change it with --setting.")
+    done = wrong = 0
+    for finding in findings(kind, cls, realities, settings):
+        done += 1
+        wrong += bool(finding.problem)
+        _show(console, finding)
+    if wrong:
+        _say(console, f"{done} checks executed, {wrong} failed.", "bold red")
+        return 1
+    _say(console, f"{done} checks executed, all passed.", "bold green")
+    return 0
+
+
+def findings(
+    kind: str,
+    cls: type,
+    realities: Mapping[str, type[AbstractSimulator]],
+    settings: Mapping[str, Setting],
+) -> Iterator[Finding]:
+    """What the suite finds; if a declaration is wrong, nothing else is tried."""
+    given = {"residual": "affine"} if kind == "method" and _needs_residual(cls) else {}
+    given = {name: settings.get(name, value) for name, value in given.items()}
+    settings = {name: value for name, value in settings.items() if name not in given}
+    sound = True
+    for finding in execute(cls, declarations(kind, cls, given)):
+        sound = sound and not finding.problem
+        yield finding
+    if sound:
+        yield from execute(cls, behaviour(kind, cls, realities, given, settings))
+
+
+def find(plugin: str) -> tuple[str, type]:
+    """Kind and class of a plug-in by registered name, kind:name, or module:Class."""
+    first, _, second = plugin.partition(":")
+    if second and first in registry.GROUPS:
+        return first, registry.load(first, second)
+    if second:
+        return _imported(first, second)
+    kinds = [kind for kind in registry.GROUPS if plugin in registry.names(kind)]
+    if len(kinds) > 1:
+        ways = " or ".join(f"{kind}:{plugin}" for kind in kinds)
+        raise UsageError(f"'{plugin}' is registered as {' and '.join(kinds)}. Ask for {ways}.")
+    if kinds:
+        return kinds[0], registry.load(kinds[0], plugin)
+    every = [name for kind in registry.GROUPS for name in registry.names(kind)]
+    raise UsageError(
+        f"{registry.unknown('plug-in', plugin, every)} A class that is not registered yet is "
+        "given as module:Class."
+    )
+
+
+def parse(assignments: Sequence[str]) -> dict[str, Setting]:
+    """Settings from KEY=VALUE texts, values as in TOML; what is no TOML is a text."""
+    found: dict[str, Setting] = {}
+    for text in assignments:
+        key, equals, value = text.partition("=")
+        if not equals or not key:
+            raise UsageError(
+                f"`--setting` must be KEY=VALUE, such as trainer.epochs=3, got '{text}'."
+            )
+        try:
+            parsed = tomllib.loads(f"x = {value}")["x"]
+        except tomllib.TOMLDecodeError:
+            parsed = value
+        *tables, last = key.split(".")
+        place = found
+        for name in tables:
+            inner = place.setdefault(name, {})
+            if not isinstance(inner, dict):
+                raise UsageError(f"`--setting` gives '{name}' both a value and fields: '{text}'.")
+            place = inner
+        place[last] = parsed
+    return found
+
+
+def _imported(module: str, name: str) -> tuple[str, type]:
+    sys.path.insert(0, str(Path.cwd()))
+    try:
+        cls = getattr(importlib.import_module(module), name)
+    except Exception as error:
+        raise UsageError(
+            f"{module}:{name} cannot be imported: {type(error).__name__}: {error}"
+        ) from error
+    finally:
+        sys.path.remove(str(Path.cwd()))
+    for kind, contract in CONTRACTS.items():
+        if isinstance(cls, type) and issubclass(cls, contract):
+            return kind, cls
+    wanted = ", ".join(contract.__name__ for contract in CONTRACTS.values())
+    raise UsageError(f"{module}:{name} is no plug-in: it must be a subclass of one of {wanted}.")
+
+
+def _needs_residual(cls: type) -> bool:
+    import dataclasses
+
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    return "residual" in fields and not isinstance(fields["residual"].default, str | None)
+
+
+def declarations(kind: str, cls: type, given: Mapping[str, Setting]) -> list[Check]:
+    """Checks of what a class says of itself."""
+    if kind == "method":
+        return methods.declarations(cls, given)
+    module = {
+        "task": tasks,
+        "simulator": simulators,
+        "residual": residuals,
+        "effect": effects,
+    }[kind]
+    return module.declarations(cls)
+
+
+def behaviour(
+    kind: str,
+    cls: type,
+    realities: Mapping[str, type[AbstractSimulator]],
+    given: Mapping[str, Setting],
+    settings: Mapping[str, Setting],
+) -> list[Check]:
+    """Checks of what a class does; its declarations must be sound."""
+    if kind == "method":
+        return methods.behaviour(cls, next(iter(realities.values())), given, settings)
+    if kind == "effect":
+        return effects.behaviour(cls, realities)
+    return {"task": tasks, "simulator": simulators, "residual": residuals}[kind].behaviour(cls)
+
+
+def _show(console: Console, finding: Finding) -> None:
+    mark, style = ("ok   ", "green") if not finding.problem else ("WRONG", "bold red")
+    console.print(Text.assemble((mark, style), f" {finding.sentence}"), soft_wrap=True)
+    if finding.problem:
+        console.print(Text(f"      {finding.problem}."), soft_wrap=True)
+
+
+def _say(console: Console, text: str, style: str = "") -> None:
+    console.print(Text(text, style), soft_wrap=True)

@@ -1,0 +1,85 @@
+"""Short flights in which a plug-in is watched; one compiled program for each of its shapes."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.contract import AbstractSimulator
+from simulators.flight import Flight
+from simulators.vehicle import CONTROL_DT, GRAVITY
+
+N_DRONES, STEPS, HISTORY = 3, 25, 10
+KEY = jax.random.key(0)
+
+
+def apart(n_drones: int = N_DRONES) -> Float[Array, "drones 3"]:
+    """Distinct places about 1 m apart and well above the floor [m]."""
+    i = jnp.arange(n_drones, dtype=float)
+    return jnp.stack([i, 0.3 * i**2, 3.0 + 0.1 * i], axis=-1)
+
+
+def crowded() -> Float[Array, "drones 3"]:
+    """A team within each other's downwash, low, the first drone nearly on the floor [m]."""
+    return (apart() * jnp.asarray([0.1, 0.1, 1.0])).at[:, 2].add(-2.5).at[0, 2].set(0.06)
+
+
+def hover_thrust(simulator: AbstractSimulator) -> float:
+    """Thrust that carries the nominal vehicle [N]."""
+    return simulator.spec.mass * GRAVITY
+
+
+def wild_cmds(
+    simulator: AbstractSimulator, n_drones: int = N_DRONES, steps: int = STEPS, seed: int = 0
+) -> Float[Array, "time drones 4"]:
+    """A new command around hover at every step; the first drone sinks."""
+    noise = jax.random.uniform(jax.random.key(seed), (steps, n_drones, 4), minval=-1.0)
+    hover = hover_thrust(simulator)
+    cmds = noise * jnp.asarray([0.2, 0.2, 0.3, 0.15 * hover]) + jnp.asarray([0.0, 0.0, 0.0, hover])
+    return cmds.at[:, 0, 3].multiply(0.5)
+
+
+def hover_flight(simulator: AbstractSimulator, pos: Float[Array, "drones 3"]) -> Flight:
+    """A level flight at rest that carries its weight."""
+    zeros = jnp.zeros_like(pos)
+    return Flight(
+        t=jnp.asarray(0.0, pos.dtype),
+        pos=pos,
+        vel=zeros,
+        quat=jnp.zeros((len(pos), 4), pos.dtype).at[:, 3].set(1.0),
+        ang_vel=zeros,
+        thrust=jnp.full(len(pos), hover_thrust(simulator), pos.dtype),
+    )
+
+
+def hovering(simulator: AbstractSimulator, pos: Float[Array, "drones 3"]) -> object:
+    """The state of a team that has hovered at `pos`."""
+    hover = jnp.asarray([0.0, 0.0, 0.0, hover_thrust(simulator)], pos.dtype)
+    history = jnp.broadcast_to(hover, (HISTORY, len(pos), 4))
+    return simulator.restore(hover_flight(simulator, pos), history, KEY)
+
+
+def flown(
+    simulator: AbstractSimulator, pos: Float[Array, "drones 3"], cmds: Float[Array, "time drones 4"]
+) -> Flight:
+    """Flights after each command, from hover, with a leading time axis."""
+
+    def step(state: object, cmd: Array) -> tuple[object, Flight]:
+        state = simulator.step_cmd(state, cmd, CONTROL_DT)
+        return state, simulator.flight(state)
+
+    return jax.lax.scan(step, hovering(simulator, pos), cmds)[1]
+
+
+fly = eqx.filter_jit(flown)
+"""`flown` as one compiled program."""
+
+
+@eqx.filter_jit
+def fly_worlds(
+    simulator: AbstractSimulator,
+    pos: Float[Array, "worlds drones 3"],
+    cmds: Float[Array, "worlds time drones 4"],
+) -> Flight:
+    """`flown` in many worlds at once."""
+    return jax.vmap(lambda p, c: flown(simulator, p, c))(pos, cmds)

@@ -1,0 +1,264 @@
+"""What a method must keep to: an honest ledger, the shared policy, the same key the same result.
+
+It is trained for a moment on a tiny cell: two drones, a fraction of a second, parents whose
+policies are fresh. Whether it learns is for `bench run` to say.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bench.conformance.suite import Check, declaration_checks, demand, equal, finite
+from bench.settings import Setting, build
+from bench.tables import SCHEMAS, STATUSES, UNITS
+from methods.bptt import BPTT
+from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.policy import Policy, make_policy
+from simulators import registry
+from simulators.contract import AbstractSimulator
+from simulators.point_mass import PointMass
+from tasks.contract import AbstractTask
+from tasks.spread import Spread
+
+KEY = jax.random.key(7)
+TASK = Spread(n_drones=2, horizon=10)
+SHORT = {"epochs": 3, "n_worlds": 1, "patience": None, "smoothing": 1}
+"""Settings of every `BPTT` among a method's settings while it is checked."""
+SMALL: dict[str, Setting] = {"epochs_base": 3, "epochs_per_drone": 0.0, "flights": 3, "spread": 0.0}
+"""Settings that make our own methods short; who has a field of that name gets it."""
+
+
+def declarations(cls: type[Any], given: Mapping[str, Setting]) -> list[Check]:
+    """Checks of what the class says of itself; the others need them."""
+    return [
+        *declaration_checks(cls, AbstractMethod, **given),
+        Check("its parents are registered methods", lambda: _parents(cls)),
+        Check("it names the simulator in which it trains", lambda: _simulator(cls)),
+    ]
+
+
+def short_settings(cls: type[Any], wanted: Mapping[str, Setting]) -> dict[str, Setting]:
+    """Settings with which a check takes seconds; `wanted` has the last word."""
+    fields = {field.name: field.default for field in dataclasses.fields(cls) if field.init}
+    found = {name: value for name, value in SMALL.items() if name in fields}
+    found |= {name: dict(SHORT) for name, default in fields.items() if isinstance(default, BPTT)}
+    for name, value in wanted.items():
+        old = found.get(name)
+        if isinstance(old, dict) and isinstance(value, dict):
+            value = old | value
+        found[name] = value
+    return found
+
+
+def behaviour(
+    cls: type[Any],
+    reality: type[Any],
+    given: Mapping[str, Setting],
+    wanted: Mapping[str, Setting],
+) -> list[Check]:
+    """Checks of one short training, and of a second one to compare it with."""
+    settings = short_settings(cls, wanted)
+    watched = _Watch(reality)
+    made = functools.partial(build, cls, settings, f"`{cls.__name__}`", **given)
+
+    @functools.cache
+    def trained() -> Trained:
+        return made().train(watched.setup(cls, TASK), KEY)
+
+    sentences = {
+        "`train` returns a Trained with the shared policy": lambda: _returns(trained()),
+        "the policy is finite": lambda: _finite_policy(trained()),
+        "its status is one that a run can have": lambda: _status(trained()),
+        "the ledger holds costs that can be": lambda: _ledger(trained()),
+        "flight in the high-fidelity simulator is billed, and nothing else": lambda: _billed(
+            trained(), watched
+        ),
+        "training curves can be stored": lambda: _curves(trained()),
+        "notes are numbers under names of their own": lambda: _notes(trained()),
+        "progress is reported": lambda: _progress(trained(), watched),
+        "the same key gives the same policy": lambda: _repeats(
+            trained(), made().train(_Watch(reality).setup(cls, TASK), KEY)
+        ),
+        "training can start from a given policy": lambda: _starts(
+            made().train(_Watch(reality).setup(cls, TASK), KEY, fresh(3))
+        ),
+    }
+    return [Check(text, check) for text, check in sentences.items()]
+
+
+def fresh(seed: int) -> Policy:
+    """A policy of the tiny cell."""
+    nominal = PointMass()
+    return make_policy(TASK, nominal.spec, nominal.action_space, jax.random.key(seed))
+
+
+class _Watch:
+    """A cell that remembers whether its reality was flown and what progress was told."""
+
+    def __init__(self, reality: type[Any]) -> None:
+        self.flown = False
+        self.heard: list[tuple] = []
+        self.reality = _watched(reality, self._fly)
+
+    def setup(self, cls: type[Any], task: AbstractTask) -> Setup:
+        parents = {
+            name: Trained(policy=fresh(i), ledger=Ledger(), curves={})
+            for i, name in enumerate(cls.parents)
+        }
+        return Setup(task, PointMass(), self.reality(), parents, self._hear)
+
+    def _fly(self) -> None:
+        self.flown = True
+
+    def _hear(self, *message: object) -> None:
+        self.heard.append(message)
+
+
+def _watched(reality: type[Any], told: Callable[[], None]) -> type[Any]:
+    """A subclass that calls `told` whenever a step is taken or compiled."""
+
+    def step_cmd(self: AbstractSimulator, state: object, cmd: jax.Array, duration: float) -> object:
+        told()
+        return reality.step_cmd(self, state, cmd, duration)
+
+    made: Any = type(reality)  # equinox's metaclass, which makes a module of it
+    contents = {"step_cmd": step_cmd, "__module__": __name__}
+    return made(f"Watched{reality.__name__}", (reality,), contents)
+
+
+def _parents(cls: type[Any]) -> None:
+    demand(
+        isinstance(cls.parents, tuple), f"`parents` must be a tuple of names, got {cls.parents!r}"
+    )
+    known = registry.names("method")
+    for name in cls.parents:
+        demand(name in known, registry.unknown("method", name, known))
+
+
+def _simulator(cls: type[Any]) -> None:
+    known = registry.names("simulator")
+    demand(
+        cls.simulator in known,
+        f"`simulator` must be one of {', '.join(known)}, got {cls.simulator!r:.40}",
+    )
+
+
+def _returns(trained: Trained) -> None:
+    demand(isinstance(trained, Trained), f"`train` must return a Trained, got {trained!r:.60}")
+    wanted, got = (
+        [x.shape for x in jax.tree.leaves(eqx.filter(policy, eqx.is_array))]
+        for policy in (fresh(0), trained.policy)
+    )
+    demand(
+        got == wanted,
+        f"the policy must be that of `make_policy` (arrays {wanted}), so that it can be stored and "
+        f"compared, got arrays {got}",
+    )
+    action = trained.policy(jnp.zeros((2, TASK.obs_size)))
+    demand(
+        action.shape == (2, 3), f"for two drones the policy must give (2, 3), got {action.shape}"
+    )
+
+
+def _finite_policy(trained: Trained) -> None:
+    demand(
+        finite(eqx.filter(trained.policy, eqx.is_array)),
+        "the policy holds NaN; keep the best policy so far, leave out updates that are not finite, "
+        "and return the status `diverged` if nothing else is left",
+    )
+
+
+def _status(trained: Trained) -> None:
+    allowed = [status for status in STATUSES if status != "failed"]
+    demand(
+        trained.status in allowed,
+        f"`status` must be one of {', '.join(allowed)} (raise to fail), got {trained.status!r}",
+    )
+
+
+def _ledger(trained: Trained) -> None:
+    ledger = trained.ledger
+    demand(isinstance(ledger, Ledger), f"`ledger` must be a Ledger, got {type(ledger).__name__}")
+    for field in dataclasses.fields(Ledger):
+        value = getattr(ledger, field.name)
+        whole = isinstance(field.default, int)
+        demand(
+            isinstance(value, int | float) and np.isfinite(value) and value >= 0,
+            f"`ledger.{field.name}` must be a plain number of at least 0, got {value!r:.60}",
+        )
+        demand(
+            not whole or float(value).is_integer(),
+            f"`ledger.{field.name}` must be a whole number, got {value!r}",
+        )
+    demand(ledger.epochs > 0, "`ledger.epochs` is 0; count the updates of the policy")
+    demand(
+        ledger.train_seconds > 0.0, "`ledger.train_seconds` is 0; measure the wall time of `train`"
+    )
+
+
+def _billed(trained: Trained, watched: _Watch) -> None:
+    seconds = trained.ledger.hf_fleet_seconds
+    demand(
+        seconds > 0.0 or not watched.flown,
+        "it flies in `setup.reality` but bills no flight; add every second times the number of "
+        "drones to `ledger.hf_fleet_seconds`",
+    )
+    demand(
+        watched.flown or seconds == 0.0,
+        f"it bills {seconds:g} s of high-fidelity flight but never steps `setup.reality`",
+    )
+
+
+def _curves(trained: Trained) -> None:
+    allowed = [name for name in SCHEMAS["curves"].columns if name not in ("run", "epoch")]
+    lengths = {name: np.shape(values) for name, values in trained.curves.items()}
+    demand("reward" in lengths, "`curves` must hold `reward`, the training return of each epoch")
+    demand(
+        all(len(shape) == 1 for shape in lengths.values()) and len(set(lengths.values())) == 1,
+        f"`curves` must hold one number per epoch, got the shapes {lengths}",
+    )
+    stored = sorted(set(lengths) & set(allowed))
+    demand(stored, f"of `curves`, {', '.join(allowed)} are stored, got {', '.join(lengths)}")
+
+
+def _notes(trained: Trained) -> None:
+    for name, value in trained.notes.items():
+        demand(
+            isinstance(name, str) and isinstance(value, int | float | np.number | jax.Array),
+            f"`notes` must map names to numbers, got {name!r}: {value!r:.60}",
+        )
+        demand(np.ndim(value) == 0, f"the note '{name}' must be one number, got {value!r:.60}")
+        demand(
+            name == "training_reward" or name not in UNITS,
+            f"a note cannot be called '{name}', which is a metric of every run",
+        )
+
+
+def _progress(trained: Trained, watched: _Watch) -> None:
+    demand(watched.heard, "`setup.progress` was never called; call it after every epoch")
+    for message in watched.heard:
+        demand(
+            len(message) == 4
+            and isinstance(message[0], str)
+            and all(isinstance(x, int | float | np.number | jax.Array) for x in message[1:]),
+            f"progress is told (stage, epoch, epochs, return), got {message!r:.80}",
+        )
+
+
+def _repeats(first: Trained, second: Trained) -> None:
+    demand(
+        equal(first.policy, second.policy),
+        "two trainings with the same key end with different policies; take randomness from `key` "
+        "alone",
+    )
+
+
+def _starts(trained: Trained) -> None:
+    _returns(trained)
+    _finite_policy(trained)

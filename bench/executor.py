@@ -1,0 +1,112 @@
+"""Who does tasks elsewhere: processes on this machine, or the machines of a Ray cluster.
+
+An executor has numbered slots, each for one task at a time. A task is a function that can be sent
+to another process; it is called with a function that sends messages back. How it ends is an event:
+its value, its error, or that its process was killed, which concerns no other slot. Messages of a
+task come in their order, and all before its end, unless it was killed.
+"""
+
+import abc
+import dataclasses
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+Report = Callable[..., None]
+"""Sends its arguments to whoever started the task."""
+Task = Callable[[Report], Any]
+"""What a slot does."""
+Name = Literal["local", "ray"]
+"""The executors."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Message:
+    """What a task reported."""
+
+    slot: int
+    """Where it runs."""
+    content: tuple
+    """The arguments of `report`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Ended:
+    """How a task ended."""
+
+    slot: int
+    """Where it ran; the slot is free again."""
+    value: Any = None
+    """What it returned."""
+    error: str = ""
+    """One line on what it raised or what happened to its process; empty if it returned."""
+    killed: bool = False
+    """Whether its process, or the machine, went away under it."""
+
+
+class AbstractExecutor(abc.ABC):
+    """Does tasks in slots; a context that stops them at its end."""
+
+    @property
+    @abc.abstractmethod
+    def slots(self) -> int:
+        """Number of tasks at a time."""
+
+    @abc.abstractmethod
+    def start(self, slot: int, task: Task) -> None:
+        """Starts a task in a free slot and returns at once."""
+
+    @abc.abstractmethod
+    def events(self, timeout: float) -> list[Message | Ended]:
+        """What happened since the last call; waits at most `timeout` seconds for something."""
+
+    @abc.abstractmethod
+    def stop(self) -> None:
+        """Ends all processes, whatever they are doing; once more does nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+
+def make_executor(name: Name, jobs: int | None, most: int, logs: Path) -> AbstractExecutor:
+    """An executor with `jobs` slots, by default one per core, but no more than `most`.
+
+    Args:
+        name: Which one.
+        jobs: Number of slots; None: one per core, of the machine or of the cluster.
+        most: Tasks that there will be.
+        logs: Folder for what processes of this machine print.
+
+    Raises:
+        UsageError: It cannot be started.
+    """
+    if name == "ray":
+        from bench.cluster import RayExecutor
+
+        return RayExecutor(jobs, most)
+    from bench.pool import LocalExecutor
+
+    return LocalExecutor(max(1, min(jobs or cores(), most)), logs)
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS
+
+
+def one_line(error: BaseException) -> str:
+    """What was raised, e.g. "ValueError: `n` must be at least 1, got 0."."""
+    words = " ".join(str(error).split())
+    return f"{type(error).__name__}: {words}" if words else type(error).__name__

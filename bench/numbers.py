@@ -1,0 +1,35 @@
+"""Numbers as people read them."""
+
+import math
+
+MISSING = "-"
+"""Shown where there is no number."""
+
+
+def number(value: float, digits: int) -> str:
+    """A number as text, `-` for NaN."""
+    if not math.isfinite(value):
+        return MISSING
+    text = f"{value:.{digits}f}"
+    return text.lstrip("-") if float(text) == 0.0 else text
+
+
+def mean_std(mean: float, std: float, digits: int = 1) -> str:
+    """`mean ± std` as text, without the second part where there is no second seed."""
+    return number(mean, digits) + (f" ± {number(std, digits)}" if math.isfinite(std) else "")
+
+
+def span(low: float, high: float, digits: int) -> str:
+    """`low to high` as text, `-` where there is no interval."""
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return MISSING
+    return f"{number(low, digits)} to {number(high, digits)}"
+
+
+def seconds(value: float) -> str:
+    """A duration as text, in seconds, minutes or hours."""
+    if not math.isfinite(value):
+        return MISSING
+    if value < 120.0:
+        return f"{value:.0f} s"
+    return f"{value / 60.0:.1f} min" if value < 7200.0 else f"{value / 3600.0:.1f} h"

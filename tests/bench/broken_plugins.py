@@ -1,0 +1,300 @@
+"""Plug-ins that each break one promise; the conformance suite must name it."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from methods.contract import AbstractMethod, Ledger, Trained
+from methods.policy import make_policy
+from methods.residuals.affine import Affine
+from methods.residuals.contract import AbstractResidual, AbstractResidualModel
+from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.point_mass import PointMass
+from tasks.circle import Circle
+
+
+def parameter(low=0.0, high=1.0, neutral=0.0, unit="N", source="a guess"):
+    return Parameter(unit=unit, low=low, high=high, neutral=neutral, source=source)
+
+
+class Push(WrenchEffect):
+    """A push to the side; whole, and the base of broken ones."""
+
+    f: jax.Array = eqx.field(converter=jnp.asarray, default=0.0)
+
+    parameters: ClassVar = {"f": parameter(high=0.1)}
+    door: ClassVar[str] = "wrench"
+    needs: ClassVar[tuple] = ()
+    order: ClassVar[int] = 0
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones, dt):
+        return None
+
+    def wrench(self, memory, flight, vehicle, dt):
+        force = jnp.zeros_like(flight.pos).at[:, 0].set(self.f)
+        return None, force, jnp.zeros_like(force)
+
+
+class WrongDoor(Push):
+    """Says command, acts on wrenches."""
+
+    door: ClassVar[str] = "command"
+
+
+class NoVersion(Push):
+    """Declares an empty version."""
+
+    version: ClassVar[str] = ""
+
+
+class NoUnit(Push):
+    """A parameter without unit."""
+
+    parameters: ClassVar = {"f": parameter(unit="")}
+
+
+class SwappedBounds(Push):
+    """low above high."""
+
+    parameters: ClassVar = {"f": parameter(low=1.0, high=0.0)}
+
+
+class Hidden(Push):
+    """A number that is no parameter."""
+
+    strength: float = 1.0
+
+
+class NotNeutral(Push):
+    """Pushes even when neutral."""
+
+    def wrench(self, memory, flight, vehicle, dt):
+        force = jnp.zeros_like(flight.pos).at[:, 0].set(self.f + 1e-3)
+        return None, force, jnp.zeros_like(force)
+
+
+class Idle(Push):
+    """Never pushes."""
+
+    def wrench(self, memory, flight, vehicle, dt):
+        return None, jnp.zeros_like(flight.pos), jnp.zeros_like(flight.pos)
+
+
+class Explosive(Push):
+    """NaN at its upper bound."""
+
+    def wrench(self, memory, flight, vehicle, dt):
+        force = jnp.where(self.f > 0.09, jnp.nan, self.f) * jnp.ones_like(flight.pos)
+        return None, force, jnp.zeros_like(force)
+
+
+class Favourite(Push):
+    """Pushes drone 0 only."""
+
+    def wrench(self, memory, flight, vehicle, dt):
+        force = jnp.zeros_like(flight.pos).at[0, 0].set(self.f)
+        return None, force, jnp.zeros_like(force)
+
+
+class Forgetful(Push):
+    """Its memory changes shape."""
+
+    def init(self, n_drones, dt):
+        return jnp.zeros(n_drones)
+
+    def wrench(self, memory, flight, vehicle, dt):
+        return jnp.zeros(1), *Push.wrench(self, None, flight, vehicle, dt)[1:]
+
+
+class Unfelt(Push):
+    """Its derivative is cut."""
+
+    def wrench(self, memory, flight, vehicle, dt):
+        force = jnp.zeros_like(flight.pos).at[:, 0].set(jax.lax.stop_gradient(self.f))
+        return None, force, jnp.zeros_like(force)
+
+
+class Crashing(Push):
+    """Raises."""
+
+    def wrench(self, memory, flight, vehicle, dt):
+        raise RuntimeError("the rope is torn")
+
+
+class InTheAir(Circle):
+    """Starts 1 m up."""
+
+    def reset(self, key):
+        pos, goal = Circle.reset(self, key)
+        return pos + jnp.asarray([0.0, 0.0, 1.0]), goal
+
+
+class Crowded(Circle):
+    """Starts in a heap."""
+
+    def reset(self, key):
+        pos, goal = Circle.reset(self, key)
+        return 0.1 * pos, goal
+
+
+class Deaf(Circle):
+    """Ignores the key."""
+
+    def reset(self, key):
+        return Circle.reset(self, jax.random.key(0))
+
+
+class Backwards(Circle):
+    """Offsets point away from the target."""
+
+    def target(self, state):
+        found = Circle.target(self, state)
+        return eqx.tree_at(lambda t: t.offset, found, -found.offset)
+
+
+class Perverse(Circle):
+    """Pays for being far away."""
+
+    def task_reward(self, distance, vel_error):
+        return distance
+
+
+class OneNumber(Circle):
+    """One reward for all."""
+
+    def task_reward(self, distance, vel_error):
+        return jnp.sum(distance)
+
+
+class Leader(Circle):
+    """Drone 0 is paid twice."""
+
+    def task_reward(self, distance, vel_error):
+        return -distance.at[0].multiply(2.0)
+
+
+class Mute(PointMass):
+    """Never calls wrench effects, though it has the door."""
+
+    def _integrate(self, state, cmd, h):
+        bare = eqx.tree_at(lambda s: s.effects, self, ())
+        after = PointMass._integrate(bare, eqx.tree_at(lambda s: s.memory, state, ()), cmd, h)
+        return eqx.tree_at(
+            lambda s: s.memory, after, state.memory, is_leaf=lambda x: isinstance(x, tuple)
+        )
+
+
+class Mirrored(PointMass):
+    """Pitch flies backwards."""
+
+    name: ClassVar[str] = "mirrored"
+
+    def step_cmd(self, state, cmd, duration):
+        if not duration > 0:
+            raise ValueError("duration")
+        return PointMass.step_cmd(self, state, cmd.at[:, 1].multiply(-1.0), duration)
+
+
+class Model(AbstractResidualModel):
+    """Whatever a test wants."""
+
+    scale: jax.Array
+
+    def __call__(self, features):
+        return self.scale * features[:, 3:6]
+
+
+class Unbounded(AbstractResidual):
+    """Extrapolates without end."""
+
+    version: ClassVar[str] = "1"
+
+    def fit(self, transitions, key, init=None):
+        return Model(jnp.asarray(-0.4))
+
+
+class Dice(AbstractResidual):
+    """Fits by chance."""
+
+    version: ClassVar[str] = "1"
+
+    def fit(self, transitions, key, init=None):
+        fitted = Affine().fit(transitions, key)
+        noise = float(np.random.default_rng().normal())
+        return jax.tree.map(
+            lambda x: x * (1 + 0.01 * noise) if eqx.is_inexact_array(x) else x, fitted
+        )
+
+
+class Blind(AbstractResidual):
+    """Ignores the weights."""
+
+    version: ClassVar[str] = "1"
+
+    def fit(self, transitions, key, init=None):
+        even = eqx.tree_at(lambda t: t.weight, transitions, jnp.ones_like(transitions.weight))
+        return Affine().fit(even, key, init)
+
+
+class Honest(AbstractMethod):
+    """Flies one step in reality and says so; whole, and the base of broken ones."""
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple] = ()
+    simulator: ClassVar[str] = "point_mass"
+
+    def train(self, setup, key, init=None):
+        nominal = setup.nominal
+        policy = init or make_policy(setup.task, nominal.spec, nominal.action_space, key)
+        pos, _ = setup.task.reset(key)
+        setup.reality.step(setup.reality.reset(pos, key), jnp.zeros((len(pos), 3)))
+        setup.progress("training", 1, 1, -1.0)
+        return self.result(policy, Ledger(hf_fleet_seconds=0.04, epochs=1, train_seconds=0.1))
+
+    def result(self, policy, ledger, **rest):
+        return Trained(policy=policy, ledger=ledger, curves={"reward": np.zeros(1)}, **rest)
+
+
+class Thief(Honest):
+    """Bills nothing."""
+
+    def result(self, policy, ledger):
+        return Honest.result(self, policy, Ledger(epochs=1, train_seconds=0.1))
+
+
+class Unfinished(Honest):
+    """Returns a policy of NaN."""
+
+    def result(self, policy, ledger):
+        nothing = jax.tree.map(lambda x: x * jnp.nan if eqx.is_inexact_array(x) else x, policy)
+        return Honest.result(self, nothing, ledger)
+
+
+class Loud(Honest):
+    """A note with the name of a metric, and an unknown status."""
+
+    def result(self, policy, ledger):
+        return Honest.result(self, policy, ledger, notes={"reward": 1.0}, status="great")
+
+
+class Orphan(Honest):
+    """A parent that nobody registered."""
+
+    parents: ClassVar[tuple] = ("lf_basline",)
+
+
+class Lucky(Honest):
+    """Another policy at every call."""
+
+    def result(self, policy, ledger):
+        shift = 0.01 * np.random.default_rng().normal()
+        moved = jax.tree.map(lambda x: x + shift if eqx.is_inexact_array(x) else x, policy)
+        return Honest.result(self, moved, ledger)
+
+
+WHOLE = {"effect": (Push,), "task": (Circle,), "residual": (Affine,), "method": (Honest,)}
+"""Plug-ins without a fault."""

@@ -1,0 +1,129 @@
+"""A headless Chromium driven over its DevTools protocol, through a pipe: no server, no library."""
+
+import base64
+import contextlib
+import json
+import shutil
+import subprocess
+import time
+
+import pytest
+
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+needs_chromium = pytest.mark.skipif(
+    CHROMIUM is None, reason="needs Chromium or Chrome on the PATH to open pages"
+)
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--mute-audio")
+# Chromium reads commands from descriptor 3 and answers on 4.
+SHELL = 'exec "$0" "$@" 3<&0 4>&1 </dev/null >/dev/null'
+
+
+class Tab:
+    """One page; `complaints` collects what its console, its scripts and its policy complain of."""
+
+    def __init__(self, process):
+        self.process, self.buffer, self.count, self.session = process, b"", 0, None
+        self.complaints, self.requests = [], []
+        target = self.ask("Target.createTarget", url="about:blank")["targetId"]
+        attached = self.ask("Target.attachToTarget", targetId=target, flatten=True)
+        self.session = attached["sessionId"]
+        for domain in ("Runtime", "Log", "Page", "Network"):
+            self.ask(f"{domain}.enable")
+
+    def ask(self, method, **params):
+        """The answer to one command."""
+        self.count += 1
+        message = {"id": self.count, "method": method, "params": params}
+        if self.session:
+            message["sessionId"] = self.session
+        self.process.stdin.write(json.dumps(message).encode() + b"\0")
+        self.process.stdin.flush()
+        while (answer := self._receive()).get("id") != self.count:
+            self._note(answer)
+        assert "error" not in answer, answer["error"]
+        return answer["result"]
+
+    def open(self, path, width=1300, height=900):
+        """Loads a file."""
+        self.ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        self.ask("Page.navigate", url=path.absolute().as_uri())
+        self.wait_for("document.readyState === 'complete'")
+
+    def run(self, script):
+        """The value of a JavaScript expression."""
+        found = self.ask("Runtime.evaluate", expression=script, returnByValue=True)
+        assert "exceptionDetails" not in found, found["exceptionDetails"]
+        return found["result"].get("value")
+
+    def wait_for(self, script, seconds=30.0):
+        """Returns as soon as a JavaScript expression is true."""
+        end = time.monotonic() + seconds
+        while not self.run(script):
+            assert time.monotonic() < end, f"still not true: {script}"
+            time.sleep(0.05)
+
+    def press(self, key, code):
+        """Presses a key, as a person at the keyboard would."""
+        for kind in ("keyDown", "keyUp"):
+            text = {"text": "\r"} if key == "Enter" and kind == "keyDown" else {}
+            self.ask(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code=key,
+                windowsVirtualKeyCode=code,
+                **text,
+            )
+
+    def screenshot(self, path):
+        """Writes what the window shows as a PNG."""
+        path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
+
+    def _receive(self):
+        while b"\0" not in self.buffer:
+            piece = self.process.stdout.read1(1 << 20)
+            assert piece, "Chromium has ended"
+            self.buffer += piece
+        message, self.buffer = self.buffer.split(b"\0", 1)
+        return json.loads(message)
+
+    def _note(self, event):
+        params = event.get("params", {})
+        match event.get("method"):
+            case "Runtime.exceptionThrown":
+                self.complaints.append(params["exceptionDetails"])
+            case "Runtime.consoleAPICalled" if params["type"] in ("error", "warning", "assert"):
+                self.complaints.append(params["args"])
+            case "Log.entryAdded":
+                self.complaints.append(params["entry"])
+            case "Page.javascriptDialogOpening":
+                self.complaints.append(params)
+            case "Network.requestWillBeSent":
+                self.requests.append(params["request"]["url"][:200])
+
+
+@contextlib.contextmanager
+def tab(profile):
+    """A tab of a fresh Chromium whose profile is the folder `profile`."""
+    command = [CHROMIUM, *FLAGS, "--remote-debugging-pipe", f"--user-data-dir={profile}"]
+    process = subprocess.Popen(
+        ["sh", "-c", SHELL, *command],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield Tab(process)
+    finally:
+        process.terminate()
+        process.wait(30)
+        process.stdin.close()
+        process.stdout.close()

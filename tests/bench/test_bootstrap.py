@@ -1,0 +1,197 @@
+"""Pooled numbers: frozen values of rliable, simulated coverage, ranks and ties."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bench import bootstrap
+from bench.bootstrap import (
+    Differences,
+    differences,
+    iqm,
+    iqm_interval,
+    probability_of_improvement,
+    profile,
+    tie_groups,
+)
+
+# Rows are seeds, columns are cells. The expected values below are those of rliable 1.2.0
+# (`metrics`, `library`; intervals with 50,000 resamples, of P(A > B) with 10,000).
+A = np.array(
+    [
+        [0.90, 0.81, 0.69, 0.32],
+        [0.89, 0.77, 0.70, 0.77],
+        [0.89, 0.78, 0.72, 0.57],
+        [0.90, 0.77, 0.70, 0.64],
+        [0.87, 0.79, 0.60, 0.24],
+    ]
+)
+B = np.array(
+    [
+        [0.84, 0.79, 0.66, 0.45],
+        [0.88, 0.79, 0.59, 0.29],
+        [0.88, 0.80, 0.64, 0.30],
+        [0.86, 0.78, 0.77, 0.24],
+        [0.88, 0.83, 0.69, 0.38],
+    ]
+)
+C = np.array([[0.85, 0.61, 0.32], [0.85, 0.74, 0.27], [0.87, 0.61, 0.40]])
+D = np.array([[0.9, 0.7, 0.2], [0.9, 0.7, 0.4], [0.9, 0.6, 0.5], [0.9, 0.6, 0.4]])
+THRESHOLDS = (0.0, 0.5, 0.72, 0.8, 0.9)
+
+
+def sample(matrix, name=""):
+    return {
+        f"{name}{cell}": dict(enumerate(map(float, column))) for cell, column in enumerate(matrix.T)
+    }
+
+
+@pytest.mark.parametrize(
+    ("matrix", "expected"), [(A, 0.75), (B, 0.734), (C, 0.642), (D, 0.66666666666667)]
+)
+def test_iqm_equals_rliables(matrix, expected):
+    assert iqm_interval(sample(matrix)).value == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "expected"), [(A, (0.722, 0.766)), (B, (0.708, 0.762)), (C, (0.600, 0.694))]
+)
+def test_stratified_percentile_interval_equals_rliables(matrix, expected):
+    found = iqm_interval(sample(matrix), reps=20_000)
+    assert (found.low, found.high) == pytest.approx(expected, abs=0.0021)
+
+
+def test_profile_equals_rliables():
+    found = profile(sample(A), THRESHOLDS, reps=20_000)
+    assert [f.value for f in found] == pytest.approx([1.0, 0.9, 0.55, 0.3, 0.0])
+    assert [f.low for f in found] == pytest.approx([1.0, 0.8, 0.5, 0.25, 0.0], abs=1e-9)
+    assert [f.high for f in found] == pytest.approx([1.0, 1.0, 0.65, 0.4, 0.0], abs=1e-9)
+
+
+def test_probability_of_improvement_equals_rliables():
+    forth = probability_of_improvement(sample(A), sample(B), reps=20_000)
+    assert forth.value == pytest.approx(0.635)
+    assert (forth.low, forth.high) == pytest.approx((0.47, 0.79), abs=0.0101)
+    assert probability_of_improvement(sample(B), sample(A)).value == pytest.approx(0.365)
+    with_ties = probability_of_improvement(sample(C.round(1)), sample(D))
+    assert with_ties.value == pytest.approx(0.3055555555555556)
+    assert probability_of_improvement(sample(A), sample(A)).value == 0.5
+
+
+def test_weighted_iqm_is_that_of_repeated_values():
+    rng = np.random.default_rng(0)
+    values, counts = rng.normal(size=(3, 8)), np.array([1, 2, 3, 1, 4, 2, 1, 2])  # 16 in all
+    repeated = np.repeat(values, counts, axis=-1)
+    expected = stats.trim_mean(repeated, 0.25, axis=-1)
+    np.testing.assert_allclose(iqm(values, counts.astype(float)), expected)
+
+
+def test_cells_weigh_alike_however_many_seeds_are_left():
+    full = {"easy": {0: 0.9, 1: 0.9}, "hard": {0: 0.1, 1: 0.1}}
+    lost = {"easy": {0: 0.9, 1: 0.9}, "hard": {0: 0.1}}
+    assert iqm_interval(full).value == pytest.approx(0.5)
+    assert iqm_interval(lost).value == pytest.approx(0.5)
+    assert profile(lost, [0.5])[0].value == pytest.approx(0.5)
+
+
+def test_one_seed_in_a_cell_means_no_interval_and_no_order():
+    lonely = {"x": {0: 1.0, 1: 2.0}, "y": {0: 1.0}}
+    full = {"x": {0: -9.0, 1: -8.0}, "y": {0: -9.0, 1: -9.5}}
+    assert np.isnan(iqm_interval(lonely).low)
+    assert not iqm_interval(lonely).excludes(99.0)
+    assert np.isnan(probability_of_improvement(full, lonely).low)
+    assert not differences([lonely, full]).above.any()
+
+
+def test_intervals_do_not_depend_on_who_else_competes():
+    pair, three = differences([sample(A), sample(B)]), differences([sample(A), sample(B)] * 2)
+    assert pair.iqm[0] == three.iqm[0]
+    assert iqm_interval(sample(A)) == iqm_interval(sample(A))
+
+
+def test_a_gap_that_all_seeds_share_is_seen_through_their_spread():
+    spread = np.random.default_rng(1).normal(size=(3, 8))
+    apart = differences([sample(spread + 0.01), sample(spread)])
+    assert apart.above.tolist() == [[False, True], [False, False]]  # same seeds: paired
+    other = {cell: {seed + 10: v for seed, v in x.items()} for cell, x in sample(spread).items()}
+    assert not differences([sample(spread + 0.01), other]).above.any()  # other seeds: not
+
+
+def test_ranks_leave_open_what_differences_do_not_decide():
+    found = Differences(np.array([3.0, 2.0, 1.0]), np.full((3, 3), 1.5))
+    assert found.ranks == [(1, 2), (1, 3), (2, 3)]
+    assert tie_groups(found.above) == [(0, 1), (1, 2)]
+
+
+def test_tie_groups_of_samples_that_are_all_alike_or_all_apart():
+    assert tie_groups(np.zeros((3, 3), bool)) == [(0, 1, 2)]
+    assert tie_groups(np.triu(np.ones((3, 3), bool), k=1)) == [(0,), (1,), (2,)]
+    assert differences([sample(A)]).ranks == [(1, 1)]
+
+
+def test_no_common_cell_is_an_error():
+    with pytest.raises(ValueError, match="must have a stratum in common"):
+        probability_of_improvement(sample(A, "x"), sample(B, "y"))
+
+
+def simulated(rng, shift=0.0, n_seeds=5, n_cells=24):
+    """Seeds x cells: cells differ in mean and spread, as in the suites."""
+    mean = np.linspace(0.5, 0.9, n_cells)
+    return rng.normal(mean + shift, np.linspace(0.08, 0.02, n_cells), (n_seeds, n_cells))
+
+
+def test_interval_of_the_pooled_iqm_covers_what_it_says_or_little_less():
+    rng = np.random.default_rng(2)
+    values = simulated(rng, n_seeds=20_000).ravel()
+    truth = iqm(values, np.ones(values.size))
+    trials, hits = 400, 0
+    for trial in range(trials):
+        found = iqm_interval(sample(simulated(rng), f"{trial} "), reps=400)
+        hits += found.low <= truth <= found.high
+    assert 0.87 <= hits / trials <= 0.97  # percentile bootstrap of five seeds: about 0.92
+
+
+def test_simultaneous_differences_seldom_part_what_is_equal():
+    rng = np.random.default_rng(3)
+    trials, wrong = 300, 0
+    for trial in range(trials):
+        samples = [sample(simulated(rng, n_seeds=3, n_cells=8), f"{trial} ") for _ in range(4)]
+        wrong += differences(samples, reps=300).above.any()
+    assert wrong / trials <= 0.085  # 0.05, and three standard errors of 300 trials
+
+
+def test_rank_intervals_hold_the_true_ranks_together():
+    rng = np.random.default_rng(4)
+    shifts = (0.06, 0.03, 0.03, 0.0)
+    truth = [(1, 1), (2, 3), (2, 3), (4, 4)]
+    trials, held, decided = 200, 0, 0
+    for trial in range(trials):
+        samples = [sample(simulated(rng, shift), f"{trial} ") for shift in shifts]
+        ranks = differences(samples, reps=300).ranks
+        held += all(
+            a <= low and high <= b for (a, b), (low, high) in zip(ranks, truth, strict=True)
+        )
+        decided += ranks[0] == (1, 1)
+    assert held / trials >= 0.92
+    assert decided / trials >= 0.5  # not by saying nothing
+
+
+def test_interval_of_the_probability_of_improvement_covers():
+    rng = np.random.default_rng(5)
+    trials, hits = 300, 0
+    truth = stats.norm.cdf(1.0 / np.sqrt(2.0))  # a is one standard deviation above b
+    for _ in range(trials):
+        a, b = rng.normal(1.0, size=(5, 8)), rng.normal(0.0, size=(5, 8))
+        found = probability_of_improvement(sample(a), sample(b), reps=300)
+        hits += found.low <= truth <= found.high
+    assert 0.86 <= hits / trials <= 0.98
+
+
+def test_draws_are_within_cells_and_with_replacement():
+    drawn = bootstrap._draw("cell", (0, 1, 2), 4000)
+    assert drawn.shape == (4000, 3)
+    combinations = {tuple(row) for row in drawn}
+    assert combinations == set(itertools.product(range(3), repeat=3))
+    assert not np.array_equal(drawn, bootstrap._draw("other cell", (0, 1, 2), 4000))

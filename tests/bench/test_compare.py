@@ -1,0 +1,150 @@
+"""`bench compare`: the answer, what it rests on, and the exit status."""
+
+import json
+
+import pandas as pd
+import pytest
+from tables_for_tests import Sheet
+
+from bench.cli import main
+from bench.compare import Side, Verdict, compare, load_side
+from bench.errors import UsageError
+from bench.statistics import Entry
+from bench.tables import Tables
+
+GOOD, BAD = (-50.0, -51.0, -52.5), (-60.0, -61.5, -62.0)
+
+
+def sides(sheet, a="good", b="bad"):
+    tables = sheet.tables() if isinstance(sheet, Sheet) else sheet
+    return [Side(name, tables, Entry(name)) for name in (a, b)]
+
+
+def both(**cell):
+    return Sheet().add("good", rewards=GOOD, **cell).add("bad", rewards=BAD, **cell)
+
+
+def two_cells():
+    sheet = both()
+    sheet.add("good", rewards=BAD, team_size=12).add(
+        "bad", rewards=(-80.0, -82.0, -81.0), team_size=12
+    )
+    return sheet
+
+
+def test_one_cell_is_decided_by_the_t_interval_of_rewards():
+    found = compare(*sides(both()))
+    assert found.verdict is Verdict.BETTER
+    assert "Reward -51.2 ± 1.3 (n = 3) against -61.2 ± 1.0 (n = 3)" in found.lines[0]
+    assert "t-interval" in found.lines[0]
+    assert compare(*sides(both())[::-1]).verdict is Verdict.WORSE
+
+
+def test_several_cells_are_decided_by_pooled_scores():
+    found = compare(*sides(two_cells()))
+    assert found.verdict is Verdict.BETTER
+    assert found.lines[0].startswith("IQM score 0.9")
+    assert "Probability that a run of the first is better: 1.00" in found.lines[1]
+    assert "2 cells: spread, N = 3; spread, N = 12, 3 seeds of good, 3 seeds" in found.lines[2]
+    assert compare(*sides(two_cells())[::-1]).verdict is Verdict.WORSE
+
+
+def test_what_the_seeds_do_not_decide_is_no_difference():
+    sheet = Sheet().add("good", rewards=(-50.0, -58.0)).add("bad", rewards=(-52.0, -55.0))
+    assert compare(*sides(sheet)).verdict is Verdict.NO_DIFFERENCE
+    assert compare(*sides(both(), "good", "good")).verdict is Verdict.NO_DIFFERENCE
+    assert compare(*sides(two_cells(), "bad", "bad")).verdict is Verdict.NO_DIFFERENCE
+
+
+def changed(tables, about, **columns):
+    """Tables in which the runs of `about` have other records."""
+    runs = tables.runs.copy()
+    for name, content in columns.items():
+        runs.loc[runs["method"] == about, name] = json.dumps(content)
+    return Tables(tables.results, tables.curves, tables.trajectories, runs)
+
+
+@pytest.mark.parametrize(
+    ("tables", "reason"),
+    [
+        (
+            Sheet().add("good", rewards=GOOD).add("bad", task="circle", rewards=BAD).tables(),
+            "they have no cell in common",
+        ),
+        (Sheet().add("good", rewards=GOOD).add("bad").tables(), "share 1 cells, none with 2 seeds"),
+        (
+            Sheet().add("good", rewards=GOOD).add("bad", rewards=BAD, status="diverged").tables(),
+            "they have no cell in common",
+        ),
+        (
+            changed(both().tables(), "bad", settings={"task": {"horizon": 400}}),
+            "on spread, N = 3, the task's `horizon` is missing against 400",
+        ),
+        (
+            changed(both().tables(), "bad", versions={"simulator crazyflow": "2"}),
+            "version of simulator crazyflow is missing against 2",
+        ),
+        (
+            both(task="own").add("good", rewards=GOOD).add("bad", rewards=BAD).tables(),
+            "without a frozen return at the spawn: own, N = 3",
+        ),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_with_the_reason(tables, reason):
+    found = compare(*sides(tables))
+    assert found.verdict is Verdict.NOT_COMPARABLE
+    assert reason in found.lines[0]
+
+
+def test_other_axes_and_lost_runs_stand_beside_the_answer():
+    sheet = Sheet().add("good", rewards=GOOD, fleet_minutes=40.0, crashes=3.0)
+    sheet.add("bad", rewards=BAD, fleet_minutes=400.0)
+    sheet.add("bad", rewards=(-1.0,), first_seed=3, status="failed")
+    lines = "\n".join(compare(*sides(sheet)).lines)
+    assert "Runs lost: 0 of good, 1 of bad" in lines
+    assert (
+        "HF fleet-minutes: 40 against 400 (means over cells); lower in 1, higher in 0 of 1" in lines
+    )
+    assert (
+        "Crashes per episode: 3.00 against 1.00 (means over cells); lower in 0, higher in 1"
+        in lines
+    )
+
+
+def test_folders_are_compared_entry_by_entry():
+    old, new = two_cells().tables(), two_cells().tables()
+    better = new.results["metric"].eq("reward") & new.results["method"].eq("bad")
+    results = new.results.assign(value=new.results["value"].mask(better, -40.0))
+    new = Tables(results, new.curves, new.trajectories, new.runs)
+    found = compare(Side("new", new, None), Side("old", old, None))
+    assert "4 cells: spread, N = 3 (good); spread, N = 3 (bad)" in "\n".join(found.lines)
+    assert compare(Side("old", old, None), Side("old", old, None)).verdict is Verdict.NO_DIFFERENCE
+    mixed = compare(Side("new", new, None), Side("old", old, Entry("good")))
+    assert mixed.verdict is Verdict.NOT_COMPARABLE
+
+
+def test_the_command_ends_with_a_status_of_its_own_for_each_answer(tmp_path, capsys):
+    tied = (-61.0, -60.5, -62.5)
+    sheet = both().add("alike", rewards=tied).add("hybrid", "mlp", rewards=GOOD)
+    sheet.add("lonely").tables().save(tmp_path)
+    there = ("--results", str(tmp_path))
+    assert main(["compare", "good", "bad", *there]) == 0
+    assert "good is better than bad." in capsys.readouterr().out
+    assert main(["compare", "bad", "hybrid-mlp", *there]) == 3
+    assert main(["compare", "bad", "alike", *there]) == 4
+    assert main(["compare", "hybrid (mlp)", "lonely", *there]) == 5
+    assert main(["compare", str(tmp_path), str(tmp_path)]) in (4, 5)
+    capsys.readouterr()
+    assert main(["compare", "god", "bad", *there]) == 2
+    assert "Did you mean 'good'?" in capsys.readouterr().err
+
+
+def test_a_side_is_a_folder_an_entry_or_both(tmp_path):
+    tables = both().tables()
+    tables.save(tmp_path)
+    assert load_side(str(tmp_path), None).entry is None
+    assert load_side(f"{tmp_path}:good", None).entry == Entry("good")
+    assert load_side("good", tmp_path).entry == Entry("good")
+    with pytest.raises(UsageError, match=r"'good' is no folder\. Name one: FOLDER:METHOD"):
+        load_side("good", None)
+    assert isinstance(load_side("good", tmp_path).tables.results, pd.DataFrame)

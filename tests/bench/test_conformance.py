@@ -1,0 +1,146 @@
+"""`bench check`: whole plug-ins pass; each broken one fails where it is broken, in plain words."""
+
+import re
+
+import broken_plugins as broken
+import jaxtyping
+import pytest
+
+from bench.cli import main
+from bench.conformance.command import behaviour, declarations, find, findings, parse
+from bench.conformance.suite import execute
+from simulators.point_mass import PointMass
+
+POINT_MASS = {"point_mass": PointMass}
+
+
+@pytest.fixture(autouse=True)
+def without_shape_checks():
+    """As outside of the tests, where nothing but the suite looks at shapes."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+def problems(kind, cls):
+    """Checks that fail, with what is said of them."""
+    found = list(findings(kind, cls, POINT_MASS, {}))
+    assert len(found) > 3
+    return {finding.sentence: finding.problem for finding in found if finding.problem}
+
+
+def problem(kind, cls, sentence):
+    """What the one check with `sentence` in its own says."""
+    checks = [*declarations(kind, cls, {}), *behaviour(kind, cls, POINT_MASS, {}, {})]
+    (chosen,) = (check for check in checks if sentence in check.sentence)
+    return next(execute(cls, [chosen])).problem
+
+
+@pytest.mark.parametrize(
+    ("kind", "cls"), [(kind, cls) for kind, classes in broken.WHOLE.items() for cls in classes]
+)
+def test_a_whole_plugin_passes(kind, cls):
+    assert problems(kind, cls) == {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "cls", "sentence", "said"),
+    [
+        ("effect", broken.WrongDoor, "its door is one", "must be a subclass of CommandEffect"),
+        ("effect", broken.NoVersion, "its `version`", 'a text that is not empty, such as "1"'),
+        ("effect", broken.NoUnit, "says what it means", "parameter `f` has no unit"),
+        ("effect", broken.SwappedBounds, "says what it means", "low < high, got 1.0 and 0.0"),
+        ("effect", broken.Hidden, "is a parameter", "field `strength` is a number but no param"),
+        ("effect", broken.NotNeutral, "nominal bit for bit", "differs from the nominal one"),
+        ("effect", broken.Idle, "does something", "neither at its lower nor at its upper"),
+        ("effect", broken.Explosive, "becomes NaN", "at their upper bounds a flight becomes"),
+        ("effect", broken.Favourite, "renumbering", "depends on the numbers of the drones"),
+        (
+            "effect",
+            broken.Forgetful,
+            "structure of the state",
+            "a step changes the memory that `init` made",
+        ),
+        ("effect", broken.Unfelt, "finite differences", "by `f` at 0.037 the derivative .* is 0,"),
+        (
+            "effect",
+            broken.Crashing,
+            "does something",
+            "RuntimeError: the rope is torn .in `wrench`",
+        ),
+        ("task", broken.InTheAir, "start on the floor", "got z = 1 m"),
+        ("task", broken.Crowded, "start on the floor", "start 0.[0-9]+ m apart, which is a crash"),
+        ("task", broken.Deaf, "another key another", "same episode for another key"),
+        ("task", broken.Backwards, "moving by the offset", "is still .* m from its target"),
+        ("task", broken.Perverse, "better than the target", "more than 0 at the target"),
+        ("task", broken.OneNumber, "one row per drone", "`task_reward` must have shape"),
+        ("task", broken.Leader, "renumbering", "depend on the numbers of the drones"),
+        ("residual", broken.Unbounded, "within the bound", "the bound is 35"),
+        ("residual", broken.Dice, "same fit", "take randomness from `key` alone"),
+        ("residual", broken.Blind, "heavier rows", "use `transitions.weight`"),
+        ("method", broken.Thief, "is billed", "flies in `setup.reality` but bills no flight"),
+        ("method", broken.Unfinished, "policy is finite", "the policy holds NaN"),
+        ("method", broken.Loud, "names of their own", "a note cannot be called 'reward'"),
+        ("method", broken.Loud, "its status", "must be one of ok, diverged, budget"),
+        ("method", broken.Orphan, "parents", "Did you mean 'lf_baseline'?"),
+        ("method", broken.Lucky, "same key gives the same policy", "end with different policies"),
+    ],
+)
+def test_a_broken_plugin_is_told_what_is_wrong(kind, cls, sentence, said):
+    assert re.search(said, problem(kind, cls, sentence))
+
+
+def test_the_whole_point_mass_passes_and_broken_ones_do_not():
+    assert problems("simulator", PointMass) == {}
+    said = problem("simulator", broken.Mirrored, "tilt accelerates")
+    assert "positive pitch must fly to +x" in said
+    assert "promises 'wrench'" in problem("simulator", broken.Mute, "door 'wrench'")
+
+
+def test_the_number_of_checks_and_the_exit_status_are_those_of_the_suite(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    assert main(["check", "drag", "--simulator", "point_mass"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("\nok ") == 15
+    assert "15 checks executed, all passed." in out
+    assert main(["check", "broken_plugins:SwappedBounds"]) == 1
+    out = capsys.readouterr().out
+    assert "8 checks executed, 1 failed." in out
+    assert "WRONG every parameter says what it means" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["drga"], "Did you mean 'drag'?"),
+        (["effect:drga"], "Did you mean 'drag'?"),
+        (["no_such_module:Thing"], "cannot be imported: ModuleNotFoundError"),
+        (["bench.store:Store"], "is no plug-in: it must be a subclass of one of AbstractMethod"),
+        (
+            ["drag", "--setting", "c=1"],
+            "`--setting` is for methods, and 'drag' is of another kind: effect.",
+        ),
+        (["hybrid", "--setting", "flights"], "must be KEY=VALUE"),
+        (["drag", "--simulator", "crazyflo"], "Did you mean 'crazyflow'?"),
+    ],
+)
+def test_a_wrong_request_gets_one_line(arguments, message, capsys):
+    assert main(["check", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert message in err
+
+
+def test_settings_are_read_as_in_a_suite():
+    texts = ["trainer.epochs=3", "trainer.lr=0.1", "residual=mlp", "quoted='a b'", "on=true"]
+    assert parse(texts) == {
+        "trainer": {"epochs": 3, "lr": 0.1},
+        "residual": "mlp",
+        "quoted": "a b",
+        "on": True,
+    }
+
+
+def test_plugins_are_found_by_name_kind_and_module():
+    assert find("drag")[0] == find("effect:drag")[0] == "effect"
+    assert find("tasks.circle:Circle") == ("task", find("circle")[1])

@@ -1,0 +1,102 @@
+"""`bench doctor`: each known-bad combination is named with its remedy, and a whole one passes."""
+
+import dataclasses
+
+import pytest
+
+from bench import doctor
+from bench.cli import main
+from bench.known_bad import Facts, problems
+from simulators import film, registry
+
+GOOD = Facts(
+    versions={
+        "jax": "0.10.1",
+        "jaxlib": "0.10.1",
+        "crazyflow": "0.4.0",
+        "mujoco": "3.17.0",
+        "mujoco-mjx": "3.17.1",
+        "pandas": "3.1.1",
+    },
+    requirements={"fidelity-bench": ("jax!=0.10.2", "pandas>=2.2", 'ray; extra == "ray"')},
+    variables={},
+    modules=frozenset({"sys"}),
+)
+
+
+def with_versions(**versions):
+    named = {name.replace("_", "-"): version for name, version in versions.items()}
+    return dataclasses.replace(GOOD, versions={**GOOD.versions, **named})
+
+
+def test_a_sound_installation_has_no_problem():
+    assert problems(GOOD) == []
+    assert problems(dataclasses.replace(GOOD, variables={"SCIPY_ARRAY_API": "1"})) == []
+
+
+@pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        (with_versions(jax="0.10.2"), "jax 0.10.2 does not work with crazyflow"),
+        (with_versions(jax="0.10.2"), "fidelity-bench needs jax!=0.10.2, but 0.10.2 is installed"),
+        (with_versions(mujoco_mjx="3.18.0"), "pip install mujoco==3.17.0 mujoco-mjx==3.17.0"),
+        (with_versions(jaxlib="0.11.0"), "jaxlib 0.11.0 is newer than jax 0.10.1"),
+        (with_versions(rliable="1.2.0"), "rliable 1.2.0 breaks with pandas 3.1.1"),
+        (with_versions(pandas="2.1.0"), "fidelity-bench needs pandas>=2.2, but 2.1.0"),
+        (dataclasses.replace(GOOD, versions={"jax": "0.10.1"}), "pandas>=2.2, which is not inst"),
+        (
+            dataclasses.replace(GOOD, modules=frozenset({"scipy"})),
+            "SciPy was imported before crazyflow",
+        ),
+        (dataclasses.replace(GOOD, variables={"SCIPY_ARRAY_API": "0"}), "Set SCIPY_ARRAY_API=1"),
+    ],
+)
+def test_a_known_bad_combination_is_named_with_its_remedy(facts, said):
+    assert any(said in line for line in problems(facts)), problems(facts)
+
+
+def test_the_order_of_imports_does_not_matter_once_the_variable_is_set():
+    facts = dataclasses.replace(
+        GOOD, modules=frozenset({"scipy"}), variables={"SCIPY_ARRAY_API": "1"}
+    )
+    assert problems(facts) == []
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Neither graphics nor plug-ins are tried."""
+    monkeypatch.setattr(film, "graphics", lambda: {"egl": "", "osmesa": "not here"})
+    monkeypatch.setattr(registry, "names", lambda kind: [])
+    monkeypatch.setenv("COLUMNS", "200")
+
+
+def test_the_doctor_shows_versions_devices_and_graphics(quick, monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "gather", lambda: GOOD)
+    assert main(["doctor"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "jax 0.10.1" in lines
+    assert "cpu 0 cpu" in lines
+    assert "egl works" in lines
+    assert "osmesa not here" in lines
+    assert "No problem found." in lines
+
+
+def test_a_problem_is_the_exit_status(quick, monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "gather", lambda: with_versions(jax="0.10.2"))
+    assert main(["doctor"]) == 1
+    assert "Problem: jax 0.10.2 does not work with crazyflow" in capsys.readouterr().out
+
+
+def test_the_facts_are_those_of_this_process(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    facts = doctor.gather()
+    assert facts.versions["crazyflow"] == "0.4.0"
+    assert facts.variables["MUJOCO_GL"] == "egl"
+    assert any(text.startswith("jax") for text in facts.requirements["crazyflow"])
+
+
+def test_a_broken_plugin_is_a_problem(plugins):
+    found = []
+    lines = dict(doctor.plugin_lines(found))
+    assert "1 broken" in lines["methods"]
+    assert any("'shattered'" in line and "cannot be imported" in line for line in found)

@@ -1,0 +1,258 @@
+"""One suite that every executor passes, and what only one of them has."""
+
+import importlib.util
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import chores
+import pytest
+from chores import task
+
+from bench import pool
+from bench.cluster import RayExecutor
+from bench.errors import UsageError
+from bench.executor import Ended, Message, make_executor
+from bench.pool import LocalExecutor, share_of_cores
+
+WAIT = 300.0
+"""Longest time for which a test waits for an executor [s]."""
+HERE = Path(__file__).parent
+NEEDS_RAY = pytest.mark.skipif(
+    importlib.util.find_spec("ray") is None,
+    reason="Ray is not installed; pip install 'fidelity-bench[ray]'",
+)
+pytestmark = [
+    # Ray opens log files that it does not close and asks for a variable to be set in advance.
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::FutureWarning:ray"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning:ray"),
+]
+
+
+@pytest.fixture(scope="module", params=["local", pytest.param("ray", marks=NEEDS_RAY)])
+def executor(request, tmp_path_factory):
+    """One with two slots, used by test after test."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join((str(HERE), str(HERE.parents[1]))))
+        patch.delenv("RAY_ADDRESS", raising=False)
+        with make_executor(request.param, 2, 2, tmp_path_factory.mktemp("logs")) as made:
+            yield made
+
+
+def events_until_ended(executor, n):
+    """All events until `n` tasks have ended."""
+    found, start = [], time.monotonic()
+    while sum(isinstance(event, Ended) for event in found) < n:
+        assert time.monotonic() - start < WAIT
+        found += executor.events(timeout=1.0)
+    return found
+
+
+def result(executor, work, slot=0):
+    executor.start(slot, work)
+    return events_until_ended(executor, 1)[-1]
+
+
+def wait_until(condition):
+    start = time.monotonic()
+    while not condition():
+        assert time.monotonic() - start < WAIT
+        time.sleep(0.02)
+
+
+def test_values_come_from_the_slots_that_were_asked(executor):
+    assert executor.slots == 2
+    executor.start(0, task(chores.add, 1, 2))
+    executor.start(1, task(chores.add, 30, 4))
+    events = events_until_ended(executor, 2)
+    ends = {event.slot: event for event in events if isinstance(event, Ended)}
+    assert ends == {0: Ended(0, value=3), 1: Ended(1, value=34)}
+
+
+def test_messages_come_in_order_and_before_the_end(executor):
+    executor.start(1, task(chores.add, 5, 6))
+    assert events_until_ended(executor, 1) == [
+        Message(1, ("adding", 5)),
+        Message(1, ("adding", 6)),
+        Ended(1, value=11),
+    ]
+
+
+def test_an_error_is_one_line_and_the_slot_goes_on(executor):
+    executor.start(0, task(chores.mistake))
+    assert events_until_ended(executor, 1) == [
+        Message(0, ("about to fail",)),
+        Ended(0, error="ValueError: the propellers fell off"),
+    ]
+    assert result(executor, task(chores.leave)).error == "SystemExit: enough"
+    assert result(executor, task(chores.add, 1, 1)).value == 2
+
+
+@pytest.mark.parametrize("death", [chores.die, chores.vanish])
+def test_a_death_is_told_and_concerns_no_other_slot(executor, tmp_path, death):
+    begun, gate = tmp_path / "begun", tmp_path / "gate"
+    executor.start(1, task(chores.wait_for, begun, gate))
+    wait_until(begun.exists)
+    lost = result(executor, task(death))
+    assert lost.slot == 0
+    assert lost.killed
+    assert lost.value is None
+    assert lost.error.startswith("its worker process")
+    assert result(executor, task(chores.add, 2, 2)) == Ended(0, value=4)
+    gate.touch()
+    assert events_until_ended(executor, 1) == [Ended(1, value="waited")]
+
+
+def test_a_process_that_is_killed_from_outside_loses_only_its_task(executor, tmp_path):
+    gate = tmp_path / "gate"
+    for slot in (0, 1):
+        executor.start(slot, task(chores.wait_for, tmp_path / f"begun-{slot}", gate))
+        wait_until((tmp_path / f"begun-{slot}").exists)
+    os.kill(int((tmp_path / "begun-0").read_text()), signal.SIGKILL)
+    (lost,) = events_until_ended(executor, 1)
+    assert (lost.slot, lost.killed) == (0, True)
+    gate.touch()
+    assert events_until_ended(executor, 1) == [Ended(1, value="waited")]
+
+
+def test_what_cannot_be_sent_is_an_error(executor):
+    for unsendable in (lambda report: (x for x in ()), task(chores.add, "x", 1)):
+        ended = result(executor, unsendable)
+        assert ended.error
+        assert not ended.killed
+    assert result(executor, task(chores.add, 1, 1)).value == 2
+
+
+def test_processes_compute_with_one_thread_and_stay(executor):
+    variables, first = result(executor, task(chores.surroundings)).value
+    assert variables["OMP_NUM_THREADS"] == "1"
+    assert variables["OPENBLAS_NUM_THREADS"] == "1"
+    assert "--xla_cpu_multi_thread_eigen=false" in variables["XLA_FLAGS"]
+    assert result(executor, task(chores.surroundings)).value[1] == first
+
+
+def test_nothing_to_tell_is_told_after_the_time(executor):
+    start = time.monotonic()
+    assert executor.events(timeout=0.3) == []
+    assert time.monotonic() - start >= 0.3
+
+
+# --- Local ----------------------------------------------------------------------------------
+
+
+def test_processes_are_replaced_after_enough_tasks(tmp_path, monkeypatch):
+    monkeypatch.setattr(pool, "TASKS_PER_PROCESS", 2)
+    with LocalExecutor(1, tmp_path) as executor:
+        pids = [result(executor, task(chores.surroundings)).value[1] for _ in range(4)]
+    assert pids[0] == pids[1] != pids[2] == pids[3]
+
+
+def test_a_process_that_grows_stays(tmp_path):
+    """Replaced by loky, it might take the next task with it."""
+    with LocalExecutor(1, tmp_path) as executor:
+        works = (chores.surroundings, chores.grow, chores.surroundings)
+        first, grown, last = [result(executor, task(work)).value for work in works]
+    assert grown == first[1]
+    assert last == first
+
+
+def test_stopping_kills_what_runs(tmp_path):
+    with LocalExecutor(1, tmp_path) as executor:
+        executor.start(0, task(chores.wait_for, tmp_path / "begun", tmp_path / "never"))
+        wait_until((tmp_path / "begun").exists)
+    pid = int((tmp_path / "begun").read_text())
+    wait_until(lambda: not Path(f"/proc/{pid}").exists())
+
+
+def test_workers_do_not_outlive_a_killed_parent(tmp_path):
+    script = f"""
+        import os, signal, sys, time
+        from pathlib import Path
+        sys.path.insert(0, {str(HERE)!r})
+        import chores
+        from bench.pool import LocalExecutor
+        place = Path({str(tmp_path)!r})
+        executor = LocalExecutor(1, place)
+        executor.start(0, chores.task(chores.wait_for, place / "begun", place / "never"))
+        while not (place / "begun").exists():
+            time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGKILL)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], check=False)
+    assert done.returncode == -signal.SIGKILL
+    pid = int((tmp_path / "begun").read_text())
+    wait_until(lambda: not Path(f"/proc/{pid}").exists())
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores cannot be chosen here")
+def test_workers_share_the_cores():
+    cores = sorted(os.sched_getaffinity(0))
+    shares = [share_of_cores(number, len(cores)) for number in range(len(cores))]
+    assert sorted(itertools.chain(*shares)) == cores
+    assert share_of_cores(0, 1) == cores
+    assert share_of_cores(0, len(cores) + 1) == []
+
+
+# --- Ray ------------------------------------------------------------------------------------
+
+
+def test_without_ray_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    monkeypatch.setitem(sys.modules, "ray.util", None)
+    monkeypatch.setitem(sys.modules, "ray.util.scheduling_strategies", None)
+    with pytest.raises(UsageError, match=r"needs Ray .*pip install 'fidelity-bench\[ray\]'"):
+        RayExecutor(1, 1)
+
+
+def test_ray_is_imported_only_when_asked_for():
+    code = "import sys, bench.cluster, bench.sweep; sys.exit('ray' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+NODE_KILLED = """
+    import os, sys, time
+    from pathlib import Path
+    sys.path.insert(0, sys.argv[2])
+    import chores
+    from ray.cluster_utils import Cluster
+    from bench.executor import Ended, make_executor
+
+    place = Path(sys.argv[1])
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    other = cluster.add_node(num_cpus=1)
+    os.environ["RAY_ADDRESS"] = cluster.address
+    with make_executor("ray", None, 9, place) as executor:
+        assert executor.slots == 2, executor.slots
+        for slot in (0, 1):
+            work = chores.task(chores.wait_for, place / f"begun-{slot}", place / "gate")
+            executor.start(slot, work)
+        while len(list(place.glob("begun-?"))) < 2:
+            time.sleep(0.05)
+        cluster.remove_node(other, allow_graceful=False)
+        ended = []
+        while len(ended) < 2:
+            ended += [e for e in executor.events(1.0) if isinstance(e, Ended)]
+            if ended:
+                (place / "gate").touch()
+        assert ended[0].killed, ended
+        assert ended[1].value == "waited", ended
+        assert {e.slot for e in ended} == {0, 1}
+        executor.start(ended[0].slot, chores.task(chores.add, 1, 2))
+        while not (last := [e for e in executor.events(1.0) if isinstance(e, Ended)]):
+            pass
+        assert last[0].value == 3, last
+    cluster.shutdown()
+"""
+
+
+@NEEDS_RAY
+def test_a_machine_that_is_killed_loses_only_its_task(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(HERE), str(HERE.parents[1]))))
+    script = textwrap.dedent(NODE_KILLED)
+    subprocess.run([sys.executable, "-c", script, str(tmp_path), str(HERE)], check=True)

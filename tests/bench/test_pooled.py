@@ -1,0 +1,120 @@
+"""Scores and pools: frozen zeros, who is pooled with whom, what is left out and why."""
+
+import json
+import math
+
+import pandas as pd
+import pytest
+from markdown_it import MarkdownIt
+from tables_for_tests import Sheet
+
+from bench.leaderboard import write_leaderboard
+from bench.pooled import pools
+from bench.pooled_text import improvement_lines, pool_lines, pool_remarks
+from bench.scores import scored, spawn_return
+from bench.spawn import spawn_return as measured_spawn_return
+from bench.statistics import Cell
+from bench.tables import Tables
+from tasks.circle import Circle
+
+
+def two_cells(**others):
+    """`hf_hotstart` is best, `hybrid (mlp)` ties with it, `lf_baseline` is worst."""
+    sheet = Sheet()
+    for team_size, base in ((3, 0.0), (12, -20.0)):
+        cell = {"team_size": team_size, **others}
+        sheet.add("lf_baseline", rewards=(base - 60.0, base - 61.0, base - 62.0), **cell)
+        sheet.add("hf_hotstart", rewards=(base - 50.0, base - 51.0, base - 52.5), **cell)
+        sheet.add("hybrid", "mlp", rewards=(base - 50.5, base - 50.9, base - 53.1), **cell)
+    return sheet
+
+
+def test_the_frozen_return_is_that_of_the_task_and_what_a_hand_computes():
+    found = measured_spawn_return(Circle(n_drones=3))
+    assert spawn_return("circle", 3) == pytest.approx(found, abs=2e-3)
+    # On the ground 1 m below its ring a drone has |offset| = 1 m but for jitter, |v* - v| = 1 m/s.
+    assert found == pytest.approx(-500.0 * (1.0 + 0.5 * 1.0), rel=0.01)
+
+
+def test_other_versions_settings_and_sizes_have_no_frozen_return():
+    assert spawn_return("circle", 3, version="1", settings={"horizon": 500}) is not None
+    assert spawn_return("circle", 3, settings={"n_neighbors": 1, "observe_attitude": True}) < 0.0
+    assert spawn_return("circle", 3, version="2") is None
+    assert spawn_return("circle", 3, settings={"horizon": 400}) is None
+    assert spawn_return("circle", 999) is None
+    assert spawn_return("of a third party", 3) is None
+
+
+def test_scores_are_of_runs_with_the_frozen_task():
+    tables = Sheet().add(rewards=(-100.0, -200.0)).tables()
+    tables.runs.loc[1, "settings"] = json.dumps({"method": {}, "task": {"horizon": 7}})
+    zero = spawn_return("spread", 3)
+    assert scored(tables)["value"].tolist() == pytest.approx([1.0 - 100.0 / -zero])
+
+
+def test_a_pool_ranks_with_ties():
+    (pool,) = pools(two_cells().tables())
+    assert pool.cells == [Cell("spread", 3), Cell("spread", 12)]
+    found = {row.entry.label: (row.rank, row.groups) for row in pool.rows}
+    assert found["hf_hotstart"] == found["hybrid (mlp)"] == ((1, 2), "a")
+    assert found["lf_baseline"] == ((3, 3), "b")
+    assert [line[0] for line in pool_lines(pool)] == ["1 to 2", "1 to 2", "3"]
+    assert [line[-2:] for line in pool_lines(pool)] == [["6 (2 x 3)", "0"]] * 3
+    assert improvement_lines(pool)[-1] == ["lf_baseline", "0.00*", "0.00*", "-"]
+
+
+def test_cells_and_entries_that_are_not_pooled_are_named():
+    sheet = two_cells()
+    sheet.add("hf_scratch", team_size=12, rewards=(-70.0,))
+    sheet.add("hybrid", "sindy", task="circle", rewards=(-70.0, -71.0))
+    sheet.add("own", task="theirs", rewards=(-1.0, -2.0))
+    (pool,) = pools(sheet.tables())
+    assert [row.entry.label for row in pool.rows][-1] == "lf_baseline"
+    few = "fewer than 2 seeds"
+    assert pool_remarks(pool) == [
+        f"Not pooled: circle, N = 3: {few} of hf_hotstart, hybrid (mlp), lf_baseline.",
+        "Not pooled: theirs, N = 3: no frozen return at the spawn.",
+        f"Not pooled: hf_scratch: {few} in 2 of 2 cells.",
+        f"Not pooled: hybrid (sindy): {few} in 2 of 2 cells.",
+        "Not pooled: own: it has no score.",
+    ]
+
+
+def test_lost_runs_are_counted_beside_the_pool_even_where_their_cell_is_not_in_it():
+    sheet = two_cells()
+    sheet.add("lf_baseline", task="circle", rewards=(-70.0, -71.0))
+    sheet.add("hf_hotstart", task="circle", rewards=(-70.0, -71.0), status="diverged")
+    sheet.add("hf_hotstart", rewards=(-9.0,), first_seed=3, status="failed")
+    (pool,) = pools(sheet.tables())
+    lost = {row.entry.label: (row.n, row.lost) for row in pool.rows}
+    assert lost == {"hf_hotstart": (6, 3), "hybrid (mlp)": (6, 0), "lf_baseline": (6, 0)}
+
+
+def test_one_cell_or_one_seed_is_no_pool():
+    one_cell = Sheet().add("a", rewards=(-1.0, -2.0)).add("b", rewards=(-3.0, -4.0))
+    assert pools(one_cell.tables()) == []
+    one_seed = Sheet().add("a").add("b").add("a", team_size=5).add("b", team_size=5)
+    assert pools(one_seed.tables()) == []
+    assert pools(Sheet().tables()) == []
+
+
+def test_worlds_are_pooled_apart():
+    tables = two_cells().tables()
+    windy = tables.results.assign(deployed_effects="wind(x=1)", value=tables.results["value"] - 5.0)
+    results = pd.concat([tables.results, windy], ignore_index=True)
+    both = pools(Tables(results, tables.curves, tables.trajectories, tables.runs))
+    assert [pool.deployed_effects for pool in both] == ["", "wind(x=1)"]
+    assert both[0].rows[0].iqm.value > both[1].rows[0].iqm.value
+
+
+def test_the_document_has_the_pool_with_harmless_names(tmp_path):
+    sheet = two_cells()
+    for team_size in (3, 12):
+        sheet.add("<script>x</script>|y", team_size=team_size, rewards=(-70.0, -71.0))
+    write_leaderboard(sheet.tables(), tmp_path / "leaderboard.md")
+    text = (tmp_path / "leaderboard.md").read_text(encoding="utf-8")
+    html = MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
+    assert "<h2>Pooled over 2 cells</h2>" in html
+    assert "<script" not in html
+    assert "beats &lt;script&gt;x&lt;/script&gt;|y</th>" in html
+    assert not math.isnan(pools(sheet.tables())[0].rows[0].iqm.low)

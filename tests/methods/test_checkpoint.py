@@ -1,0 +1,133 @@
+"""Trainings that are killed and go on: equal to those that were not, bit for bit."""
+
+import dataclasses
+import io
+
+import jax
+import numpy as np
+import pytest
+from cells import Hold, fresh, same, setup
+
+from methods.bptt import BPTT
+from methods.checkpoint import AbstractKeeper, kept_by
+from methods.hf_hotstart import HFHotStart
+from simulators.point_mass import PointMass
+
+KEY = jax.random.key(5)
+TASK = Hold(n_drones=2, horizon=40, spacing=(3.0, 3.0))
+TRAINER = BPTT(epochs=20, lr=1e-4, n_worlds=1, smoothing=3, patience=5, min_improvement=1.0)
+"""It improves at every epoch, but never by as much as patience wants: one that forgot when it last
+improved enough would go on for longer."""
+
+
+class Killed(BaseException):
+    """Ends a training from outside."""
+
+
+class Memory(AbstractKeeper):
+    """Keeps files in memory, of every epoch or of none before the end."""
+
+    def __init__(self, always=True):
+        self.files = {}
+        self.saves = 0
+        self.always = always
+
+    def load(self, index, fingerprint):
+        if (index, fingerprint) not in self.files:
+            return None
+        with np.load(io.BytesIO(self.files[index, fingerprint]), allow_pickle=False) as stored:
+            return dict(stored)
+
+    def save(self, index, fingerprint, arrays):
+        file = io.BytesIO()
+        np.savez(file, allow_pickle=False, **arrays)
+        self.files[index, fingerprint] = file.getvalue()
+        self.saves += 1
+
+    def due(self):
+        return self.always
+
+
+def train(keeper, policy=None, key=KEY, die_at=0, epochs=None):
+    """A hot start in the point mass; `epochs` gets the epochs that were flown."""
+
+    def progress(stage, epoch, of, reward):
+        if epochs is not None:
+            epochs.append(epoch)
+        if epoch == die_at:
+            raise Killed
+
+    cell = setup(TASK, PointMass(), policy or fresh(TASK), progress)
+    with kept_by(keeper):
+        return HFHotStart(trainer=TRAINER).train(cell, key)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return train(Memory())
+
+
+def check_equal(trained, other):
+    assert same(trained.policy, other.policy)
+    for name, column in other.curves.items():
+        np.testing.assert_array_equal(trained.curves[name], column)
+    ledgers = [dataclasses.replace(t.ledger, train_seconds=0.0) for t in (trained, other)]
+    assert ledgers[0] == ledgers[1]
+    assert trained.notes == other.notes
+    assert trained.status == other.status
+
+
+def test_the_reference_ends_by_patience_before_its_budget(whole):
+    """Else the tests below would not see that patience is restored."""
+    assert whole.ledger.epochs == 8
+    assert (np.diff(whole.curves["smooth_reward"]) > 0.0).all()
+    assert whole.ledger.hf_fleet_seconds == pytest.approx(8 * 40 * 0.02 * 2)
+
+
+@pytest.mark.parametrize("die_at", [1, 2, 4, 7])
+def test_a_resumed_training_equals_the_uninterrupted_one_bit_for_bit(whole, die_at):
+    keeper, flown = Memory(), []
+    with pytest.raises(Killed):
+        train(keeper, die_at=die_at, epochs=flown)
+    check_equal(train(keeper, epochs=flown), whole)
+    assert flown == list(range(1, whole.ledger.epochs + 1))  # none twice
+
+
+def test_two_kills_in_a_row_cost_nothing(whole):
+    keeper = Memory()
+    for die_at in (3, 5):
+        with pytest.raises(Killed):
+            train(keeper, die_at=die_at)
+    check_equal(train(keeper), whole)
+
+
+def test_a_training_that_had_ended_is_not_flown_again(whole):
+    keeper, flown = Memory(always=False), []
+    train(keeper)
+    assert keeper.saves == 1
+    check_equal(train(keeper, epochs=flown), whole)
+    assert flown == []
+
+
+@pytest.mark.parametrize("other", [{"key": jax.random.key(6)}, {"policy": fresh(TASK, seed=1)}])
+def test_what_began_otherwise_is_not_restored(other):
+    keeper, flown = Memory(), []
+    with pytest.raises(Killed):
+        train(keeper, die_at=4)
+    train(keeper, epochs=flown, **other)
+    assert flown[0] == 1
+
+
+def test_every_training_of_a_method_has_a_place_of_its_own():
+    keeper, settings = Memory(always=False), dataclasses.replace(TRAINER, epochs=3)
+    ends = []
+    for _ in range(2):
+        with kept_by(keeper):
+            for seed in (0, 1, 0):
+                quiet = lambda *_: None  # noqa: E731
+                policy = fresh(TASK, seed)
+                ends.append(settings.train(TASK, PointMass(), policy, KEY, quiet, "restarts"))
+    assert sorted(index for index, _ in keeper.files) == [0, 1, 2]
+    for first, again in zip(ends[:3], ends[3:], strict=True):
+        assert same(first.policy, again.policy)
+    assert not same(ends[0].policy, ends[1].policy)
