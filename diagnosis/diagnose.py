@@ -337,7 +337,10 @@ def _details(study: Study, seen: Sequence[tuple[int, float]]) -> dict[str, Any]:
             "before": nominal.chi2 / float(nominal.dof.sum()),
             "after": chosen.chi2 / float(chosen.dof.sum()),
         },
-        "structure": {"before": structure(problem, nominal), "after": verdict.structure},
+        "structure": {
+            "before": structure(problem, nominal).value,
+            "after": verdict.structure.value,
+        },
         "dispersion": problem.phi,
         "noise": {name: float(s) for name, s in zip(CHANNELS, every.sigma, strict=True)},
         "limits": [

@@ -32,7 +32,10 @@ NEEDS_ATTITUDE_CMD = (
     "center_of_mass",
     "delay",
     "inertia",
+    "roll_pitch_gains",
+    "rotor_inertia",
     "trim",
+    "yaw_gains",
     "yaw_misalignment",
 )
 """Effects that are not observable where the attitude is prescribed from measurement."""
@@ -41,9 +44,18 @@ FAMILIES: Mapping[str, frozenset[str]] = {
     name: frozenset(family)
     for family in (
         ("mass", "thrust_gain"),
-        ("drag", "quadratic_drag"),
+        ("axial_drag", "drag", "quadratic_drag"),
         ("wind", "gust"),
-        ("attitude_lag", "attitude_loop", "delay", "motor_lag", "inertia"),
+        (
+            "attitude_lag",
+            "attitude_loop",
+            "delay",
+            "motor_lag",
+            "inertia",
+            "roll_pitch_gains",
+            "rotor_inertia",
+            "yaw_gains",
+        ),
         ("thrust_lag", "motor_lag"),
         ("trim", "center_of_mass"),
     )

@@ -120,7 +120,8 @@ class Likelihood:
     def normal(self, vector: Float[np.ndarray, " params"]) -> Normal:
         """Normal equations at `vector`, along all parameters, of the windows that are trusted."""
         whole = Normal(vector=np.array(vector, float), **self._replayed(vector)[0])
-        return whole.of(whole.dof > 0 if self.trusted is None else self.trusted)
+        counted = whole.dof > 0 if self.trusted is None else self.trusted
+        return whole if counted.all() else whole.of(counted)
 
     def _replayed(self, vectors: Float[np.ndarray, "*flights params"]) -> tuple[dict, dict]:
         """Equations and tracks of all windows; the last few replays are kept."""

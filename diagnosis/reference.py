@@ -11,11 +11,10 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import lsq_linear
 
 from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
-from diagnosis.search import Problem, dispersion
+from diagnosis.search import Problem, bounded_step, dispersion
 from diagnosis.verdict import structure
 
 UNSHARED = ("gust", "attitude_loop", "mass", "quadratic_drag")
@@ -23,8 +22,8 @@ UNSHARED = ("gust", "attitude_loop", "mass", "quadratic_drag")
 two would run against their aliases thrust_gain and drag, which stand for them."""
 PRIOR = 0.03
 """Standard deviation of the prior over the allowed range; a choice."""
-STEPS = 6
-"""Gauss-Newton steps."""
+STEPS = 25
+"""Most Gauss-Newton steps."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +76,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     prior = _prior(library)
     precision = normal.H.sum(axis=0) + phi * np.diag(prior)
     problem = Problem(likelihood, vector, None, phi)
-    return Reference(vector, precision, sigma, phi, max(1.0, structure(problem, normal)))
+    return Reference(vector, precision, sigma, phi, max(1.0, structure(problem, normal).value))
 
 
 def _prior(library: Library) -> Float[np.ndarray, " params"]:
@@ -87,21 +86,6 @@ def _prior(library: Library) -> Float[np.ndarray, " params"]:
     fixed = [i for i, slot in enumerate(library.slots) if slot.effect in unshared]
     precision[fixed] *= 1e12
     return precision
-
-
-def _bounded(
-    H: Float[np.ndarray, "params params"],
-    g: Float[np.ndarray, " params"],
-    library: Library,
-    vector: Float[np.ndarray, " params"],
-) -> Float[np.ndarray, " params"]:
-    """The step that solves H step = g as well as the bounds allow."""
-    root = np.linalg.cholesky(H).T
-    target = np.linalg.solve(root.T, g)
-    scale = np.sqrt(np.diag(H))
-    low, high = np.minimum(library.low - vector, 0.0), np.maximum(library.high - vector, 0.0)
-    bounds = (scale * low - 1e-12, scale * high + 1e-12)
-    return lsq_linear(root / scale, target, bounds).x / scale
 
 
 def _descended(
@@ -117,7 +101,8 @@ def _descended(
     for _ in range(STEPS):
         off = vector - neutral
         H = normal.H.sum(axis=0) + np.diag(prior)
-        step = _bounded(H, normal.g.sum(axis=0) - prior * off, library, vector)
+        pull = normal.g.sum(axis=0) - prior * off
+        step = bounded_step(H, pull, library.low - vector, library.high - vector)
         for part in (1.0, 0.4, 0.1):
             new = vector + part * step
             tried = likelihood.normal(new)

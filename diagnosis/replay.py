@@ -110,7 +110,7 @@ def _segment(
     n_windows = len(lane["pos"])
     cmds = lane["cmd"].reshape(n_windows, -1, *lane["cmd"].shape[1:])
 
-    def start(theta: Array) -> eqx.Module:
+    def start(theta: Array) -> tuple[eqx.Module, eqx.Module]:
         simulator = library.attach(theta)
         flight = Flight(
             t=jnp.maximum(lane["start"], 0.0),
@@ -121,15 +121,17 @@ def _segment(
             thrust=cmds[0, 0, :, 3],
         )
         history = jnp.repeat(cmds[0, :1], 3, axis=0)
-        return simulator.restore(flight, history, jax.random.key(0))
+        state = simulator.restore(flight, history, jax.random.key(0))
+        return eqx.partition(state, eqx.is_inexact_array)
 
-    # The window before the first forgets that the start depends on the parameters, too.
-    moving, still = eqx.partition(start(theta), eqx.is_inexact_array)
     n_drones = lane["pos"].shape[1]
     along = jnp.concatenate([directions, jnp.zeros((TURNS, len(theta)))])
     turning = jnp.repeat(jnp.eye(TURNS)[:, None], n_drones, axis=1)
     turning = jnp.concatenate([jnp.zeros((len(directions), n_drones, TURNS)), turning])
-    slopes = jax.tree.map(lambda x: jnp.zeros((len(along), *x.shape), x.dtype), moving)
+    moving, slopes, still = jax.vmap(
+        lambda direction: jax.jvp(start, (theta,), (direction,), has_aux=True),
+        out_axes=(None, 0, None),
+    )(along)
 
     def window(carry: tuple, inputs: dict[str, Array]) -> tuple[tuple, tuple]:
         moving, still, slopes = carry

@@ -22,6 +22,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import lsq_linear
 
 from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
@@ -169,8 +170,9 @@ class Problem:
             fresh[self._place("gust", "onset")] = onset
             normal = _switched(normal, self.library.indices("gust"), onset)
         free = self.free(effects)
-        fresh[free] += self._bounded(normal, dataclasses.replace(near, vector=fresh), free)
-        return self._within(fresh, free)
+        fresh = self._within(fresh, free)
+        fresh[free] += self._bounded(normal, dataclasses.replace(near, vector=fresh), free)[0]
+        return fresh
 
     def onset(self, near: Fit, effects: Set) -> float:
         """The time [s] at which a gust would begin to explain most."""
@@ -197,22 +199,16 @@ class Problem:
             low[self._place("gust", "onset")] = self.earliest
         return low[free], high[free]
 
-    def _bounded(self, normal: Normal, fit: Fit, free: list[int]) -> Float[np.ndarray, " free"]:
-        """Linear step within the bounds: what would leave them stays there, the rest follows."""
+    def _bounded(
+        self, normal: Normal, fit: Fit, free: list[int]
+    ) -> tuple[Float[np.ndarray, " free"], float]:
+        """Linear step within the bounds, and the fall in chi-square that it promises."""
         H, g = self.reduced(normal, fit, free)
+        if not free:
+            return np.zeros(0), 0.0
         low, high = self._bounds(free)
-        start = fit.vector[free]
-        step, moves = np.zeros(len(free)), np.ones(len(free), bool)
-        while moves.any():
-            inner, right = H[np.ix_(moves, moves)], g[moves] - H[moves][:, ~moves] @ step[~moves]
-            step[moves] = np.linalg.lstsq(*_scaled(inner, right), rcond=1e-9)[0] / _scale(inner)
-            inside = np.clip(start + step, low, high) - start
-            leaves = moves & (inside != step)
-            if not leaves.any():
-                break
-            step[leaves] = inside[leaves]
-            moves &= ~leaves
-        return step
+        step = bounded_step(H, g, low - fit.vector[free], high - fit.vector[free])
+        return step, float(2 * g @ step - step @ H @ step)
 
     def solve(
         self, normal: Normal, fit: Fit, free: list[int]
@@ -248,9 +244,7 @@ class Problem:
 
     def _step(self, fit: Fit, free: list[int]) -> Fit | None:
         """A fit that is better, along the Gauss-Newton step or a part of it."""
-        step = self._bounded(fit.normal, fit, free)
-        H, g = self.reduced(fit.normal, fit, free)
-        promise = float(2 * g @ step - step @ H @ step)
+        step, promise = self._bounded(fit.normal, fit, free)
         if promise < 0.02 * self.phi and not np.any(self._shared_step(fit, free, step)):
             return None
         for part in PARTS:
@@ -351,6 +345,24 @@ class Problem:
             close = value - base > max(WORTH, NEAR * top) or value - base > top - 30.0
             if declared or (count < REFITS and value - base > WORTH and close):
                 yield self.refit(effects, near)
+
+
+def bounded_step(
+    H: Float[np.ndarray, "free free"],
+    g: Float[np.ndarray, " free"],
+    low: Float[np.ndarray, " free"],
+    high: Float[np.ndarray, " free"],
+) -> Float[np.ndarray, " free"]:
+    """The step that solves H step = g as well as `low` and `high` allow; zero is allowed."""
+    scale = _scale(H)
+    values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
+    kept = values > 1e-9 * max(values.max(), 1e-9)
+    if not kept.any():
+        return np.zeros(len(g))
+    root = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
+    target = vectors[:, kept].T @ (g / scale) / np.sqrt(values[kept])
+    low, high = scale * np.minimum(low, 0.0) - 1e-12, scale * np.maximum(high, 0.0) + 1e-12
+    return np.asarray(lsq_linear(root, target, (low, high)).x) / scale
 
 
 def _scale(H: np.ndarray) -> np.ndarray:

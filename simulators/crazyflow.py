@@ -17,9 +17,10 @@ On purpose, as crazyflow does it:
 - Contacts between drones are flags in crazyflow, they never push back. Crashes are computed from
   distances (`tasks/contact.py`).
 
-Effects attach to the pipeline: command before ``attitude_controller``; plant and wrench before
-``integration`` (plant writes ``data.params``, never the controller's parameters; wrench writes
-``states.force`` and ``states.torque``); state after the floor. Their memories live in
+Effects attach to the pipeline: command and autopilot before ``attitude_controller`` (autopilot
+writes the controller's gains); plant and wrench before ``integration`` (plant writes
+``data.params``, never the controller's parameters; wrench writes ``states.force`` and
+``states.torque``); state after the floor. Their memories live in
 ``data.plugins``.
 """
 
@@ -37,9 +38,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from simulators.contract import AbstractSimulator
+from simulators.crazyflow_params import (
+    SimData,
+    hover_rotor_vel,
+    opaque,
+    scaled_gains,
+    scaled_params,
+    thrust_of,
+)
 from simulators.effects import chain
 from simulators.effects.contract import (
     AbstractEffect,
+    AutopilotEffect,
     CommandEffect,
     PlantEffect,
     StateEffect,
@@ -47,7 +57,14 @@ from simulators.effects.contract import (
 )
 from simulators.flight import Flight
 from simulators.rotation import rotate
-from simulators.vehicle import CONTROL_DT, VEHICLES, ActionSpace, Vehicle, VehicleSpec
+from simulators.vehicle import (
+    CONTROL_DT,
+    VEHICLES,
+    ActionSpace,
+    AutopilotGains,
+    Vehicle,
+    VehicleSpec,
+)
 
 # MuJoCo prints a line for each optional backend that is not installed.
 with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
@@ -57,9 +74,6 @@ with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.St
     from crazyflow.dynamics import Dynamics
     from crazyflow.sim import Sim
     from crazyflow.sim.pipeline import append_fn, insert_fn_before
-
-SimData = Any
-"""crazyflow's structs are flax dataclasses, whose `replace` type checkers do not know."""
 
 
 class CrazyflowState(eqx.Module):
@@ -99,7 +113,14 @@ class Crazyflow(AbstractSimulator):
 
     name: ClassVar[str] = "crazyflow"
     version: ClassVar[str] = "1"
-    doors: ClassVar[tuple[str, ...]] = ("command", "plant", "wrench", "rotation", "state")
+    doors: ClassVar[tuple[str, ...]] = (
+        "command",
+        "autopilot",
+        "plant",
+        "wrench",
+        "rotation",
+        "state",
+    )
 
     def reset(self, pos: Float[Array, "drones 3"], key: PRNGKeyArray) -> CrazyflowState:
         zeros = jnp.zeros_like(pos)
@@ -129,9 +150,9 @@ class Crazyflow(AbstractSimulator):
         memory = chain.init(self.effects, n_drones, dt)
         memory, cmds = chain.warm_up(self.effects, memory, flight, cmd_history, repeats, dt)
         data = _template(self.spec.name, self.freq).data
-        targets = _hover_rotor_vel(data, cmds[:, :, 3])
+        targets = hover_rotor_vel(data, cmds[:, :, 3])
         _, vehicle = chain.plant(self.effects, memory, flight, self._vehicle(), dt)
-        coef = _scaled_params(data, vehicle).rotor_dyn_coef
+        coef = scaled_params(data, vehicle).rotor_dyn_coef
 
         def spin(rotor_vel: Array, target: Array) -> tuple[Array, None]:
             for _ in range(repeats):
@@ -202,7 +223,7 @@ class Crazyflow(AbstractSimulator):
             vel=state.vel,
             quat=state.quat,
             ang_vel=state.ang_vel,
-            thrust=_thrust(curve, state.rotor_vel),
+            thrust=thrust_of(curve, state.rotor_vel),
         )
         if not chain.has(self.effects, PlantEffect):
             return flight
@@ -226,6 +247,8 @@ class Crazyflow(AbstractSimulator):
         pipeline = stages.copy()
         if chain.has(self.effects, CommandEffect):
             insert_fn_before(pipeline, "attitude_controller", self._command, "effects_command")
+        if chain.has(self.effects, AutopilotEffect):
+            insert_fn_before(pipeline, "attitude_controller", self._autopilot, "effects_autopilot")
         if chain.has(self.effects, PlantEffect):
             insert_fn_before(pipeline, "integration", self._plant, "effects_plant")
         if chain.has(self.effects, WrenchEffect) or chain.has(self.effects, PlantEffect):
@@ -244,12 +267,20 @@ class Crazyflow(AbstractSimulator):
         data = data.replace(controls=data.controls.replace(attitude=attitude))
         return data.replace(plugins={"effects": (memory, vehicle)})
 
+    def _autopilot(self, data: SimData) -> SimData:
+        memory, vehicle = data.plugins["effects"]
+        nominal = AutopilotGains(*[jnp.ones(3, data.states.pos.dtype)] * 4)
+        memory, gains = chain.autopilot(
+            self.effects, memory, self._now(data), nominal, 1.0 / self.freq
+        )
+        return scaled_gains(data, gains).replace(plugins={"effects": (memory, vehicle)})
+
     def _plant(self, data: SimData) -> SimData:
         memory, _ = data.plugins["effects"]
         memory, vehicle = chain.plant(
             self.effects, memory, self._now(data), self._vehicle(), 1.0 / self.freq
         )
-        data = data.replace(params=_scaled_params(data, vehicle))
+        data = data.replace(params=scaled_params(data, vehicle))
         return data.replace(plugins={"effects": (memory, vehicle)})
 
     def _wrench(self, data: SimData) -> SimData:
@@ -278,7 +309,7 @@ class Crazyflow(AbstractSimulator):
             vel=states.vel[0],
             quat=states.quat[0],
             ang_vel=states.ang_vel[0],
-            thrust=_thrust(data.params.rpm2thrust, states.rotor_vel[0]),
+            thrust=thrust_of(data.params.rpm2thrust, states.rotor_vel[0]),
         )
 
 
@@ -349,7 +380,7 @@ def _pack(data: SimData, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -
     controls = data.controls.replace(attitude=attitude, force_torque=force_torque, rotor_vel=idle)
     core = data.core.replace(steps=state.steps[None, None], n_drones=len(state.pos))
     plugins = {"effects": (state.memory, None)}
-    params = data.params.replace(mass=_opaque(data.params.mass))
+    params = data.params.replace(mass=opaque(data.params.mass))
     return data.replace(states=states, controls=controls, core=core, params=params, plugins=plugins)
 
 
@@ -366,43 +397,3 @@ def _unpack(data: SimData, steps: Int[Array, ""]) -> CrazyflowState:
         r_int_error=attitude.r_int_error[0],
         memory=data.plugins["effects"][0],
     )
-
-
-def _scaled_params(data: SimData, vehicle: Vehicle) -> Any:
-    """Dynamics parameters of a vehicle; the controller's are not touched."""
-    params = data.params
-    return params.replace(
-        mass=_opaque(jnp.broadcast_to(vehicle.mass, params.mass.shape)),
-        J=vehicle.inertia,
-        J_inv=jnp.linalg.inv(vehicle.inertia),
-        drag_matrix=-jnp.diag(vehicle.drag),
-        rpm2thrust=params.rpm2thrust * vehicle.thrust_gain,
-        rotor_dyn_coef=params.rotor_dyn_coef / vehicle.motor_lag_scale,
-    )
-
-
-def _opaque(mass: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """`mass`, hidden from the compiler.
-
-    It divides by a constant as x * (1 / mass), which rounds otherwise than a division by the mass
-    that an effect computes, so that a neutral effect would not be exactly nominal.
-    """
-    return jax.lax.optimization_barrier(mass)
-
-
-def _thrust(
-    curve: Float[Array, "*rotors 3"], rotor_vel: Float[Array, "drones 4"]
-) -> Float[Array, " drones"]:
-    """Collective thrust [N] of rotor speeds [rev/min]."""
-    c0, c1, c2 = curve[..., 0], curve[..., 1], curve[..., 2]
-    return jnp.sum(c0 + c1 * rotor_vel + c2 * rotor_vel**2, axis=-1)
-
-
-def _hover_rotor_vel(
-    data: SimData, thrust: Float[Array, "time drones"]
-) -> Float[Array, "time drones 1"]:
-    """Rotor speed [rev/min] at which four equal rotors give `thrust` [N], within the range."""
-    limits = data.controls.force_torque.params
-    each = jnp.clip(thrust / 4.0, limits["thrust_min"], limits["thrust_max"])[..., None]
-    c, b, a = (data.params.rpm2thrust[..., i] for i in range(3))
-    return (-b + jnp.sqrt(b**2 - 4.0 * a * (c - each))) / (2.0 * a)

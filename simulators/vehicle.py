@@ -31,8 +31,23 @@ class Vehicle(eqx.Module):
     """Thrust that the rotors produce over the thrust they are believed to produce [-]."""
     motor_lag_scale: Float[Array, ""]
     """Time constants of the rotors over their nominal time constants [-]."""
+    rotor_inertia_scale: Float[Array, ""]
+    """Moments of inertia of the rotors over their nominal ones [-]."""
     drag: Float[Array, " 3"]
     """Linear drag along the body axes, positive against the motion [N s/m]."""
+
+
+class AutopilotGains(eqx.Module):
+    """Gains of the attitude controller over their nominal values, for roll, pitch and yaw [-]."""
+
+    attitude: Float[Array, " 3"]
+    """Of the attitude error."""
+    integral: Float[Array, " 3"]
+    """Of the integral of that error."""
+    rate: Float[Array, " 3"]
+    """Of the error in angular velocity."""
+    acceleration: Float[Array, " 3"]
+    """Of the rate at which that error changes."""
 
 
 class VehicleSpec(eqx.Module):
@@ -61,6 +76,7 @@ class VehicleSpec(eqx.Module):
             center_of_mass=jnp.zeros(3),
             thrust_gain=jnp.asarray(1.0),
             motor_lag_scale=jnp.asarray(1.0),
+            rotor_inertia_scale=jnp.asarray(1.0),
             drag=jnp.asarray(self.drag if drag else (0.0, 0.0, 0.0), float),
         )
 

@@ -16,7 +16,6 @@ from bench.conformance.suite import (
     demand,
     equal,
     finite,
-    shapes,
 )
 from bench.conformance.suite import close as agree
 from simulators.contract import AbstractSimulator, with_effects
@@ -25,6 +24,7 @@ from simulators.effects.contract import DOORS, AbstractEffect, Parameter
 
 BASES = {
     "command": contract.CommandEffect,
+    "autopilot": contract.AutopilotEffect,
     "plant": contract.PlantEffect,
     "response": contract.ResponseEffect,
     "wrench": contract.WrenchEffect,
@@ -163,17 +163,7 @@ def _nominal_flight(nominal: AbstractSimulator) -> object:
 
 def _structure(cls: type[Any], nominal: AbstractSimulator) -> None:
     simulator = with_effects(nominal, [_at(cls, PLACE)])
-    pos, cmd = flights.apart(), flights.wild_cmds(nominal)[0]
-    state = jax.eval_shape(lambda: simulator.reset(pos, flights.KEY))
-    stepped = jax.eval_shape(lambda s: simulator.step_cmd(s, cmd, 0.02), state)
-    restored = jax.eval_shape(lambda: flights.hovering(simulator, pos))
-    for what, other in (("step", stepped), ("restore", restored)):
-        demand(
-            jax.tree.structure(other) == jax.tree.structure(state)
-            and shapes(other) == shapes(state),
-            f"a {what} changes the memory that `init` made (structure, shapes or types): "
-            f"{shapes(state)} becomes {shapes(other)}",
-        )
+    flights.demand_structure(simulator, "the memory that `init` made")
 
 
 def _neutral(cls: type[Any], nominal: AbstractSimulator) -> None:

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from bench.conformance.suite import demand, shapes
 from simulators.contract import AbstractSimulator
 from simulators.flight import Flight
 from simulators.vehicle import CONTROL_DT, GRAVITY
@@ -83,3 +84,18 @@ def fly_worlds(
 ) -> Flight:
     """`flown` in many worlds at once."""
     return jax.vmap(lambda p, c: flown(simulator, p, c))(pos, cmds)
+
+
+def demand_structure(simulator: AbstractSimulator, what: str) -> None:
+    """Demands that a step and a restore give what a reset gives; `what` they would change."""
+    pos, cmd = apart(), wild_cmds(simulator)[0]
+    state = jax.eval_shape(lambda: simulator.reset(pos, KEY))
+    stepped = jax.eval_shape(lambda s: simulator.step_cmd(s, cmd, CONTROL_DT), state)
+    restored = jax.eval_shape(lambda: hovering(simulator, pos))
+    for done, other in (("step", stepped), ("restore", restored)):
+        demand(
+            jax.tree.structure(other) == jax.tree.structure(state)
+            and shapes(other) == shapes(state),
+            f"a {done} changes {what} (structure, shapes or types): {shapes(state)} becomes "
+            f"{shapes(other)}",
+        )

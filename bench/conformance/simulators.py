@@ -16,7 +16,6 @@ from bench.conformance.suite import (
     demand,
     equal,
     finite,
-    shapes,
 )
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
@@ -25,6 +24,7 @@ from simulators.vehicle import CONTROL_DT
 
 PROBES = {
     "command": ("trim", {"roll": 0.2, "pitch": -0.1}),
+    "autopilot": ("roll_pitch_gains", {"stiffness": 1.0}),
     "plant": ("mass", {"e": 0.3}),
     "response": ("thrust_lag", {"up": 0.1, "down": 0.1}),
     "wrench": ("wind", {"x": 3.0, "y": -2.0}),
@@ -94,17 +94,7 @@ def _shapes(simulator: AbstractSimulator) -> None:
 
 
 def _structure(simulator: AbstractSimulator) -> None:
-    pos, cmd = flights.apart(), flights.wild_cmds(simulator)[0]
-    state = jax.eval_shape(lambda: simulator.reset(pos, flights.KEY))
-    stepped = jax.eval_shape(lambda s: simulator.step_cmd(s, cmd, CONTROL_DT), state)
-    restored = jax.eval_shape(lambda: flights.hovering(simulator, pos))
-    for what, other in (("step", stepped), ("restore", restored)):
-        demand(
-            jax.tree.structure(other) == jax.tree.structure(state)
-            and shapes(other) == shapes(state),
-            f"a {what} changes structure, shapes or types of the state: {shapes(state)} becomes "
-            f"{shapes(other)}",
-        )
+    flights.demand_structure(simulator, "the state")
 
 
 def _rest(simulator: AbstractSimulator) -> None:

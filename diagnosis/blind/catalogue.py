@@ -84,6 +84,8 @@ LIBRARY: dict[str, Draw] = {
     "battery": _fixed("rate", 0.003, 0.006, 0.012),
     "drag": _fixed("c", 0.15, 0.4, 1.0),
     "quadratic_drag": _fixed("k", 0.1, 0.3, 0.9),
+    "axial_drag": _fixed("c", 0.3, 0.7, 1.5),
+    "translational_lift": _fixed("k", 0.05, 0.12, 0.25),
     "wind": _wind,
     "gust": _gust,
     "ground_effect": _fixed("c", 4.0, 8.0, 16.0),
@@ -100,7 +102,7 @@ FAMILIES: tuple[frozenset[str], ...] = (
     frozenset({"mass", "thrust_gain"}),
     frozenset({"inertia", "motor_lag", "attitude_lag", "delay"}),
     frozenset({"center_of_mass", "trim"}),
-    frozenset({"drag", "quadratic_drag"}),
+    frozenset({"axial_drag", "drag", "quadratic_drag"}),
     frozenset({"wind", "gust"}),
 )
 """Effects that short flights can hardly tell apart; pairs are drawn from different families."""
@@ -121,7 +123,6 @@ def _between(**ranges: tuple[float, float]) -> Draw:
 
 UNKNOWN: dict[str, Draw] = {
     "slung_load": _between(mass=(0.003, 0.005), cable=(0.3, 0.65)),
-    "translational_lift": _between(k=(0.08, 0.25)),
     "periodic_wind": _between(size=(0.5, 1.5), freq=(0.5, 2.0), angle=(0.0, 2 * np.pi)),
     "turbulence": _between(size=(0.4, 1.2), time=(0.2, 0.6)),
     "thrust_play": _between(newton=(0.015, 0.04)),
@@ -194,6 +195,7 @@ _WRENCHES: dict[str, Callable[[Parameters, np.ndarray], Mapping]] = {
     "center_of_mass": lambda p, way: {"offset": [p["x"], p["y"]]},
     "drag": lambda p, way: {"drag": p["c"]},
     "quadratic_drag": lambda p, way: {"quadratic_drag": p["k"]},
+    "axial_drag": lambda p, way: {"axial_drag": p["c"]},
     "wind": lambda p, way: {"wind": [p["x"], p["y"], p["z"]]},
     "gust": lambda p, way: {"gust": [p["x"], p["y"], p["z"]], "gust_onset": p["onset"]},
     "ground_effect": lambda p, way: {"ground_effect": p["c"]},

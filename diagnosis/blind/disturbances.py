@@ -140,6 +140,7 @@ class PlantDisturbance(PlantEffect):
             center_of_mass=vehicle.center_of_mass,
             thrust_gain=vehicle.thrust_gain * left,
             motor_lag_scale=vehicle.motor_lag_scale * self.motor_slowness,
+            rotor_inertia_scale=vehicle.rotor_inertia_scale,
             drag=vehicle.drag,
         )
 
@@ -179,6 +180,8 @@ class WrenchDisturbance(WrenchEffect):
     """Seed of the turbulence."""
     lift: Array | float = 0.0
     """Translational lift along the thrust [1/m]."""
+    axial_drag: Array | float = 0.0
+    """Linear drag along the thrust [1/s]."""
     suction: Array | float = 0.0
     """Specific force at a wall, towards it [m/s^2]."""
     wall_normal: Array = eqx.field(default_factory=lambda: jnp.asarray([1.0, 0.0, 0.0]))
@@ -218,8 +221,10 @@ class WrenchDisturbance(WrenchEffect):
         specific = self._air(flight) + air + self._places(flight)
         height = jnp.maximum(flight.pos[:, 2:], ROTOR_RADIUS)
         near = self.ground_effect * (ROTOR_RADIUS / (4.0 * height)) ** 2
-        speed = jnp.sum(flight.vel[:, :2] ** 2, axis=1, keepdims=True)
-        force = vehicle.mass * (specific + self.lift * speed * up) + near * thrust * up
+        climb = jnp.einsum("ni,ni->n", flight.vel, up)[:, None]
+        forward = jnp.linalg.norm(flight.vel - climb * up, axis=1, keepdims=True)
+        rotors = self.lift * forward**2 - self.axial_drag * climb
+        force = vehicle.mass * (specific + rotors * up) + near * thrust * up
         # The autopilot's thrust acts at the geometric centre, off the centre of mass.
         lever = jnp.concatenate([self.offset, jnp.zeros(1)])
         pushed = jnp.zeros_like(flight.pos).at[:, 2].set(flight.thrust)

@@ -213,8 +213,11 @@ class _Weighed:
         """Which draws leave what looks like structure, by the thresholds of the verdict."""
         found = self.left + size**2 * self.local / self.dof
         share = np.clip((self.left - 1.0) / np.maximum(found - 1.0, 1e-9), 0.0, 1.0)
-        clear = (self.left > verdict.STRUCTURE) & (share > verdict.UNEXPLAINED_SHARE)
-        return clear | ((self.left > verdict.SLIGHT) & (share > verdict.MUCH))
+        clear, slight = (
+            self.left > verdict.beyond_chance(threshold, self.dof)
+            for threshold in (verdict.STRUCTURE, verdict.SLIGHT)
+        )
+        return clear & (share > verdict.UNEXPLAINED_SHARE) | slight & (share > verdict.MUCH)
 
     def _choices(self) -> list[tuple[Set, list[int]]]:
         """Sets with their places in `H`."""

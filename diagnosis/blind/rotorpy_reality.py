@@ -11,9 +11,10 @@ package's own.
 
 F, M are RotorPy's body wrench, f, t what it has no parameter for. Runge-Kutta of fourth order; the
 attitude loop acts at every step. Mass, inertia, thrust and its decay, motor lag, centre of mass,
-linear and quadratic drag, translational lift, wind and gust are set through RotorPy's parameters:
-drag c adds c m / (4 Omega_hover) to the rotor drag in all axes, and a wind of specific force w is
-an air velocity that pushes a hovering drone with w, so their parameters hold near hover only.
+linear, axial and quadratic drag, translational lift, wind and gust are set through RotorPy's
+parameters: drag c adds c m / (4 Omega_hover) to the rotor drag in all axes, and a wind of specific
+force w is an air velocity that pushes a hovering drone with w, so their parameters hold near hover
+only.
 
 Source: Folk, Paulos and Kumar (2023), "RotorPy: A Python-based Multirotor Simulator with
 Aerodynamics for Education and Research", arXiv:2306.04485.
@@ -133,7 +134,9 @@ def disturbed_airframe(disturbance: Disturbance, t: Float[Array, ""]) -> dict[st
     """RotorPy's parameters of the disturbed vehicle at time `t` [s]."""
     _, plant, wrench = disturbance
     mass = quad_params["mass"] * (1.0 + plant.excess_mass)
-    drag = wrench.drag * mass / _rotor_speed_sum(AIRFRAME)
+    drag, axial_drag = (
+        c * mass / _rotor_speed_sum(AIRFRAME) for c in (wrench.drag, wrench.axial_drag)
+    )
     offset = jnp.concatenate([jnp.asarray(wrench.offset), jnp.zeros(1)])
     changed: dict[str, Any] = {
         "mass": mass,
@@ -141,7 +144,7 @@ def disturbed_airframe(disturbance: Disturbance, t: Float[Array, ""]) -> dict[st
         "k_eta": quad_params["k_eta"] * (1.0 + plant.excess_thrust) * (1.0 - plant.discharge * t),
         "rotor_pos": {name: pos - offset for name, pos in quad_params["rotor_pos"].items()},
         "k_d": quad_params["k_d"] + drag,
-        "k_z": quad_params["k_z"] + drag,
+        "k_z": quad_params["k_z"] + drag + axial_drag,
         "k_h": quad_params["k_h"] + 0.25 * mass * wrench.lift,
     }
     for axis in "xyz":
@@ -191,7 +194,13 @@ def motor_speeds(
 
 def _rest_of(wrench: WrenchDisturbance) -> WrenchDisturbance:
     """What RotorPy has no parameter for."""
-    own = {"drag": 0.0, "quadratic_drag": 0.0, "lift": 0.0, "offset": jnp.zeros(2)}
+    own = {
+        "drag": 0.0,
+        "axial_drag": 0.0,
+        "quadratic_drag": 0.0,
+        "lift": 0.0,
+        "offset": jnp.zeros(2),
+    }
     return dataclasses.replace(wrench, wind=jnp.zeros(3), gust=jnp.zeros(3), **own)
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from simulators.effects.contract import (
     AbstractEffect,
+    AutopilotEffect,
     CommandEffect,
     PlantEffect,
     ResponseEffect,
@@ -20,7 +21,7 @@ from simulators.effects.contract import (
     WrenchEffect,
 )
 from simulators.flight import Flight
-from simulators.vehicle import Vehicle
+from simulators.vehicle import AutopilotGains, Vehicle
 
 Effects = tuple[AbstractEffect, ...]
 Memories = tuple[Any, ...]
@@ -44,6 +45,17 @@ def command(
             memory, cmd = effect.command(memories[i], flight, cmd, dt)
             memories = _put(memories, i, memory)
     return memories, cmd
+
+
+def autopilot(
+    effects: Effects, memories: Memories, flight: Flight, gains: AutopilotGains, dt: float
+) -> tuple[Memories, AutopilotGains]:
+    """The attitude controller's gains after all autopilot effects."""
+    for i, effect in enumerate(effects):
+        if isinstance(effect, AutopilotEffect):
+            memory, gains = effect.autopilot(memories[i], flight, gains, dt)
+            memories = _put(memories, i, memory)
+    return memories, gains
 
 
 def plant(

@@ -1,8 +1,8 @@
 """What an effect is: parameters with units and bounds, a memory, and one hook (its door).
 
-A simulator calls the hooks once per integration step: command, plant, response or rotation,
-wrench, state. Every hook takes and returns the effect's own memory, is written for one world and
-all its drones, and is exactly nominal when the parameters stand at their neutral values.
+A simulator calls the hooks once per integration step: command, autopilot, plant, response or
+rotation, wrench, state. Every hook takes and returns the effect's own memory, is written for one
+world and all its drones, and is exactly nominal when the parameters stand at their neutral values.
 """
 
 import abc
@@ -13,9 +13,9 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from simulators.flight import Flight
-from simulators.vehicle import Vehicle
+from simulators.vehicle import AutopilotGains, Vehicle
 
-DOORS = ("command", "plant", "response", "rotation", "wrench", "state")
+DOORS = ("command", "autopilot", "plant", "response", "rotation", "wrench", "state")
 """The hooks that a simulator may have; `rotation` means that torque and inertia act."""
 
 
@@ -62,6 +62,16 @@ class CommandEffect(AbstractEffect):
         self, memory: Any, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
     ) -> tuple[Any, Float[Array, "drones 4"]]:
         """The command that takes effect: roll, pitch, yaw [rad] and thrust [N]."""
+
+
+class AutopilotEffect(AbstractEffect):
+    """An effect on the gains of the attitude controller."""
+
+    @abc.abstractmethod
+    def autopilot(
+        self, memory: Any, flight: Flight, gains: AutopilotGains, dt: float
+    ) -> tuple[Any, AutopilotGains]:
+        """The gains as they are at this step."""
 
 
 class PlantEffect(AbstractEffect):

@@ -1,5 +1,6 @@
 """Outcomes of runs that nobody trained, and disks that fail: for the tests of the store."""
 
+import abc
 import errno
 import os
 import signal
@@ -53,7 +54,7 @@ def outcome(run, reward=-3.0, policy=None, minutes=1.5):
     )
 
 
-class CountedDisk(Disk):
+class CountedDisk(Disk, abc.ABC):
     """Calls `at_point` before and after every change, and in the middle of every file."""
 
     def make_folder(self, path):
@@ -82,8 +83,9 @@ class CountedDisk(Disk):
         super().remove(path)
         self.at_point(path)
 
+    @abc.abstractmethod
     def at_point(self, path):
-        raise NotImplementedError
+        """Called before and after everything that touches the store."""
 
 
 class MortalDisk(CountedDisk):

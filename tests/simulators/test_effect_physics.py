@@ -23,7 +23,7 @@ from flying import (
 )
 
 from simulators.crazyflow import _template
-from simulators.rotation import body_z, rpy_to_quat
+from simulators.rotation import body_z, quat_to_rpy, rpy_to_quat
 
 STEPS, H, G = 50, 0.02, 9.81
 T = H * np.arange(1, STEPS + 1)
@@ -298,3 +298,79 @@ def test_thrust_lag_starts_with_standing_rotors_after_a_reset():
     thrust = fly_from_rest(made, positions(1), LEVEL).thrust[:, 0] / HOVER
     done = 1 - (0.08 / 0.1) ** np.arange(1, STEPS + 1)
     np.testing.assert_allclose(thrust, done, atol=1e-5)
+
+
+@both
+def test_axial_drag_slows_a_climb_and_nothing_else(name):
+    """v_z' = -(c0 + c) v_z of a level drone; the horizontal speed decays as without it."""
+    c, climb, forward = 0.8, 1.5, 1.0
+    vel = jnp.asarray([[forward, 0.0, climb]])
+    flown = hovering_flight(attached(SIMULATORS[name](), axial_drag={"c": c}), vel=vel).vel[:, 0]
+    drag = OWN_DRAG[name]
+    np.testing.assert_allclose(flown[:, 2], climb * np.exp(-(drag[2] + c) * T), rtol=0.02)
+    np.testing.assert_allclose(flown[:, 0], forward * np.exp(-drag[0] * T), rtol=0.02)
+
+
+@both
+def test_axial_drag_follows_the_rotor_axis(name):
+    """A drone that leans by 0.3 rad loses c v sin(0.3) along its tilted axis b."""
+    c, dt, tilt = 0.8, DT[name], 0.3
+    made = attached(SIMULATORS[name](), axial_drag={"c": c})
+    gained = []
+    for simulator in (made, SIMULATORS[name]()):
+        flight = hover_flight(positions(1))
+        leaning = rpy_to_quat(jnp.asarray([[0.0, tilt, 0.0]]))
+        flight = eqx.tree_at(
+            lambda f: (f.quat, f.vel), flight, (leaning, jnp.asarray([[2.0, 0.0, 0.0]]))
+        )
+        cmds = hold([0.0, tilt, 0.0, HOVER], 1)
+        gained.append(np.asarray(fly(simulator, restore(simulator, flight), cmds, dt).vel[0, 0]))
+    axis = np.asarray([np.sin(tilt), 0.0, np.cos(tilt)])
+    expected = -c * dt * 2.0 * np.sin(tilt) * axis
+    np.testing.assert_allclose(gained[0] - gained[1], expected, rtol=0.02, atol=1e-6)
+
+
+@both
+def test_translational_lift_grows_with_the_square_of_forward_speed(name):
+    """First step of a level drone: v_z' = k v^2, none of it from climbing."""
+    k, dt = 0.1, DT[name]
+    made = attached(SIMULATORS[name](), translational_lift={"k": k})
+    for forward in (1.0, 2.0):
+        vel = jnp.asarray([[forward, 0.0, 0.0], [0.0, 0.0, forward]])
+        lift = [
+            fly(s, hovering(s, positions(2), vel), LEVEL[:1].repeat(2, axis=1), dt).vel[0, :, 2]
+            for s in (made, SIMULATORS[name]())
+        ]
+        np.testing.assert_allclose(lift[0] - lift[1], [k * forward**2 * dt, 0.0], rtol=0.02)
+
+
+def _turning(axis, angle, **effects):
+    """Roll, pitch or yaw [rad] after a small step of its command at hover."""
+    made = attached(SIMULATORS["crazyflow"](), **effects)
+    cmd = [0.0, 0.0, 0.0, HOVER]
+    cmd[axis] = angle
+    return quat_to_rpy(fly(made, hovering(made, positions(1)), hold(cmd, 25)).quat)[:, 0, axis]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_gains_that_grow_with_the_inertia_turn_a_drone_as_before(axis):
+    """J w' = torque: (1 + e) on both sides; with the inertia alone the response overshoots."""
+    e, angle = 0.5, 0.02
+    gains = {"stiffness": e, "damping": e, "acceleration": e}
+    nominal = _turning(axis, angle)
+    scaled = _turning(axis, angle, inertia={"e": e}, roll_pitch_gains=gains)
+    alone = _turning(axis, angle, inertia={"e": e})
+    np.testing.assert_allclose(scaled, nominal, atol=0.01 * angle)
+    assert np.abs(alone - nominal).max() > 0.05 * angle
+
+
+def test_yaw_turns_as_before_where_rotors_grow_with_inertia_and_gains():
+    """The rotors' own inertia gives part of the yaw torque, so it must grow along."""
+    e, angle = 0.5, 0.02
+    gains = {"stiffness": e, "integral": e, "damping": e}
+    effects = {"inertia": {"e": e}, "yaw_gains": gains, "rotor_inertia": {"e": e}}
+    nominal = _turning(2, angle)
+    np.testing.assert_allclose(_turning(2, angle, **effects), nominal, atol=0.02 * angle)
+    for left_out in effects:
+        less = {name: value for name, value in effects.items() if name != left_out}
+        assert np.abs(_turning(2, angle, **less) - nominal).max() > 0.04 * angle

@@ -38,6 +38,7 @@ INTERIOR = {
     "attitude_gain": {"g": -0.1},
     "attitude_lag": {"tau": 0.03},
     "attitude_loop": {"natural_freq": 15.0, "damping": 0.7},
+    "axial_drag": {"c": 0.7},
     "battery": {"rate": 0.008},
     "center_of_mass": {"x": 0.002, "y": -0.001},
     "delay": {"seconds": 0.033},
@@ -50,10 +51,14 @@ INTERIOR = {
     "mass": {"e": 0.2},
     "motor_lag": {"scale": 1.4},
     "quadratic_drag": {"k": 0.6},
+    "roll_pitch_gains": {"stiffness": 0.3, "damping": 0.4, "acceleration": -0.2},
+    "rotor_inertia": {"e": 0.4},
     "thrust_gain": {"e": -0.1},
     "thrust_lag": {"up": 0.08, "down": 0.05},
     "trim": {"roll": 0.03, "pitch": -0.02},
+    "translational_lift": {"k": 0.12},
     "wind": {"x": 1.1, "y": -0.7, "z": 0.4},
+    "yaw_gains": {"stiffness": 0.3, "integral": 0.5, "damping": 0.2},
     "yaw_misalignment": {"angle": 0.2},
 }
 # Without effect at the neutral value by nature: while a gust has no force, its onset does not

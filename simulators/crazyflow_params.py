@@ -1,0 +1,68 @@
+"""crazyflow's parameters of a vehicle that is not the nominal one, and of its rotors."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.vehicle import AutopilotGains, Vehicle
+
+SimData = Any
+"""crazyflow's structs are flax dataclasses, whose `replace` type checkers do not know."""
+
+
+def scaled_params(data: SimData, vehicle: Vehicle) -> Any:
+    """Dynamics parameters of a vehicle; the controller's are not touched."""
+    params = data.params
+    return params.replace(
+        mass=opaque(jnp.broadcast_to(vehicle.mass, params.mass.shape)),
+        J=vehicle.inertia,
+        J_inv=jnp.linalg.inv(vehicle.inertia),
+        drag_matrix=-jnp.diag(vehicle.drag),
+        rpm2thrust=params.rpm2thrust * vehicle.thrust_gain,
+        prop_inertia=params.prop_inertia * vehicle.rotor_inertia_scale,
+        rotor_dyn_coef=params.rotor_dyn_coef / vehicle.motor_lag_scale,
+    )
+
+
+def scaled_gains(data: SimData, gains: AutopilotGains) -> SimData:
+    """`data` with the attitude controller's gains scaled; the dynamics are not touched."""
+    params = data.controls.attitude.params
+    attitude = data.controls.attitude.replace(
+        params=params
+        | {
+            "kR": params["kR"] * gains.attitude,
+            "ki_m": params["ki_m"] * gains.integral,
+            "kw": params["kw"] * gains.rate,
+            "kd_omega": params["kd_omega"] * gains.acceleration,
+        }
+    )
+    return data.replace(controls=data.controls.replace(attitude=attitude))
+
+
+def opaque(mass: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """`mass`, hidden from the compiler.
+
+    It divides by a constant as x * (1 / mass), which rounds otherwise than a division by the mass
+    that an effect computes, so that a neutral effect would not be exactly nominal.
+    """
+    return jax.lax.optimization_barrier(mass)
+
+
+def thrust_of(
+    curve: Float[Array, "*rotors 3"], rotor_vel: Float[Array, "drones 4"]
+) -> Float[Array, " drones"]:
+    """Collective thrust [N] of rotor speeds [rev/min]."""
+    c0, c1, c2 = curve[..., 0], curve[..., 1], curve[..., 2]
+    return jnp.sum(c0 + c1 * rotor_vel + c2 * rotor_vel**2, axis=-1)
+
+
+def hover_rotor_vel(
+    data: SimData, thrust: Float[Array, "time drones"]
+) -> Float[Array, "time drones 1"]:
+    """Rotor speed [rev/min] at which four equal rotors give `thrust` [N], within the range."""
+    limits = data.controls.force_torque.params
+    each = jnp.clip(thrust / 4.0, limits["thrust_min"], limits["thrust_max"])[..., None]
+    c, b, a = (data.params.rpm2thrust[..., i] for i in range(3))
+    return (-b + jnp.sqrt(b**2 - 4.0 * a * (c - each))) / (2.0 * a)

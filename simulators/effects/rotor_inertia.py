@@ -1,0 +1,41 @@
+"""Rotor inertia: I = I_nominal (1 + e), what speeding up a rotor turns the drone with."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, PlantEffect
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+
+class RotorInertia(PlantEffect):
+    """Propellers and motors heavier or lighter than believed. Source: crazyflow's 39e-9 kg m^2."""
+
+    e: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Relative excess moment of inertia of every rotor [-]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "e": Parameter(
+            unit="-",
+            low=-1.0,
+            high=2.0,
+            neutral=0.0,
+            source="-1 is a simulator without it; the upper bound is a guess",
+        )
+    }
+    door: ClassVar[str] = "plant"
+    needs: ClassVar[tuple[str, ...]] = ("rotation",)
+    order: ClassVar[int] = 6
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def plant(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Vehicle]:
+        scale = vehicle.rotor_inertia_scale * (1.0 + self.e)
+        return None, eqx.tree_at(lambda v: v.rotor_inertia_scale, vehicle, scale)

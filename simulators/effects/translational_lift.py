@@ -1,0 +1,44 @@
+"""Translational lift: f = k m |v across b|^2 b along the rotor axis b."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.flight import Flight
+from simulators.rotation import rotate
+from simulators.vehicle import Vehicle
+
+
+class TranslationalLift(WrenchEffect):
+    """Thrust gained by flying forward. Source: RotorPy (2023), its k_h; Svacha et al. (2017)."""
+
+    k: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Lift over mass and squared speed across the axis [1/m]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "k": Parameter(
+            unit="1/m",
+            low=-0.1,
+            high=0.6,
+            neutral=0.0,
+            source="0.10 in RotorPy's Crazyflie Brushless; the bounds are a guess",
+        )
+    }
+    door: ClassVar[str] = "wrench"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 8
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def wrench(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
+        up = rotate(flight.quat, jnp.zeros_like(flight.vel).at[:, 2].set(1.0))
+        along = jnp.sum(up * flight.vel, axis=-1, keepdims=True)
+        across = jnp.sum(flight.vel**2, axis=-1, keepdims=True) - along**2
+        return None, self.k * vehicle.mass * across * up, jnp.zeros_like(flight.vel)
