@@ -299,7 +299,7 @@ def _line(
         x=np.concatenate([x[known], x[known][::-1]]),
         y=np.concatenate([high[known], low[known][::-1]]),
         fill="toself",
-        fillcolor=_faded(style.color, 0.14),
+        fillcolor=faded(style.color, 0.14),
         line={"width": 0},
         legendgroup=name,
         showlegend=False,
@@ -369,6 +369,7 @@ def owners(runs: pd.DataFrame) -> dict[str, tuple[Cell, Entry]]:
     }
 
 
-def _faded(color: str, alpha: float) -> str:
+def faded(color: str, alpha: float) -> str:
+    """`color`, "#rrggbb", with an opacity."""
     r, g, b = (int(color[i : i + 2], 16) for i in (1, 3, 5))
     return f"rgba({r},{g},{b},{alpha})"

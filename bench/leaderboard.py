@@ -13,6 +13,7 @@ from bench import markdown
 from bench.numbers import MISSING, mean_std, number, seconds, span
 from bench.pooled import Pool, pools
 from bench.pooled_text import (
+    EXCLUDES_HALF,
     HOW_TO_READ_POOLED,
     improvement_headings,
     improvement_lines,
@@ -81,8 +82,7 @@ def _pool_parts(pool: Pool) -> list[str]:
     parts = [f"## {markdown.escape(pool_title(pool))}", _bullets(HOW_TO_READ_POOLED)]
     parts += [_table(pool_headings(pool), pool_lines(pool), left=(1, 2))]
     parts += [_table(improvement_headings(pool), improvement_lines(pool))]
-    remarks = ["\\*: the 95 % percentile-bootstrap interval excludes 0.5."]
-    return [*parts, _bullets([*remarks, *map(markdown.escape, pool_remarks(pool))])]
+    return [*parts, _bullets(map(markdown.escape, [EXCLUDES_HALF, *pool_remarks(pool)]))]
 
 
 def _bullets(lines: Iterable[str]) -> str:

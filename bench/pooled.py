@@ -27,6 +27,8 @@ from bench.tables import Tables
 
 FEWEST = 2
 """Seeds that an entry needs in a cell."""
+GRID = 61
+"""Scores at which profiles are drawn."""
 
 
 class PooledRow(NamedTuple):
@@ -41,6 +43,8 @@ class PooledRow(NamedTuple):
     """Letters of its tie groups; entries that share one cannot be told apart."""
     shares: list[Interval]
     """Share of its runs with a score above each of the pool's thresholds."""
+    profile: list[Interval]
+    """The same above each score of the pool's grid."""
     seeds: tuple[int, int]
     """Fewest and most seeds in a cell."""
     n: int
@@ -59,6 +63,8 @@ class Pool(NamedTuple):
     """Higher IQM first."""
     thresholds: list[float]
     """Scores: quartiles of all runs of the pool."""
+    grid: list[float]
+    """Scores from the lowest to the highest, evenly spaced, for a picture."""
     improvement: list[list[Interval | None]]
     """Probability that a run of the row's entry beats one of the column's; None on the diagonal."""
     left_out: list[tuple[Entry, str]]
@@ -127,18 +133,31 @@ def _pool(
             letters[i] += ("," if letters[i] else "") + _letter(letter)
     values = [x for entry in entries for own in samples[entry].values() for x in own.values()]
     thresholds = [float(x) for x in np.quantile(values, [0.25, 0.5, 0.75])]
+    grid = [float(x) for x in np.linspace(min(values), max(values), GRID)]
     rows = []
     for entry, rank, groups in zip(entries, apart.ranks, letters, strict=True):
         seeds = [len(samples[entry][cell]) for cell in cells]
         missing = sum(gone.get((cell, entry), 0) for cell in rewards)
-        shares = profile(samples[entry], thresholds)
-        ends = (min(seeds), max(seeds))
-        rows.append(PooledRow(entry, iqms[entry], rank, groups, shares, ends, sum(seeds), missing))
+        above = profile(samples[entry], [*thresholds, *grid])
+        rows.append(
+            PooledRow(
+                entry=entry,
+                iqm=iqms[entry],
+                rank=rank,
+                groups=groups,
+                shares=above[: len(thresholds)],
+                profile=above[len(thresholds) :],
+                seeds=(min(seeds), max(seeds)),
+                n=sum(seeds),
+                lost=missing,
+            )
+        )
     return Pool(
         *world,
         cells=cells,
         rows=rows,
         thresholds=thresholds,
+        grid=grid,
         improvement=_improvement([samples[entry] for entry in entries]),
         left_out=_left_out(cells, set(entries), scores, rewards),
         without=_without(cells, entries, scores, rewards),

@@ -15,7 +15,9 @@ HOW_TO_READ_POOLED = (
     "hold together. Methods that share a letter cannot be told apart.",
     "n: runs in the numbers (cells x seeds). Runs lost, in any cell of this world, are in none.",
 )
-"""What a reader must know, in Markdown."""
+"""What a reader must know."""
+EXCLUDES_HALF = "*: the 95 % percentile-bootstrap interval excludes 0.5."
+"""What an asterisk means."""
 
 
 def pool_title(pool: Pool) -> str:

@@ -12,7 +12,7 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from bench.figures import CURVES_INTRO, Drawing, curve_drawings, summary_drawings
+from bench.figures import CURVES_INTRO, Drawing, curve_drawings, styles, summary_drawings
 from bench.leaderboard import (
     COLUMNS,
     HOW_TO_READ,
@@ -24,6 +24,18 @@ from bench.leaderboard import (
     standing_lines,
 )
 from bench.pages import environment, harmless_json, write_text
+from bench.pooled import Pool, pools
+from bench.pooled_figures import pooled_drawings
+from bench.pooled_text import (
+    EXCLUDES_HALF,
+    HOW_TO_READ_POOLED,
+    improvement_headings,
+    improvement_lines,
+    pool_headings,
+    pool_lines,
+    pool_remarks,
+    pool_title,
+)
 from bench.run_details import details, first_runs, run_lines, settings_groups, version_groups
 from bench.statistics import Cell, Entry
 from bench.tables import Tables
@@ -39,14 +51,18 @@ def write_report(tables: Tables, path: Path, title: str = "Benchmark report") ->
         ("Training curves", CURVES_INTRO, curve_drawings(tables)),
         ("Flown paths", TOP_VIEW_INTRO, trajectory_drawings(tables)),
     ]
+    pooled = [_pooled(tables, pool) for pool in pools(tables)]
     opened = details(tables, lines, settings, versions)
     drawn = any(drawings for *_, drawings in sections) or any(run["curve"] for run in opened)
+    drawn = drawn or bool(pooled)
     page = environment().get_template("report.html.j2")
     text = page.render(
         title=title,
         plotly=plotly_source() if drawn else "",
         how_to_read=[render_markdown(line, inline=True) for line in HOW_TO_READ],
         counts=_counts(tables),
+        how_to_read_pooled=HOW_TO_READ_POOLED,
+        pools=pooled,
         standing_headings=STANDING_HEADINGS,
         standings=standing_lines(rows),
         boards=_boards(rows, first_runs(tables, lines)),
@@ -81,6 +97,19 @@ def plotly_source() -> Markup:
 
 def _figure_json(drawing: Drawing) -> Markup:
     return harmless_json(str(drawing.plot.to_json()))
+
+
+def _pooled(tables: Tables, pool: Pool) -> dict[str, Any]:
+    """One pool: its tables, figures and remarks."""
+    return {
+        "title": pool_title(pool),
+        "tables": [
+            ("Scores and ranks", pool_headings(pool), pool_lines(pool)),
+            ("Who beats whom", improvement_headings(pool), improvement_lines(pool)),
+        ],
+        "remarks": [EXCLUDES_HALF, *pool_remarks(pool)],
+        "figures": [(d, _figure_json(d)) for d in pooled_drawings(pool, styles(tables))],
+    }
 
 
 def _boards(rows: list[Row], opens: dict[tuple[Cell, Entry], str]) -> list[dict[str, Any]]:

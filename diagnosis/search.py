@@ -114,9 +114,10 @@ class Problem:
         if effects not in self.fits:
             near = self.known.get(effects, near)
             starts = [near.vector] if near.effects == effects else self._starts(effects, near)
+            # A linear step may end where nothing is better; what it started from is never worse.
             fits = [
                 Fit(effects, start, self.likelihood.normal(start), near.shared, near.penalty)
-                for start in starts
+                for start in (*starts, near.vector)
             ]
             best = min(fits, key=lambda fit: fit.objective)
             best = self._descended(best, self.free(effects))
@@ -339,12 +340,16 @@ class Problem:
                 promised[effects] = (value, near)
         base = max(self.log_evidence(fit) for fit in front)
         ranked = sorted(promised.items(), key=lambda item: item[1][0], reverse=True)
-        top = ranked[0][1][0] - base if ranked else 0.0
+        top, kept = ranked[0][1][0] - base if ranked else 0.0, -np.inf
         for count, (effects, (value, near)) in enumerate(ranked):
             declared = any(name in START and name != "gust" for name in effects - near.effects)
-            close = value - base > max(WORTH, NEAR * top) or value - base > top - 30.0
+            # What the others must come near to: a promise, until it turns out to be too large.
+            goal = min(top, kept) if count else top
+            close = value - base > max(WORTH, NEAR * goal) or value - base > goal - 30.0
             if declared or (count < REFITS and value - base > WORTH and close):
-                yield self.refit(effects, near)
+                fit = self.refit(effects, near)
+                kept = max(kept, self.log_evidence(fit) - base)
+                yield fit
 
 
 def bounded_step(

@@ -31,7 +31,7 @@ from jaxtyping import Array, Float
 
 from simulators.effects.contract import CommandEffect, Parameter, PlantEffect, WrenchEffect
 from simulators.flight import Flight
-from simulators.vehicle import Vehicle
+from simulators.vehicle import GRAVITY, Vehicle
 
 ROTOR_RADIUS = 0.0231
 """Radius of a Crazyflie rotor [m]."""
@@ -181,7 +181,7 @@ class WrenchDisturbance(WrenchEffect):
     lift: Array | float = 0.0
     """Translational lift along the thrust [1/m]."""
     axial_drag: Array | float = 0.0
-    """Linear drag along the thrust [1/s]."""
+    """Linear drag along the thrust in hover [1/s]."""
     suction: Array | float = 0.0
     """Specific force at a wall, towards it [m/s^2]."""
     wall_normal: Array = eqx.field(default_factory=lambda: jnp.asarray([1.0, 0.0, 0.0]))
@@ -223,7 +223,9 @@ class WrenchDisturbance(WrenchEffect):
         near = self.ground_effect * (ROTOR_RADIUS / (4.0 * height)) ** 2
         climb = jnp.einsum("ni,ni->n", flight.vel, up)[:, None]
         forward = jnp.linalg.norm(flight.vel - climb * up, axis=1, keepdims=True)
-        rotors = self.lift * forward**2 - self.axial_drag * climb
+        hover = vehicle.mass * GRAVITY
+        spinning = jnp.sqrt(jnp.maximum(thrust, 1e-6) / hover)
+        rotors = self.lift * forward**2 - self.axial_drag * spinning * climb
         force = vehicle.mass * (specific + rotors * up) + near * thrust * up
         # The autopilot's thrust acts at the geometric centre, off the centre of mass.
         lever = jnp.concatenate([self.offset, jnp.zeros(1)])

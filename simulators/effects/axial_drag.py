@@ -1,4 +1,7 @@
-"""Linear drag along the rotor axis b only: f = -c m (v . b) b, what makes drag anisotropic."""
+"""Drag along the rotor axis b: f = -c m sqrt(T / m g) (v . b) b with the thrust T.
+
+What makes linear drag anisotropic. It grows with rotor speed, hence with the root of the thrust.
+"""
 
 from typing import ClassVar
 
@@ -9,14 +12,14 @@ from jaxtyping import Array, Float
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.rotation import rotate
-from simulators.vehicle import Vehicle
+from simulators.vehicle import GRAVITY, Vehicle
 
 
 class AxialDrag(WrenchEffect):
     """Thrust lost to inflow through climbing rotors. Source: RotorPy (2023), its k_z."""
 
     c: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
-    """Drag coefficient along the axis, beyond that of all directions, over mass [1/s]."""
+    """Drag along the axis in hover, beyond that of all directions, over mass [1/s]."""
 
     parameters: ClassVar[dict[str, Parameter]] = {
         "c": Parameter(
@@ -41,4 +44,7 @@ class AxialDrag(WrenchEffect):
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
         up = rotate(flight.quat, jnp.zeros_like(flight.vel).at[:, 2].set(1.0))
         along = jnp.sum(up * flight.vel, axis=-1, keepdims=True)
-        return None, -self.c * vehicle.mass * along * up, jnp.zeros_like(flight.vel)
+        turning = flight.thrust > 0.0  # the root has no derivative where the rotors stand still
+        lift = jnp.where(turning, flight.thrust, 1.0) / (vehicle.mass * GRAVITY)
+        speed = jnp.where(turning, jnp.sqrt(lift), 0.0)[:, None]
+        return None, -self.c * vehicle.mass * speed * along * up, jnp.zeros_like(flight.vel)

@@ -51,7 +51,7 @@ INTERIOR = {
     "mass": {"e": 0.2},
     "motor_lag": {"scale": 1.4},
     "quadratic_drag": {"k": 0.6},
-    "roll_pitch_gains": {"stiffness": 0.3, "damping": 0.4, "acceleration": -0.2},
+    "roll_pitch_gains": {"stiffness": 0.3, "damping": 0.4, "acceleration": -0.2, "roll": 0.1},
     "rotor_inertia": {"e": 0.4},
     "thrust_gain": {"e": -0.1},
     "thrust_lag": {"up": 0.08, "down": 0.05},
