@@ -70,8 +70,9 @@ def truth_fit(problem: Problem, truth: Parameters) -> Fit:
                 f"'{effect}'."
             )
         for i in library.indices(effect):
-            parameter = library.slots[i].parameter
-            vector[i] = values.get(parameter, vector[i]) + problem.origin[i]
+            slot = library.slots[i]
+            true = values.get(slot.parameter, slot.neutral)
+            vector[i] = slot.on_top(true, problem.base[i])
     effects = Set(truth)
     return problem.refit(
         effects, dataclasses.replace(problem.anchor(), effects=effects, vector=vector)
@@ -147,10 +148,11 @@ def cramer_rao(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
 
 def values(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
     """The parameters of a fit by effect, on top of what nominal and reference differ by."""
-    slots, own = problem.library.slots, fit.vector - fit.shared - problem.origin
+    slots, base = problem.library.slots, problem.base + fit.shared
     found: dict[str, dict[str, float]] = {}
     for i in problem.free(fit.effects):
-        found.setdefault(slots[i].effect, {})[slots[i].parameter] = float(own[i])
+        own, _ = slots[i].beyond(fit.vector[i], base[i])
+        found.setdefault(slots[i].effect, {})[slots[i].parameter] = float(own)
     return found
 
 

@@ -21,6 +21,7 @@ from diagnosis.library import (
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightLog, FlightSet, LogError
 from diagnosis.noise import CHANNELS, estimate_noise
+from diagnosis.programs import remembered
 from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Fit, Problem, dispersion
@@ -152,14 +153,10 @@ def _study(
     step = STEPS.get(simulator, STEPS["point_mass"])
     replay = make_replay(library, step, inputs.prescribed)
     progress("cutting flights into windows", 0.02)
-    sigma = estimate_noise(logs)
-    if inputs.prescribed:
-        sigma[6:] = UNSEEN
+    sigma = noise_of(replay, logs)
     progress("compiling the simulator", 0.05)
-    base = None
-    if compared is not None:
-        base = fit_reference(make_likelihood(replay, compared.flights, sigma))
-    every = make_likelihood(replay, logs, base.sigma if base else sigma)
+    base = reference_of(replay, compared.flights) if compared is not None else None
+    every = make_likelihood(replay, logs, base.enlarged * sigma if base else sigma)
     fit_ids, held = shrinkage.split(len(logs))
     lofo = fit_ids == held
     likelihood = every if lofo else _part(every, logs, fit_ids)
@@ -181,6 +178,28 @@ def make_likelihood(
     mass = replay.library.simulator.spec.mass
     ignored = functools.partial(on_ground, mass=mass)
     return Likelihood(replay, cut(logs, replay.dt, replay.prescribed, ignored), sigma)
+
+
+def noise_of(replay: Replay, logs: Sequence[FlightLog]) -> Float[np.ndarray, " 9"]:
+    """Noise of logs, with which a prescribed attitude says nothing."""
+    sigma = estimate_noise(logs)
+    if replay.prescribed:
+        sigma[6:] = UNSEEN
+    return sigma
+
+
+def reference_of(replay: Replay, logs: Sequence[FlightLog]) -> Reference:
+    """What reference flights say; remembered where compiled programs are."""
+
+    def fit() -> dict[str, np.ndarray]:
+        return fit_reference(make_likelihood(replay, logs, noise_of(replay, logs))).to_arrays()
+
+    rows = [vars(drone).items() for log in logs for drone in log.drones]
+    inputs = [x for columns in rows for _, x in columns if x is not None]
+    given = [[name for name, x in columns if x is not None] for columns in rows]
+    settings = f"dt={replay.dt} prescribed={replay.prescribed} {given}"
+    settings += f" drones={[len(log.drones) for log in logs]}"
+    return Reference.of(remembered("reference", fit, replay.library, settings, inputs))
 
 
 def _part(every: Likelihood, logs: Sequence[FlightLog], chosen: Sequence[int]) -> Likelihood:

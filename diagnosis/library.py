@@ -84,6 +84,22 @@ class Slot:
     """Smallest value that a fit may try."""
     high: float
     """Largest value that a fit may try."""
+    factor: bool = False
+    """Whether it multiplies (`Parameter.factor`)."""
+
+    def beyond(self, value: float, base: float) -> tuple[float, float]:
+        """What acts on top of `base` where the vector holds `value`, and its slope by `value`."""
+        if not self.factor:
+            return self.neutral + value - base, 1.0
+        one = 1.0 - self.neutral
+        return (value + one) / (base + one) - one, 1.0 / (base + one)
+
+    def on_top(self, value: float, base: float) -> float:
+        """What the vector holds where `value` acts on top of `base`."""
+        if not self.factor:
+            return value + base - self.neutral
+        one = 1.0 - self.neutral
+        return (value + one) * (base + one) - one
 
 
 class Library(eqx.Module):
@@ -160,7 +176,9 @@ def make_library(
         effects[name] = kind
         for parameter, info in kind.parameters.items():
             neutral = min(info.neutral, FAR)
-            slots.append(Slot(name, parameter, info.unit, neutral, info.low, info.high))
+            slots.append(
+                Slot(name, parameter, info.unit, neutral, info.low, info.high, info.factor)
+            )
     withheld = frozenset(name for name in effects if name in exclude)
     return Library(simulator, effects, tuple(slots), withheld)
 

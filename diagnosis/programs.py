@@ -1,23 +1,25 @@
-"""Traced programs kept on disk, beside XLA's own cache of compiled ones.
+"""Traced programs, and fits of reference flights, kept on disk beside XLA's own cache.
 
 Tracing the whole library in forward mode takes longer than flying a minute of logs through it. A
 program is kept under the hash of everything that goes into it: the source of every module that the
-simulator and its effects come from, the versions of JAX and crazyflow, shapes and constants. It is
-kept only where `JAX_COMPILATION_CACHE_DIR` names a folder; a file that cannot be read is traced
-anew.
+simulator and its effects come from, the versions of JAX and crazyflow, shapes and constants; a fit
+under that and the flights. They are kept only where `JAX_COMPILATION_CACHE_DIR` names a folder; a
+file that cannot be read is made anew.
 """
 
 import hashlib
 import importlib.metadata
 import inspect
+import io
 import os
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from jax import export
 
 from diagnosis.library import Library
@@ -38,6 +40,34 @@ def cached(name: str, trace: Callable, library: Library, settings: str, args: tu
     return jax.jit(exported.call)
 
 
+def remembered(
+    name: str,
+    make: Callable[[], dict[str, np.ndarray]],
+    library: Library,
+    settings: str,
+    args: Sequence[np.ndarray],
+) -> dict[str, np.ndarray]:
+    """The arrays that `make` returns, from disk where they were made of the same arrays before."""
+    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    if not folder:
+        return make()
+    digest = hashlib.sha256()
+    for array in args:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    settings += digest.hexdigest()
+    path = Path(folder) / f"{name}-{_key(library, settings, tuple(args), 'diagnosis')}.npz"
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return dict(file)
+    except Exception:
+        # As above.
+        made = make()
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **made)
+    _keep(path, buffer.getvalue())
+    return made
+
+
 def _keep(path: Path, content: bytes) -> None:
     """Written beside and renamed; a folder that cannot be written to is no cache."""
     try:
@@ -49,13 +79,13 @@ def _keep(path: Path, content: bytes) -> None:
         return
 
 
-def _key(library: Library, settings: str, args: tuple) -> str:
+def _key(library: Library, settings: str, args: tuple, *packages: str) -> str:
     digest = hashlib.sha256()
     shapes = jax.tree.map(lambda x: (x.shape, str(x.dtype)), args)
     versions = [f"{p}={importlib.metadata.version(p)}" for p in ("jax", "crazyflow", "equinox")]
     for text in (settings, repr(shapes), repr(versions), jax.default_backend(), _shown(library)):
         digest.update(text.encode())
-    for module in _modules(library):
+    for module in _modules(library, *packages):
         digest.update(inspect.getsource(module).encode())
     return digest.hexdigest()[:32]
 
@@ -66,10 +96,10 @@ def _shown(library: Library) -> str:
     return repr(([str(leaf) for leaf in leaves], structure, library.slots))
 
 
-def _modules(library: Library) -> list[Any]:
-    """Every module of the simulators and of the effects, sorted by name."""
-    packages = {kind.__module__.split(".")[0] for kind in library.effects.values()}
+def _modules(library: Library, *others: str) -> list[Any]:
+    """Every module of the simulators, of the effects and of `others`, sorted by name."""
+    packages = {*others} | {kind.__module__.split(".")[0] for kind in library.effects.values()}
     packages |= {"simulators", type(library.simulator).__module__.split(".")[0]}
     found = [m for n, m in sys.modules.items() if m and n.split(".")[0] in packages]
-    found.append(sys.modules["diagnosis.replay"])
+    found += [sys.modules["diagnosis.replay"]] * ("diagnosis" not in others)
     return sorted((m for m in found if getattr(m, "__file__", None)), key=lambda m: m.__name__)

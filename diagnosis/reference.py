@@ -8,6 +8,8 @@ on both sets is thereby noise and not a finding.
 """
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -33,13 +35,23 @@ class Reference:
     vector: Float[np.ndarray, " params"]
     """The library's parameters that fit them."""
     precision: Float[np.ndarray, "params params"]
-    """Inverse covariance of that vector, in units of the target's chi-square."""
-    sigma: Float[np.ndarray, " 9"]
-    """Noise with which the reference agrees with its fit: m, m/s, rad."""
+    """Inverse covariance of that vector, in units of chi-square."""
+    enlarged: Float[np.ndarray, " 9"]
+    """Noise with which the reference agrees with its fit, over the noise of its logs."""
     phi: float
     """Dispersion between its flights."""
     structure: float
     """Structure that the fit leaves."""
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Everything as arrays by name."""
+        return {f.name: np.asarray(getattr(self, f.name)) for f in dataclasses.fields(self)}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray]) -> "Reference":
+        """The inverse of `to_arrays`."""
+        values: dict[str, Any] = {n: x if x.ndim else float(x) for n, x in arrays.items()}
+        return cls(**values)
 
     def shared(self, library: Library) -> list[dict]:
         """The vector where it differs from neutral by more than its error, for the report."""
@@ -58,7 +70,7 @@ class Reference:
 
 def fit_reference(likelihood: Likelihood) -> Reference:
     """The library fitted to the reference flights of `likelihood`, whose noise is enlarged."""
-    library, sigma = likelihood.replay.library, likelihood.sigma
+    library = likelihood.replay.library
     n_flights = len({flight for group in likelihood.groups for flight in group.flight})
     vector = _descended(likelihood, library)
     likelihood.settle(vector, 6.0)
@@ -68,15 +80,15 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     # A channel that these flights hardly excited would be believed too much: both horizontal
     # directions, and roll and pitch, take the larger of their two.
     per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])
-    sigma = sigma * np.sqrt(np.maximum(per_channel, 1.0))
-    likelihood.sigma = sigma
+    enlarged = np.sqrt(np.maximum(per_channel, 1.0))
+    likelihood.sigma = likelihood.sigma * enlarged
     likelihood.settle(vector, 6.0)
     normal = likelihood.normal(vector)
     phi = dispersion(normal, n_flights)
     prior = _prior(library)
     precision = normal.H.sum(axis=0) + phi * np.diag(prior)
     problem = Problem(likelihood, vector, None, phi)
-    return Reference(vector, precision, sigma, phi, max(1.0, structure(problem, normal).value))
+    return Reference(vector, precision, enlarged, phi, max(1.0, structure(problem, normal).value))
 
 
 def _prior(library: Library) -> Float[np.ndarray, " params"]:

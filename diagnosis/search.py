@@ -45,6 +45,8 @@ PARTS = (1.0, 0.5, 0.2, 0.05)
 """Parts of a Gauss-Newton step that are tried until one is better."""
 STEPS = 8
 """Most Gauss-Newton steps of a refit."""
+HOPELESS = 50.0
+"""Log evidence [nats] below that of another set at which a refit ends early."""
 ACROSS = 0.1
 """How near an onset must be to the edge of a window for the window beside to be tried [s]."""
 WORTH = 3.0
@@ -68,8 +70,9 @@ class Fit:
 
     @property
     def objective(self) -> float:
-        """Chi-square of the target flights, and of the shared shift."""
-        return self.normal.chi2 + self.penalty
+        """Chi-square of the target flights, and of the shared shift; infinite for NaN."""
+        value = self.normal.chi2 + self.penalty
+        return value if np.isfinite(value) else np.inf
 
 
 class Problem:
@@ -85,7 +88,6 @@ class Problem:
         self.likelihood, self.precision, self.phi = likelihood, precision, phi
         self.library: Library = likelihood.replay.library
         self.base = self.library.neutral if base is None else base
-        self.origin = self.base - self.library.neutral
         self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
         self.fits: dict[Set, Fit] = {}
         self.known: dict[Set, Fit] = {}
@@ -205,8 +207,8 @@ class Problem:
     ) -> tuple[Float[np.ndarray, " free"], float]:
         """Linear step within the bounds, and the fall in chi-square that it promises."""
         H, g = self.reduced(normal, fit, free)
-        if not free:
-            return np.zeros(0), 0.0
+        if not free or not np.isfinite(H).all():
+            return np.zeros(len(free)), 0.0
         low, high = self._bounds(free)
         step = bounded_step(H, g, low - fit.vector[free], high - fit.vector[free])
         return step, float(2 * g @ step - step @ H @ step)
@@ -236,11 +238,14 @@ class Problem:
         return inner - H[free] @ pull[:, :-1], right - H[free] @ pull[:, -1]
 
     def _descended(self, fit: Fit, free: list[int]) -> Fit:
-        for _ in range(STEPS):
+        best = max((self.log_evidence(other) for other in self.fits.values()), default=-np.inf)
+        for left in reversed(range(STEPS)):
             better = self._step(fit, free)
-            if better is None or fit.objective - better.objective < 0.05 * self.phi:
-                return better or fit
-            fit = better
+            gain = fit.objective - better.objective if better else 0.0
+            fit = better or fit
+            within_reach = -0.5 * (fit.objective - left * gain) / self.phi
+            if gain < 0.05 * self.phi or within_reach < best - HOPELESS:
+                return fit
         return fit
 
     def _step(self, fit: Fit, free: list[int]) -> Fit | None:
@@ -339,6 +344,7 @@ class Problem:
             if effects not in promised or value > promised[effects][0]:
                 promised[effects] = (value, near)
         base = max(self.log_evidence(fit) for fit in front)
+        best = max(self.log_evidence(fit) for fit in self.fits.values())
         ranked = sorted(promised.items(), key=lambda item: item[1][0], reverse=True)
         top, kept = ranked[0][1][0] - base if ranked else 0.0, -np.inf
         for count, (effects, (value, near)) in enumerate(ranked):
@@ -348,7 +354,7 @@ class Problem:
             close = value - base > max(WORTH, NEAR * goal) or value - base > goal - 30.0
             if declared or (count < REFITS and value - base > WORTH and close):
                 fit = self.refit(effects, near)
-                kept = max(kept, self.log_evidence(fit) - base)
+                kept = max(kept, self.log_evidence(fit) - best)
                 yield fit
 
 

@@ -186,8 +186,12 @@ def intervals(
         return [], np.zeros(0), np.zeros(0)
     H, _ = problem.reduced(fit.normal, fit, free)
     width = 1.96 * WIDER * np.sqrt(problem.phi * np.diag(np.linalg.pinv(H)))
-    # What the shared shift moved is no change: an effect is reported on top of it.
-    value = (fit.vector - fit.shared)[free] - problem.origin[free]
+    # What the reference has, and what the shared shift moved, is no change: an effect is reported
+    # on top of it.
+    base = problem.base + fit.shared
+    slots = problem.library.slots
+    found = np.asarray([slots[i].beyond(fit.vector[i], base[i]) for i in free])
+    value, width = found[:, 0], width * np.abs(found[:, 1])
     return free, value - width, value + width
 
 

@@ -28,7 +28,13 @@ from diagnosis.decidable import (
     unexplained,
     values,
 )
-from diagnosis.diagnose import DISTRUST, STEPS, make_likelihood, nominal_simulator
+from diagnosis.diagnose import (
+    DISTRUST,
+    STEPS,
+    make_likelihood,
+    nominal_simulator,
+    reference_of,
+)
 from diagnosis.library import make_library, with_aliases
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightSet, load_flights
@@ -93,8 +99,8 @@ class Workbench:
         if not self.with_reference:
             return Problem(make_likelihood(replay, flights.flights, sigma)), n
         reference = load_flights(self.runs / "reference").flights
-        base = fit_reference(make_likelihood(replay, reference, sigma))
-        likelihood = make_likelihood(replay, flights.flights, base.sigma)
+        base = reference_of(replay, reference)
+        likelihood = make_likelihood(replay, flights.flights, base.enlarged * sigma)
         return Problem(likelihood, base.vector, base.precision), n
 
 

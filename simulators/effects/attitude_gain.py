@@ -22,6 +22,7 @@ class AttitudeGain(CommandEffect):
             low=-0.3,
             high=0.3,
             neutral=0.0,
+            factor=True,
             source="-0.11 (cf21B) and -0.08 (L250) in crazyflow 0.4.0; the bounds are a guess",
         )
     }

@@ -33,6 +33,8 @@ class Parameter:
     """The value at which the simulator is exactly nominal; may lie outside [low, high]."""
     source: str
     """Where the bounds come from; a guess is called a guess."""
+    factor: bool = False
+    """Whether it multiplies: 1 + value where neutral is 0, the value where neutral is 1."""
 
 
 class AbstractEffect(eqx.Module):

@@ -23,6 +23,7 @@ class Mass(PlantEffect):
             low=-0.3,
             high=0.6,
             neutral=0.0,
+            factor=True,
             source="27 g (URDF) to 32.8 g (crazyflow) for one airframe, payloads of 5 to 10 g",
         )
     }

@@ -25,13 +25,18 @@ class RollPitchGains(AutopilotEffect):
     """Relative excess of all gains of roll over those of pitch [-]."""
 
     parameters: ClassVar[dict[str, Parameter]] = {
-        "stiffness": Parameter(unit="-", low=-0.95, high=4.0, neutral=0.0, source="a guess"),
-        "damping": Parameter(unit="-", low=-0.95, high=4.0, neutral=0.0, source="a guess"),
+        "stiffness": Parameter(
+            unit="-", low=-0.95, high=4.0, neutral=0.0, factor=True, source="a guess"
+        ),
+        "damping": Parameter(
+            unit="-", low=-0.95, high=4.0, neutral=0.0, factor=True, source="a guess"
+        ),
         "acceleration": Parameter(
             unit="-",
             low=-1.0,
             high=4.0,
             neutral=0.0,
+            factor=True,
             source="-1 is a loop without this gain; the upper bound is a guess",
         ),
         "roll": Parameter(
@@ -39,6 +44,7 @@ class RollPitchGains(AutopilotEffect):
             low=-0.5,
             high=1.0,
             neutral=0.0,
+            factor=True,
             source="-0.11 makes the two loops of cf21B_500 alike, whose inertias are 25e-6 and "
             "28e-6 kg m^2; the bounds are a guess",
         ),

@@ -23,6 +23,7 @@ class RotorInertia(PlantEffect):
             low=-1.0,
             high=2.0,
             neutral=0.0,
+            factor=True,
             source="-1 is a simulator without it; the upper bound is a guess",
         )
     }

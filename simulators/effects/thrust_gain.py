@@ -23,6 +23,7 @@ class ThrustGain(PlantEffect):
             low=-0.5,
             high=0.5,
             neutral=0.0,
+            factor=True,
             source="-0.14 to 0.03 over a fleet of one airframe, maps from PWM off by a third; the "
             "bound is a guess",
         )

@@ -22,15 +22,20 @@ class YawGains(AutopilotEffect):
     """Relative excess of the gain on the error in yaw rate [-]."""
 
     parameters: ClassVar[dict[str, Parameter]] = {
-        "stiffness": Parameter(unit="-", low=-0.95, high=4.0, neutral=0.0, source="a guess"),
+        "stiffness": Parameter(
+            unit="-", low=-0.95, high=4.0, neutral=0.0, factor=True, source="a guess"
+        ),
         "integral": Parameter(
             unit="-",
             low=-1.0,
             high=4.0,
             neutral=0.0,
+            factor=True,
             source="-1 is a loop without this gain; the upper bound is a guess",
         ),
-        "damping": Parameter(unit="-", low=-0.95, high=4.0, neutral=0.0, source="a guess"),
+        "damping": Parameter(
+            unit="-", low=-0.95, high=4.0, neutral=0.0, factor=True, source="a guess"
+        ),
     }
     door: ClassVar[str] = "autopilot"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)

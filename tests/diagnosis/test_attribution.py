@@ -185,7 +185,7 @@ def test_a_reference_takes_out_what_both_sets_share(replay):
     old = point_mass_set(Drag(c=0.5), seed=1).flights
     new = point_mass_set(Drag(c=0.5), Wind(x=0.4), seed=2).flights
     base = fit_reference(make_likelihood(replay, old, SIGMA))
-    problem, fits = attribute(make_likelihood(replay, new, base.sigma), len(new), base)
+    problem, fits = attribute(make_likelihood(replay, new, base.enlarged * SIGMA), len(new), base)
     verdict = judge(problem, fits, base.structure)
     assert verdict.chosen.effects == {"wind"}
     free, low, high = intervals(problem, verdict.chosen.fit)
