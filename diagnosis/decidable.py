@@ -75,7 +75,7 @@ def truth_fit(problem: Problem, truth: Parameters) -> Fit:
             vector[i] = slot.on_top(true, problem.base[i])
     effects = Set(truth)
     return problem.refit(
-        effects, dataclasses.replace(problem.anchor(), effects=effects, vector=vector)
+        effects, dataclasses.replace(problem.nominal(), effects=effects, vector=vector)
     )
 
 
@@ -111,7 +111,7 @@ def unexplained(
         largest: Number of effects in the largest sets.
     """
     nominal = problem.nominal()
-    front, best = [problem.anchor()], nominal
+    front, best = [problem.nominal()], nominal
     for _ in range(largest):
         grown = {
             fit.effects | {name}: fit
@@ -148,10 +148,10 @@ def cramer_rao(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
 
 def values(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
     """The parameters of a fit by effect, on top of what nominal and reference differ by."""
-    slots, base = problem.library.slots, problem.base + fit.shared
+    slots, base = problem.library.slots, problem.base + fit.shift
     found: dict[str, dict[str, float]] = {}
     for i in problem.free(fit.effects):
-        own, _ = slots[i].beyond(fit.vector[i], base[i])
+        own, _ = slots[i].beyond(fit.total[i], base[i])
         found.setdefault(slots[i].effect, {})[slots[i].parameter] = float(own)
     return found
 
@@ -171,7 +171,7 @@ def contains(effects: Set, truth: Set) -> bool:
 
 def _screened(problem: Problem, true: Fit) -> Iterator[tuple[Set, float]]:
     """Every rival with the chi-square beyond the truth's that it promises at least."""
-    anchor = problem.anchor()
+    anchor = problem.nominal()
     for rival in rivals(true.effects, problem.library.candidates):
         from_nominal = anchor.objective - _gain(problem, anchor, rival)
         from_truth = true.objective + _exchanged(problem, true, rival)
@@ -204,4 +204,4 @@ def _exchanged(problem: Problem, true: Fit, rival: Set) -> float:
 def _near(problem: Problem, rival: Set) -> Fit:
     """The best fit of a part of `rival` to start from."""
     parts = [fit for effects, fit in problem.fits.items() if effects and effects < rival]
-    return min(parts, key=lambda fit: fit.objective, default=problem.anchor())
+    return min(parts, key=lambda fit: fit.objective, default=problem.nominal())

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from diagnosis import gap, shrinkage
 from diagnosis.advice import next_flight
+from diagnosis.equations import dispersion
 from diagnosis.inputs import Inputs, choose_inputs, on_ground
 from diagnosis.library import (
     LEFT_OUT,
@@ -24,7 +25,7 @@ from diagnosis.noise import CHANNELS, estimate_noise
 from diagnosis.programs import remembered
 from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
-from diagnosis.search import Fit, Problem, dispersion
+from diagnosis.search import Fit, Problem
 from diagnosis.segments import cut
 from diagnosis.verdict import Verdict, intervals, judge, limits, structure
 from simulators import registry
@@ -166,7 +167,7 @@ def _study(
     scored = every if lofo else _part(every, logs, held)
     if not lofo:
         for other in (every, scored):
-            other.settle(verdict.chosen.fit.vector, DISTRUST)
+            other.settle(verdict.chosen.fit.total, DISTRUST)
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
     return Study(inputs, base, problem, verdict, every, drift, fit_ids, held, sigma)
 
@@ -229,14 +230,15 @@ def attribute(
     problem.phi = max(floor, dispersion(problem.nominal().normal, n_flights))
     best = problem.search()[0]
     progress("weighing windows after gaps", 0.5)
-    likelihood.settle(best.vector, DISTRUST)
+    likelihood.settle(best.total, DISTRUST)
     problem.renew()
-    best = problem.refit(best.effects, problem.anchor())
+    best = problem.refit(best.effects, problem.nominal())
     problem.phi = max(floor, dispersion(best.normal, n_flights))
     progress("comparing sets of effects", 0.6)
-    fits = problem.search()
-    problem.phi = max(floor, dispersion(fits[0].normal, n_flights))
-    return problem, sorted(fits, key=problem.log_evidence, reverse=True)
+    problem.search()
+    problem.polish_best()
+    problem.phi = max(floor, dispersion(problem.ranked()[0].normal, n_flights))
+    return problem, problem.ranked()
 
 
 def _content(flights: FlightSet, simulator: str, study: Study) -> dict[str, Any]:
@@ -303,7 +305,7 @@ def _candidates(problem: Problem, verdict: Verdict) -> list[dict[str, Any]]:
             "effects": sorted(ranked.effects),
             "probability": ranked.probability,
             "evidence": shrinkage.evidence(nominal.normal, problem, ranked.fit),
-            "shrink_percent": 100.0 * (1.0 - _drift(problem, ranked.fit.vector) / before)
+            "shrink_percent": 100.0 * (1.0 - _drift(problem, ranked.fit.total) / before)
             if before > 0
             else None,
         }

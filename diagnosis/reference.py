@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from diagnosis.equations import bounded_step, dispersion
 from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
-from diagnosis.search import Problem, bounded_step, dispersion
+from diagnosis.search import Problem
 from diagnosis.verdict import structure
 
 UNSHARED = ("gust", "attitude_loop", "mass", "quadratic_drag")

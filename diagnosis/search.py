@@ -13,7 +13,9 @@ with phi >= 1 the dispersion between flights (`dispersion`), which makes flights
 unit of replication.
 
 With a reference, what the nominal simulator lacks on both sets is a shared vector s with a
-Gaussian precision S from the reference flights; it is eliminated from every solve.
+Gaussian precision S from the reference flights. It is eliminated from every solve to first order,
+so that only effects are searched for in the simulator; the sets that end on top are flown with it
+(`Problem.polish`).
 """
 
 import dataclasses
@@ -22,8 +24,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import lsq_linear
 
+from diagnosis.equations import bounded_step, moved, scale_of, scaled, switched
 from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.segments import WINDOW
@@ -45,6 +47,10 @@ PARTS = (1.0, 0.5, 0.2, 0.05)
 """Parts of a Gauss-Newton step that are tried until one is better."""
 STEPS = 8
 """Most Gauss-Newton steps of a refit."""
+FRONT = 3
+"""Sets of one size from which larger ones are grown."""
+AGAIN = 100.0
+"""Log evidence [nats] below the best at which a set is fitted again after `renew`."""
 HOPELESS = 50.0
 """Log evidence [nats] below that of another set at which a refit ends early."""
 ACROSS = 0.1
@@ -60,17 +66,29 @@ class Fit:
     effects: Set
     """Names; empty for the nominal simulator."""
     vector: Float[np.ndarray, " params"]
-    """All parameters of the library."""
+    """All parameters of the library where the simulator was linearised."""
     normal: Normal
-    """Normal equations of the target flights at `vector`, along every parameter."""
+    """Normal equations of the target flights along every parameter, there and `ahead` of it."""
     shared: Float[np.ndarray, " params"]
-    """What separates nominal and reference, as a shift of the vector; zero without reference."""
+    """Shift of the base that `vector` holds: what the reference flights did not quite tell."""
+    ahead: Float[np.ndarray, " params"]
+    """The rest of that shift, to first order only; zero without reference."""
     penalty: float
-    """What that shift costs, in units of chi-square."""
+    """What the whole shift costs, in units of chi-square."""
+
+    @property
+    def shift(self) -> Float[np.ndarray, " params"]:
+        """The whole shift of the base."""
+        return self.shared + self.ahead
+
+    @property
+    def total(self) -> Float[np.ndarray, " params"]:
+        """All parameters of the library at the fit."""
+        return self.vector + self.ahead
 
     @property
     def objective(self) -> float:
-        """Chi-square of the target flights, and of the shared shift; infinite for NaN."""
+        """Chi-square of the target flights, and of the shift; infinite for NaN."""
         value = self.normal.chi2 + self.penalty
         return value if np.isfinite(value) else np.inf
 
@@ -100,16 +118,39 @@ class Problem:
         """Entries of the vector that a set sets free."""
         return [i for name in sorted(effects) for i in self.library.indices(name)]
 
-    def anchor(self) -> Fit:
-        """The base vector as it is, from which candidates are screened."""
-        zero = np.zeros(len(self.base))
-        return Fit(Set(), self.base, self.likelihood.normal(self.base), zero, 0.0)
+    def made(self, effects: Set, vector: np.ndarray, shared: np.ndarray | None = None) -> Fit:
+        """The fit of a set at `vector`, the rest of the shared shift taken to first order."""
+        shared = np.zeros(len(vector)) if shared is None else shared
+        normal, ahead = self.likelihood.normal(vector), np.zeros(len(vector))
+        if self.precision is None:
+            return Fit(effects, vector, normal, shared, ahead, 0.0)
+        H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
+        if np.isfinite(H).all():
+            ahead = np.linalg.solve(H + self.precision, g - self.precision @ shared)
+        shift = shared + ahead
+        penalty = float(shift @ self.precision @ shift)
+        return Fit(effects, vector, moved(normal, ahead), shared, ahead, penalty)
 
     def nominal(self) -> Fit:
-        """The fit without any effect: the anchor, but for a shared shift."""
+        """The base vector without any effect, from which candidates are screened."""
         if Set() not in self.fits:
-            self.fits[Set()] = self._descended(self.anchor(), [])
+            self.fits[Set()] = self.made(Set(), self.base)
         return self.fits[Set()]
+
+    def polish(self, effects: Set) -> Fit:
+        """The fit of a set with its whole shared shift flown, not taken to first order."""
+        fit = self.fits[effects]
+        for _ in range(STEPS):
+            if self.precision is None:
+                break
+            moved = self.made(effects, fit.total, fit.shift)
+            moved = self._descended(moved, self.free(effects))
+            settled = abs(moved.objective - fit.objective) < 0.05 * self.phi
+            fit = moved
+            if settled:
+                break
+        self.fits[effects] = fit
+        return fit
 
     def refit(self, effects: Set, near: Fit) -> Fit:
         """The set at its most likely parameters, started from what `near` promises."""
@@ -117,10 +158,7 @@ class Problem:
             near = self.known.get(effects, near)
             starts = [near.vector] if near.effects == effects else self._starts(effects, near)
             # A linear step may end where nothing is better; what it started from is never worse.
-            fits = [
-                Fit(effects, start, self.likelihood.normal(start), near.shared, near.penalty)
-                for start in (*starts, near.vector)
-            ]
+            fits = [self.made(effects, start, near.shared) for start in (*starts, near.vector)]
             best = min(fits, key=lambda fit: fit.objective)
             best = self._descended(best, self.free(effects))
             if "gust" in effects:
@@ -142,8 +180,7 @@ class Problem:
         vector[at] = edge + 0.597 * (-ACROSS if vector[at] >= edge else ACROSS)
         free = self.free(fit.effects)
         vector = self._within(vector, free)
-        moved = dataclasses.replace(fit, vector=vector, normal=self.likelihood.normal(vector))
-        return self._descended(moved, free)
+        return self._descended(self.made(fit.effects, vector, fit.shared), free)
 
     def _starts(self, effects: Set, near: Fit) -> list[Float[np.ndarray, " params"]]:
         """Where to start: one vector, but two where a gust may begin in either of two windows.
@@ -171,7 +208,7 @@ class Problem:
         if "gust" in effects - near.effects:
             onset = self.onset(near, effects)
             fresh[self._place("gust", "onset")] = onset
-            normal = _switched(normal, self.library.indices("gust"), onset)
+            normal = switched(normal, self.library.indices("gust"), onset)
         free = self.free(effects)
         fresh = self._within(fresh, free)
         fresh[free] += self._bounded(normal, dataclasses.replace(near, vector=fresh), free)[0]
@@ -182,7 +219,7 @@ class Problem:
         free = self.free(effects)
         times = np.unique(near.normal.t)[QUIET:]
         gust = self.library.indices("gust")
-        gains = [self.solve(_switched(near.normal, gust, t), near, free)[1] for t in times[:-1]]
+        gains = [self.solve(switched(near.normal, gust, t), near, free)[1] for t in times[:-1]]
         return float(times[int(np.argmax(gains))]) if gains else 0.0
 
     def _is(self, i: int, parameter: str) -> bool:
@@ -220,7 +257,7 @@ class Problem:
         H, g = self.reduced(normal, fit, free)
         if not free:
             return np.zeros(0), 0.0
-        step = np.linalg.lstsq(*_scaled(H, g), rcond=1e-9)[0] / _scale(H)
+        step = np.linalg.lstsq(*scaled(H, g), rcond=1e-9)[0] / scale_of(H)
         return step, float(2 * g @ step - step @ H @ step)
 
     def reduced(
@@ -232,9 +269,7 @@ class Problem:
         if self.precision is None:
             return inner, right
         known = H + self.precision
-        pull = np.linalg.solve(
-            known, np.column_stack([H[:, free], g - self.precision @ fit.shared])
-        )
+        pull = np.linalg.solve(known, np.column_stack([H[:, free], g - self.precision @ fit.shift]))
         return inner - H[free] @ pull[:, :-1], right - H[free] @ pull[:, -1]
 
     def _descended(self, fit: Fit, free: list[int]) -> Fit:
@@ -251,30 +286,15 @@ class Problem:
     def _step(self, fit: Fit, free: list[int]) -> Fit | None:
         """A fit that is better, along the Gauss-Newton step or a part of it."""
         step, promise = self._bounded(fit.normal, fit, free)
-        if promise < 0.02 * self.phi and not np.any(self._shared_step(fit, free, step)):
+        if promise < 0.02 * self.phi:
             return None
         for part in PARTS:
-            shift = part * self._shared_step(fit, free, step)
-            own = fit.vector + shift
-            own[free] += part * step
-            shared = fit.shared + shift
-            tried = dataclasses.replace(
-                fit,
-                vector=own,
-                normal=self.likelihood.normal(own),
-                shared=shared,
-                penalty=0.0 if self.precision is None else float(shared @ self.precision @ shared),
-            )
+            vector = fit.vector.copy()
+            vector[free] += part * step
+            tried = self.made(fit.effects, vector, fit.shared)
             if tried.objective < fit.objective:
                 return tried
         return None
-
-    def _shared_step(self, fit: Fit, free: list[int], step: np.ndarray) -> np.ndarray:
-        if self.precision is None:
-            return np.zeros(len(fit.vector))
-        H, g = fit.normal.H.sum(axis=0), fit.normal.g.sum(axis=0)
-        right = g - self.precision @ fit.shared - H[:, free] @ step
-        return np.linalg.solve(H + self.precision, right)
 
     def log_evidence(self, fit: Fit) -> float:
         """Laplace's log evidence [nats]."""
@@ -294,26 +314,41 @@ class Problem:
         """Log evidence that the linear screening at `near` promises a set [nats]."""
         free, normal = self.free(effects), near.normal
         if "gust" in effects - near.effects:
-            normal = _switched(normal, self.library.indices("gust"), self.onset(near, effects))
+            normal = switched(normal, self.library.indices("gust"), self.onset(near, effects))
         _, gain = self.solve(normal, near, free)
         H, _ = self.reduced(normal, near, free)
         return -0.5 * (near.objective - gain) / self.phi - self.occam(H, free)
 
     def search(self, largest: int = 3) -> list[Fit]:
-        """Fits of every set that came near the top, best evidence first."""
-        best, front = [self.nominal()], [self.anchor()]
-        for _ in range(largest):
-            grown = list(self._grow(front))
-            if not grown:
-                break
-            ranked = sorted([*best, *grown], key=self.log_evidence, reverse=True)
-            improved = ranked[0] is not sorted(best, key=self.log_evidence, reverse=True)[0]
-            best = ranked
-            front = sorted(grown, key=self.log_evidence, reverse=True)[:3]
-            if not improved:
+        """Fits of every set that came near the top, best evidence first.
+
+        After `renew`, sets that had come near the top are fitted again, and grown from there.
+        """
+        self.nominal()
+        before = sorted(self.known.values(), key=self.log_evidence, reverse=True)
+        for fit in before:
+            if self.log_evidence(fit) > self.log_evidence(before[0]) - AGAIN:
+                self.refit(fit.effects, self.nominal())
+        front = self.ranked()[:FRONT]
+        while front := [fit for fit in front if len(fit.effects) < largest]:
+            best = self.ranked()[0]
+            grown = sorted(self._grow(front), key=self.log_evidence, reverse=True)
+            front = grown[:FRONT]
+            if self.ranked()[0] is best:
                 break
         self._prune()
+        return self.ranked()
+
+    def ranked(self) -> list[Fit]:
+        """All fits, best evidence first."""
         return sorted(self.fits.values(), key=self.log_evidence, reverse=True)
+
+    def polish_best(self) -> None:
+        """Polishes the set on top, and the next one if that takes its place."""
+        polished: set[Set] = set()
+        while (best := self.ranked()[0].effects) not in polished:
+            polished.add(best)
+            self.polish(best)
 
     def _prune(self) -> None:
         """Refits the best set without each of its effects, as long as that is better.
@@ -328,8 +363,7 @@ class Problem:
                     vector = best.vector.copy()
                     gone = self.library.indices(name)
                     vector[gone] = self.base[gone] + best.shared[gone]
-                    near = dataclasses.replace(best, effects=less, vector=vector)
-                    self.refit(less, near)
+                    self.refit(less, self.made(less, vector, best.shared))
             if best is max(self.fits.values(), key=self.log_evidence):
                 return
 
@@ -344,7 +378,6 @@ class Problem:
             if effects not in promised or value > promised[effects][0]:
                 promised[effects] = (value, near)
         base = max(self.log_evidence(fit) for fit in front)
-        best = max(self.log_evidence(fit) for fit in self.fits.values())
         ranked = sorted(promised.items(), key=lambda item: item[1][0], reverse=True)
         top, kept = ranked[0][1][0] - base if ranked else 0.0, -np.inf
         for count, (effects, (value, near)) in enumerate(ranked):
@@ -354,70 +387,5 @@ class Problem:
             close = value - base > max(WORTH, NEAR * goal) or value - base > goal - 30.0
             if declared or (count < REFITS and value - base > WORTH and close):
                 fit = self.refit(effects, near)
-                kept = max(kept, self.log_evidence(fit) - best)
+                kept = max(kept, self.log_evidence(fit) - base)
                 yield fit
-
-
-def bounded_step(
-    H: Float[np.ndarray, "free free"],
-    g: Float[np.ndarray, " free"],
-    low: Float[np.ndarray, " free"],
-    high: Float[np.ndarray, " free"],
-) -> Float[np.ndarray, " free"]:
-    """The step that solves H step = g as well as `low` and `high` allow; zero is allowed."""
-    scale = _scale(H)
-    values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
-    kept = values > 1e-9 * max(values.max(), 1e-9)
-    if not kept.any():
-        return np.zeros(len(g))
-    root = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
-    target = vectors[:, kept].T @ (g / scale) / np.sqrt(values[kept])
-    low, high = scale * np.minimum(low, 0.0) - 1e-12, scale * np.maximum(high, 0.0) + 1e-12
-    return np.asarray(lsq_linear(root, target, (low, high)).x) / scale
-
-
-def _scale(H: np.ndarray) -> np.ndarray:
-    """Square roots of the diagonal, one where it vanishes."""
-    root = np.sqrt(np.clip(np.diag(H), 0.0, None))
-    return np.where(root > 0, root, 1.0)
-
-
-def _scaled(H: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normal equations with a unit diagonal."""
-    scale = _scale(H)
-    return H / np.outer(scale, scale), g / scale
-
-
-def _switched(normal: Normal, columns: list[int], onset: float) -> Normal:
-    """Normal equations in which some parameters act only in windows from `onset` on."""
-    on = (normal.t >= onset - WINDOW / 2).astype(float)
-    mask = np.ones((len(normal.t), normal.H.shape[1]))
-    mask[:, columns] = on[:, None]
-    return dataclasses.replace(
-        normal, H=normal.H * mask[:, :, None] * mask[:, None, :], g=normal.g * mask
-    )
-
-
-def dispersion(normal: Normal, n_flights: int) -> float:
-    """Variance of the flights' scores over what independent samples would give, at least 1.
-
-    Computed after the step that the whole library would take, so that an effect which is merely
-    missing does not count as dispersion. With fewer than three flights, blocks of time stand in.
-    """
-    groups = normal.flight if n_flights >= 3 else np.arange(len(normal.t)) * 8 // len(normal.t)
-    H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
-    seen = np.diag(H) > 1e-9 * np.max(np.diag(H))
-    H, g = H[np.ix_(seen, seen)], g[seen]
-    values, vectors = np.linalg.eigh(_scaled(H, g)[0])
-    kept = values > 1e-6
-    whiten = (vectors[:, kept] / np.sqrt(values[kept])).T / _scale(H)
-    step = whiten.T @ (whiten @ g)
-    scores = []
-    for group in np.unique(groups):
-        rows = groups == group
-        left = (
-            normal.g[rows][:, seen].sum(axis=0) - normal.H[rows][:, seen][:, :, seen].sum(0) @ step
-        )
-        scores.append(whiten @ left)
-    n = len(scores)
-    return max(1.0, float(np.sum(np.square(scores)) / kept.sum() / (1.0 - 1.0 / n)))

@@ -47,7 +47,7 @@ def left_out(problem: Problem, fit: Fit, flight: int) -> Float[np.ndarray, " par
     free = problem.free(fit.effects)
     rest = fit.normal.of(fit.normal.flight != flight)
     step, _ = problem.solve(rest, fit, free)
-    vector = fit.vector.copy()
+    vector = fit.total.copy()
     vector[free] = np.clip(
         vector[free] + step, problem.library.low[free], problem.library.high[free]
     )
@@ -58,7 +58,7 @@ def score(problem: Problem, fit: Fit, scored: Likelihood, n_flights: int, lofo: 
     """Tracks of the flights in `scored`; leaving one out in turn where `lofo`."""
     before = scored.tracks(problem.base)
     if not lofo:
-        return Drift(before, scored.tracks(fit.vector))
+        return Drift(before, scored.tracks(fit.total))
     vectors = np.stack([left_out(problem, fit, flight) for flight in range(n_flights)])
     return Drift(before, scored.tracks(vectors))
 
@@ -112,7 +112,7 @@ def evidence(nominal: Normal, problem: Problem, fit: Fit) -> float:
     gain = 0.0
     for flight in np.unique(nominal.flight):
         mine = fit.normal.of(fit.normal.flight == flight)
-        step = left_out(problem, fit, int(flight)) - fit.vector
+        step = left_out(problem, fit, int(flight)) - fit.total
         after = mine.c.sum() - 2 * mine.g.sum(0) @ step + step @ mine.H.sum(0) @ step
         gain += 0.5 * (nominal.c[nominal.flight == flight].sum() - after)
     return float(gain / problem.phi)

@@ -126,7 +126,7 @@ def log_posterior(problem: Problem, fit: Fit) -> float:
 def _posterior(problem: Problem, fits: Sequence[Fit]) -> list[Ranked]:
     """Sets by probability; single effects that were only screened count with what they promise."""
     log = np.asarray([log_posterior(problem, fit) for fit in fits])
-    anchor = problem.anchor()
+    anchor = problem.nominal()
     seen = {fit.effects for fit in fits}
     screened = [
         problem.promised(anchor, Set({name})) - EFFECT_COST
@@ -152,7 +152,7 @@ def _aliases(problem: Problem, chosen: Ranked, ranked: Sequence[Ranked], name: s
     return found
 
 
-def beyond_chance(threshold: float, count: float) -> float:
+def beyond_chance(threshold: float, count: float | int) -> float:
     """`threshold`, raised where the mean of `count` squares exceeds it by chance."""
     return max(threshold, 1.0 + CHANCE * math.sqrt(2.0 / max(count, 1.0)))
 
@@ -188,9 +188,8 @@ def intervals(
     width = 1.96 * WIDER * np.sqrt(problem.phi * np.diag(np.linalg.pinv(H)))
     # What the reference has, and what the shared shift moved, is no change: an effect is reported
     # on top of it.
-    base = problem.base + fit.shared
-    slots = problem.library.slots
-    found = np.asarray([slots[i].beyond(fit.vector[i], base[i]) for i in free])
+    base, slots = problem.base + fit.shift, problem.library.slots
+    found = np.asarray([slots[i].beyond(fit.total[i], base[i]) for i in free])
     value, width = found[:, 0], width * np.abs(found[:, 1])
     return free, value - width, value + width
 

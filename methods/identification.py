@@ -35,11 +35,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from diagnosis.equations import dispersion
 from diagnosis.library import Library, make_library
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import DroneLog, FlightLog
 from diagnosis.replay import make_replay
-from diagnosis.search import Fit, Problem, dispersion
+from diagnosis.search import Fit, Problem
 from diagnosis.segments import cut
 from methods.calibration import Reference, TrackingFlight, track_dithered
 from simulators.contract import AbstractSimulator, with_effects
@@ -137,7 +138,7 @@ def identify(
     likelihood = Likelihood(make_replay(library, dt), cut(logs, dt), SIGMA)
     fit = choose(likelihood, len(logs), largest)
     found: dict[str, dict[str, Any]] = {
-        name: library.named(fit.vector, name) for name in sorted(fit.effects)
+        name: library.named(fit.total, name) for name in sorted(fit.effects)
     }
     # What ended where it does nothing would only cost time.
     found = {name: values for name, values in found.items() if _acts(library, name, values)}

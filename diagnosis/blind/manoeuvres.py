@@ -176,7 +176,7 @@ class Range:
             problem = self._problem(effect, flights)
             self._flown[key] = problem, truth_fit(problem, {truth: effect.parameters})
         problem, true = self._flown[key]
-        return problem.refit(Set({rival}), problem.anchor()).objective - true.objective
+        return problem.refit(Set({rival}), problem.nominal()).objective - true.objective
 
     def _problem(self, effect: Withheld, flights: Flights) -> Problem:
         flown = _fly(effect, flights)

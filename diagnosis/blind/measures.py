@@ -35,13 +35,14 @@ from diagnosis.diagnose import (
     nominal_simulator,
     reference_of,
 )
+from diagnosis.equations import dispersion
 from diagnosis.library import make_library, with_aliases
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightSet, load_flights
 from diagnosis.noise import estimate_noise
 from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
-from diagnosis.search import Fit, Problem, Set, dispersion
+from diagnosis.search import Fit, Problem, Set
 
 OWN = "crazyflow"
 """The reality whose equations are those of the simulator that the diagnosis is asked about."""
@@ -153,11 +154,11 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
     """Held-out shrink under the true set and under the single wrong effect that looks best."""
     problem, n = desk.logged(case)
     fit = truth_fit(problem, truth)
-    problem.likelihood.settle(fit.vector, DISTRUST)
+    problem.likelihood.settle(fit.total, DISTRUST)
     problem.renew()
     fit = truth_fit(problem, truth)
     problem.phi = dispersion(fit.normal, n)
-    anchor = problem.anchor()
+    anchor = problem.nominal()
     wrong = [
         Set({name})
         for name in problem.library.candidates

@@ -7,10 +7,11 @@ import pytest
 from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
 from diagnosis.diagnose import attribute, make_likelihood
+from diagnosis.equations import dispersion
 from diagnosis.library import make_library, with_aliases
 from diagnosis.reference import fit_reference
 from diagnosis.replay import make_replay
-from diagnosis.search import Problem, dispersion
+from diagnosis.search import Problem
 from diagnosis.verdict import intervals, judge, limits, structure
 from simulators.contract import with_effects
 from simulators.effects.attitude_gain import AttitudeGain
@@ -154,7 +155,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say(replay):
     for seed in range(20):
         likelihood = likelihood_of(replay, Wind(x=0.3), n_flights=3, seconds=4.0, seed=seed)
         problem = Problem(likelihood)
-        fit = problem.refit(frozenset({"wind"}), problem.anchor())
+        fit = problem.refit(frozenset({"wind"}), problem.nominal())
         _, low, high = intervals(problem, fit)
         inside += list((low < [0.3, 0, 0]) & (high > [0.3, 0, 0]))
     assert np.mean(inside) > 0.86  # 60 intervals of 95 %: below this by chance in 1 of 200

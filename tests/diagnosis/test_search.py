@@ -1,0 +1,139 @@
+"""Steps within bounds, starts of windows, gates and what acts on top of a reference."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from flights_for_tests import SIGMA, point_mass_set
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from diagnosis.diagnose import attribute, make_likelihood
+from diagnosis.equations import bounded_step
+from diagnosis.library import Slot, make_library
+from diagnosis.likelihood import Likelihood
+from diagnosis.replay import make_replay
+from diagnosis.search import Problem
+from diagnosis.segments import WINDOW, cut
+from diagnosis.verdict import SLIGHT, Structure, intervals, judge, structure
+from simulators.effects.gust import Gust
+from simulators.point_mass import PointMass
+
+
+@pytest.fixture(scope="module")
+def replay():
+    return make_replay(make_library(PointMass(dt=0.005)), 0.005)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_bounded_step_is_the_best_within_its_bounds(seed):
+    """Against a general minimiser, with correlations that make clipping alone wrong."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(6, 4)) + 2.0 * rng.normal(size=(6, 1))
+    H, g = root.T @ root, root.T @ rng.normal(size=6) * 3.0
+    low, high = -rng.uniform(0.0, 0.4, 4), rng.uniform(0.0, 0.4, 4)
+    step = bounded_step(H, g, low, high)
+
+    def cost(x):
+        return x @ H @ x - 2 * g @ x
+
+    best = minimize(
+        cost, np.zeros(4), jac=lambda x: 2 * (H @ x - g), bounds=list(zip(low, high, strict=True))
+    )
+    assert ((step >= low - 1e-9) & (step <= high + 1e-9)).all()
+    assert cost(step) <= best.fun + 1e-6 * abs(best.fun)
+
+
+def test_a_step_of_nothing_observed_is_zero():
+    H = np.diag([2.0, 0.0])
+    np.testing.assert_allclose(
+        bounded_step(H, np.asarray([1.0, 0.0]), -np.ones(2), np.ones(2)), [0.5, 0.0], atol=1e-9
+    )
+    assert not bounded_step(np.zeros((2, 2)), np.zeros(2), -np.ones(2), np.ones(2)).any()
+
+
+@pytest.mark.parametrize(
+    ("neutral", "factor", "base", "value", "vector"),
+    [
+        (0.0, True, 0.25, 0.6, 1.0),  # 1.25 x 1.6 = 1 + 1.0
+        (1.0, True, 1.5, 2.0, 3.0),
+        (0.0, False, 0.25, 0.6, 0.85),
+    ],
+)
+def test_what_acts_on_top_of_a_reference(neutral, factor, base, value, vector):
+    slot = Slot("inertia", "e", "-", neutral, -9.0, 9.0, factor)
+    assert slot.on_top(value, base) == pytest.approx(vector)
+    found, slope = slot.beyond(vector, base)
+    assert found == pytest.approx(value)
+    ahead, _ = slot.beyond(vector + 1e-6, base)
+    assert slope == pytest.approx((ahead - found) / 1e-6, rel=1e-4)
+
+
+def test_structure_counts_only_beyond_what_so_few_numbers_show_by_chance():
+    long, short = Structure(1.3, 800), Structure(1.3, 100)
+    assert long.exceeds(SLIGHT)
+    assert not short.exceeds(SLIGHT)
+    assert not long.exceeds(SLIGHT, floor=1.2)
+
+
+def test_short_clean_logs_raise_no_alarm(replay):
+    """Single flights of 6 s: the threshold for long logs would be passed by some of them."""
+    found = []
+    for seed in range(16):
+        flights = point_mass_set(n_flights=1, seed=100 + seed).flights
+        problem = Problem(make_likelihood(replay, flights, SIGMA))
+        found.append(structure(problem, problem.nominal().normal))
+    assert any(one.value > SLIGHT for one in found)
+    assert sum(one.exceeds(SLIGHT) for one in found) <= 1
+
+
+def test_a_start_that_is_turned_costs_little_and_one_that_is_not_measured_would(replay):
+    """Attitudes at fresh starts are nuisances: an error of 0.01 rad there is taken out."""
+    flights = point_mass_set(n_flights=2).flights
+    likelihood = Likelihood(replay, cut(flights, replay.dt), SIGMA)
+    before = likelihood.normal(replay.library.neutral).chi2
+    turn = Rotation.from_euler("xyz", [0.01, -0.01, 0.01])
+    for group in likelihood.groups:
+        fresh = group.fresh.astype(bool)
+        group.quat[fresh] = (Rotation.from_quat(group.quat[fresh]) * turn).as_quat()
+    likelihood._replays.clear()
+    turned = likelihood.normal(replay.library.neutral).chi2
+    for key, turns in likelihood._turns.items():
+        likelihood._turns[key] = dataclasses.replace(turns, less=np.zeros_like(turns.less))
+    likelihood._replays.clear()
+    believed = likelihood.normal(replay.library.neutral).chi2
+    assert turned < before + 30.0
+    assert believed > before + 300.0
+
+
+def test_nothing_moves_before_the_first_row(replay):
+    """What was commanded before a flight began is not known and changes no prediction."""
+    flights = point_mass_set(n_flights=1).flights
+    likelihood = make_likelihood(replay, flights, SIGMA)
+    (group,) = likelihood.groups
+    vector = replay.library.neutral[None]
+    along = np.eye(len(replay.library.slots))
+    (_, before), *_ = list(replay(group, vector, along))
+    unknown = group.start < 0
+    assert unknown.any()
+    steps = round(WINDOW / replay.dt)
+    # The first command of the window is where the drone starts; the others must not act.
+    group.cmd[unknown, 1:steps] += np.asarray([0.3, -0.3, 0.5, 0.2])
+    (_, after), *_ = list(replay(group, vector, along))
+    np.testing.assert_array_equal(after.value, before.value)
+    np.testing.assert_array_equal(after.slope, before.slope)
+
+
+@pytest.mark.parametrize("onset", [2.97, 3.03])
+def test_an_onset_beside_the_edge_of_a_window_is_found(replay, onset):
+    """Shortly before and shortly behind an edge look alike to the windows there."""
+    flights = point_mass_set(Gust(x=0.8, y=0.3, onset=onset), seed=4).flights
+    problem, fits = attribute(make_likelihood(replay, flights, SIGMA), len(flights))
+    verdict = judge(problem, fits)
+    assert verdict.chosen.effects == {"gust"}
+    free, low, high = intervals(problem, verdict.chosen.fit)
+    found = {
+        problem.library.slots[i].parameter: (a + b) / 2
+        for i, a, b in zip(free, low, high, strict=True)
+    }
+    assert found["onset"] == pytest.approx(onset, abs=0.02)
