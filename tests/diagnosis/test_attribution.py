@@ -139,7 +139,7 @@ def test_a_force_that_no_candidate_has_stays_unexplained(replay):
     problem, verdict = judged(replay, Shaking())
     assert verdict.kind == "unexplained"
     assert verdict.unexplained_share > 0.5
-    assert verdict.structure > 5.0
+    assert verdict.structure.value > 5.0
     assert structure(problem, problem.nominal().normal).value > 5.0
 
 

@@ -88,11 +88,11 @@ def test_short_clean_logs_raise_no_alarm(replay):
 
 
 def test_a_start_that_is_turned_costs_little_and_one_that_is_not_measured_would(replay):
-    """Attitudes at fresh starts are nuisances: an error of 0.01 rad there is taken out."""
+    """Attitudes at fresh starts are nuisances: an error of 0.03 rad there is taken out."""
     flights = point_mass_set(n_flights=2).flights
     likelihood = Likelihood(replay, cut(flights, replay.dt), SIGMA)
     before = likelihood.normal(replay.library.neutral).chi2
-    turn = Rotation.from_euler("xyz", [0.01, -0.01, 0.01])
+    turn = Rotation.from_euler("xyz", [0.03, -0.03, 0.03])
     for group in likelihood.groups:
         fresh = group.fresh.astype(bool)
         group.quat[fresh] = (Rotation.from_quat(group.quat[fresh]) * turn).as_quat()
@@ -102,8 +102,9 @@ def test_a_start_that_is_turned_costs_little_and_one_that_is_not_measured_would(
         likelihood._turns[key] = dataclasses.replace(turns, less=np.zeros_like(turns.less))
     likelihood._replays.clear()
     believed = likelihood.normal(replay.library.neutral).chi2
-    assert turned < before + 30.0
-    assert believed > before + 300.0
+    # Most of it is forgotten when scoring begins; of the rest the nuisances take four fifths.
+    assert believed - before > 30.0
+    assert turned - before < 0.3 * (believed - before)
 
 
 def test_nothing_moves_before_the_first_row(replay):
