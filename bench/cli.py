@@ -5,14 +5,18 @@ Whatever needs JAX or pandas is imported inside the commands, so that help appea
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import cyclopts
 
 from bench.cli_tools import Repeatable, blind, check, diagnose, doctor
 from bench.errors import UsageError
 from simulators.registry import BrokenPluginError, UnknownPluginError
+
+if TYPE_CHECKING:
+    from bench.suite import Suite
 
 USAGE_ERRORS = (UsageError, UnknownPluginError, BrokenPluginError)
 """What ends a command with exit status 2 and one line on stderr."""
@@ -73,13 +77,7 @@ def run(
     retry_failed
         Try runs again that failed in an earlier call. Interrupted ones are tried again anyway.
     """
-    from bench.suite import load_suite
-
-    chosen = load_suite(suite).select(
-        task or (), team_size or (), method or (), residual or (), seeds
-    )
-    if jobs is not None and jobs < 1:
-        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+    chosen = _chosen(suite, task, team_size, method, residual, seeds, jobs)
     tables_dir = out or Path("results") / chosen.name
     documents_dir = out or Path("reports") / chosen.name
     _check_folders(tables_dir, documents_dir)
@@ -138,13 +136,7 @@ def plan(
     every
         Show a line for every missing run.
     """
-    from bench.suite import load_suite
-
-    chosen = load_suite(suite).select(
-        task or (), team_size or (), method or (), residual or (), seeds
-    )
-    if jobs is not None and jobs < 1:
-        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+    chosen = _chosen(suite, task, team_size, method, residual, seeds, jobs)
     from rich.console import Console
 
     from bench.outlook import show_plan
@@ -152,6 +144,26 @@ def plan(
 
     place = out or Path("results") / chosen.name
     return show_plan(chosen.name, expand(chosen), place, jobs, every, Console())
+
+
+def _chosen(
+    suite: str,
+    task: Sequence[str] | None,
+    team_size: Sequence[int] | None,
+    method: Sequence[str] | None,
+    residual: Sequence[str] | None,
+    seeds: int | None,
+    jobs: int | None,
+) -> "Suite":
+    """The part of a suite that options choose."""
+    from bench.suite import load_suite
+
+    chosen = load_suite(suite).select(
+        task or (), team_size or (), method or (), residual or (), seeds
+    )
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+    return chosen
 
 
 @app.command(name="list")

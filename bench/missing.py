@@ -41,7 +41,9 @@ def _state(run: Run, store: Store, there: set[str], alike: list[str]) -> State:
             return State(run, None, f"damaged: {error}")
         if content["status"] != "failed":
             return State(run, content, "")
-        return State(run, None, f"failed: {content['cause']}")
+        # What was interrupted is tried again; what failed by itself only with --retry-failed.
+        ended = "interrupted" if content.get("interrupted", True) else "failed"
+        return State(run, None, f"{ended}: {content['cause']}")
     older = [found for name in alike if (found := _same(run, store, name)) is not None]
     if not older:
         return State(run, None, "never run")

@@ -81,6 +81,13 @@ def test_reasons_say_why_a_run_is_missing_and_leave_the_store_alone(runs, store)
     assert content(store.directory) == before
 
 
+def test_a_run_that_was_killed_is_called_interrupted_not_failed(runs, store):
+    run = runs[0]
+    store.commit(run, Outcome(status="failed", cause="its worker was killed", interrupted=True))
+    (state,) = states([run], store)
+    assert state.reason == "interrupted: its worker was killed"
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
