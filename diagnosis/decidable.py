@@ -22,7 +22,8 @@ from collections.abc import Collection, Iterator, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.search import Fit, Problem, Set
+from diagnosis.fit import Fit, Set
+from diagnosis.search import Problem
 
 DECIDABLE = 25.0
 """Smallest chi-square between the truth and its best rival; from the issue of this capability."""

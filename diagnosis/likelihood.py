@@ -29,8 +29,10 @@ from jaxtyping import Bool, Float, Int
 from diagnosis.replay import Prediction, Replay
 from diagnosis.segments import WINDOW, Segments
 
-KEPT = 24
-"""Replays that are kept, so that scoring a fit does not fly it again."""
+KEPT = 2**29
+"""Bytes of replays that are kept, so that scoring a fit does not fly it again; two at least."""
+NARROW = 8
+"""Directions of a replay along some parameters only; all of them cost several times as much."""
 TURN = np.asarray([0.02] * 3 + [0.5] * 3)
 """Errors of a fitted attitude [rad] and angular velocity [rad/s] with a drone in any motion; wide,
 so that a window says of its own start what it can."""
@@ -113,37 +115,76 @@ class Likelihood:
         self.decay = np.asarray(spec.drag) / spec.mass if drags else np.zeros(3)
         self.n_params = len(replay.library.slots)
         self.trusted: Bool[np.ndarray, " windows"] | None = None
-        self._replays: dict[bytes, tuple[dict, dict]] = {}
+        self._replays: dict[tuple, tuple[dict, dict]] = {}
         self._settled = np.array(replay.library.neutral, float)
         self._turns: dict[tuple[int, int], _Turns] = {}
 
-    def normal(self, vector: Float[np.ndarray, " params"]) -> Normal:
-        """Normal equations at `vector`, along all parameters, of the windows that are trusted."""
-        whole = Normal(vector=np.array(vector, float), **self._replayed(vector)[0])
+    def normal(
+        self, vector: Float[np.ndarray, " params"], along: Sequence[int] | None = None
+    ) -> Normal:
+        """Normal equations at `vector` of the windows that are trusted.
+
+        Along all parameters, or at least along those at `along`; the others' entries may be zero.
+        """
+        equations, _ = self._replayed(vector, along)
+        whole = Normal(vector=np.array(vector, float), **equations)
         counted = whole.dof > 0 if self.trusted is None else self.trusted
         return whole if counted.all() else whole.of(counted)
 
-    def _replayed(self, vectors: Float[np.ndarray, "*flights params"]) -> tuple[dict, dict]:
+    def _replayed(
+        self, vectors: Float[np.ndarray, "*flights params"], along: Sequence[int] | None = None
+    ) -> tuple[dict, dict]:
         """Equations and tracks of all windows; the last few replays are kept."""
         vectors = np.asarray(vectors, float)
         if not self._turns and not np.array_equal(vectors, self._settled):
             self._replayed(self._settled)
-        key = vectors.tobytes() + self.sigma.tobytes()
-        if key not in self._replays:
-            equations, tracks = [], []
-            for i, group in enumerate(self.groups):
-                each = np.broadcast_to(vectors, (int(group.flight.max()) + 1, self.n_params))
-                for chosen, prediction in self.replay(group, each, np.eye(self.n_params)):
-                    at = (i, chosen.start)
-                    if at not in self._turns:
-                        self._turns[at] = self._turned(group, chosen, prediction)
-                    turns = self._turns[at]
-                    equations.append(self._equations(group, chosen, prediction, turns))
-                    tracks.append(self._tracks(group, chosen, prediction))
-            while len(self._replays) >= KEPT:
-                del self._replays[next(iter(self._replays))]
-            self._replays[key] = (_joined(equations), _joined(tracks))
-        return self._replays[key]
+        if along is not None and len(along) > NARROW:
+            along = None
+        same = vectors.tobytes() + self.sigma.tobytes()
+        key = (same, () if along is None else (*along, -1))
+        found = self._replays.get((same, ())) or self._replays.get(key)
+        if found is None:
+            found = self._fly(vectors, along)
+            self._forget(_bytes(found))
+            self._replays[key] = found
+        return found
+
+    def _fly(
+        self, vectors: Float[np.ndarray, "*flights params"], along: Sequence[int] | None
+    ) -> tuple[dict, dict]:
+        """Equations along all parameters or those at `along`, and tracks."""
+        equations, tracks = [], []
+        chosen_params = range(self.n_params) if along is None else along
+        directions = np.zeros((self.n_params if along is None else NARROW, self.n_params))
+        directions[np.arange(len(chosen_params)), list(chosen_params)] = 1.0
+        for i, group in enumerate(self.groups):
+            each = np.broadcast_to(vectors, (int(group.flight.max()) + 1, self.n_params))
+            for chosen, prediction in self.replay(group, each, directions):
+                at = (i, chosen.start)
+                if at not in self._turns:
+                    self._turns[at] = self._turned(group, chosen, prediction)
+                found = self._equations(group, chosen, prediction, self._turns[at])
+                equations.append(found if along is None else self._spread(found, along))
+                tracks.append(self._tracks(group, chosen, prediction))
+        return _joined(equations), _joined(tracks)
+
+    def _spread(
+        self, equations: dict[str, np.ndarray], along: Sequence[int]
+    ) -> dict[str, np.ndarray]:
+        """Equations along the parameters at `along` as equations along all."""
+        n, k = len(equations["c"]), len(along)
+        H, g = np.zeros((n, self.n_params, self.n_params)), np.zeros((n, self.n_params))
+        H[:, np.asarray(along)[:, None], list(along)] = equations["H"][:, :k, :k]
+        g[:, list(along)] = equations["g"][:, :k]
+        return equations | {"H": H, "g": g}
+
+    def _forget(self, room: int) -> None:
+        """Drops the oldest replays until there is room for another of so many bytes."""
+        sizes = {key: _bytes(found) for key, found in self._replays.items()}
+        for key in list(sizes):
+            if len(self._replays) < 2 or sum(sizes.values()) + room <= KEPT:
+                return
+            del self._replays[key], sizes[key]
 
     def settle(self, vector: Float[np.ndarray, " params"], limit: float) -> int:
         """Takes measured attitudes to act as at `vector`, and leaves out windows.
@@ -193,7 +234,7 @@ class Likelihood:
 
     def tracks(self, vectors: Float[np.ndarray, "*flights params"]) -> Tracks:
         """Measured and predicted windows, at one vector or at one for each flight."""
-        joined = self._replayed(vectors)[1]
+        joined = self._replayed(vectors, ())[1]
         some = joined["valid"].any(axis=1)
         if self.trusted is not None:
             some &= np.concatenate(self._per_line(self.trusted))
@@ -277,6 +318,10 @@ class Likelihood:
         first = _unit(design[0])
         second = design[1] - first * np.sum(first * design[1], axis=(0, 4), keepdims=True)
         return np.stack([first, _unit(second)])
+
+
+def _bytes(found: tuple[dict, dict]) -> int:
+    return sum(array.nbytes for part in found for array in part.values())
 
 
 def _joined(parts: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -26,11 +26,10 @@ import numpy as np
 from jaxtyping import Float
 
 from diagnosis.equations import bounded_step, moved, scale_of, scaled, switched
+from diagnosis.fit import Fit, Set
 from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.segments import WINDOW
-
-Set = frozenset[str]
 
 START = {
     "attitude_loop": {"natural_freq": 15.0, "damping": 1.0},
@@ -52,6 +51,8 @@ STEPS = 8
 """Most Gauss-Newton steps of a refit."""
 FRONT = 3
 """Sets of one size from which larger ones are grown."""
+NEEDED = 500.0
+"""Log evidence [nats] that an effect must bring, to first order, not to be tried without."""
 AGAIN = 100.0
 """Log evidence [nats] below the best at which a set is fitted again after `renew`."""
 HOPELESS = 50.0
@@ -60,40 +61,6 @@ ACROSS = 0.1
 """How near an onset must be to the edge of a window for the window beside to be tried [s]."""
 WORTH = 3.0
 """Gain [nats] that another effect must promise to be tried; a choice below every threshold."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Fit:
-    """A candidate set at its most likely parameters."""
-
-    effects: Set
-    """Names; empty for the nominal simulator."""
-    vector: Float[np.ndarray, " params"]
-    """All parameters of the library where the simulator was linearised."""
-    normal: Normal
-    """Normal equations of the target flights along every parameter, there and `ahead` of it."""
-    shared: Float[np.ndarray, " params"]
-    """Shift of the base that `vector` holds: what the reference flights did not quite tell."""
-    ahead: Float[np.ndarray, " params"]
-    """The rest of that shift, to first order only; zero without reference."""
-    penalty: float
-    """What the whole shift costs, in units of chi-square."""
-
-    @property
-    def shift(self) -> Float[np.ndarray, " params"]:
-        """The whole shift of the base."""
-        return self.shared + self.ahead
-
-    @property
-    def total(self) -> Float[np.ndarray, " params"]:
-        """All parameters of the library at the fit."""
-        return self.vector + self.ahead
-
-    @property
-    def objective(self) -> float:
-        """Chi-square of the target flights, and of the shift; infinite for NaN."""
-        value = self.normal.chi2 + self.penalty
-        return value if np.isfinite(value) else np.inf
 
 
 class Problem:
@@ -121,12 +88,22 @@ class Problem:
         """Entries of the vector that a set sets free."""
         return [i for name in sorted(effects) for i in self.library.indices(name)]
 
-    def made(self, effects: Set, vector: np.ndarray, shared: np.ndarray | None = None) -> Fit:
-        """The fit of a set at `vector`, the rest of the shared shift taken to first order."""
-        shared = np.zeros(len(vector)) if shared is None else shared
-        normal, ahead = self.likelihood.normal(vector), np.zeros(len(vector))
+    def made(
+        self,
+        effects: Set,
+        vector: np.ndarray,
+        shared: np.ndarray | None = None,
+        whole: bool = True,
+    ) -> Fit:
+        """The fit of a set at `vector`, the rest of the shared shift taken to first order.
+
+        Unless `whole`, the normal equations need not be along more than the set's parameters.
+        """
+        shared, ahead = np.zeros(len(vector)) if shared is None else shared, np.zeros(len(vector))
         if self.precision is None:
+            normal = self.likelihood.normal(vector, None if whole else self.free(effects))
             return Fit(effects, vector, normal, shared, ahead, 0.0)
+        normal = self.likelihood.normal(vector)
         H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
         if np.isfinite(H).all():
             ahead = np.linalg.solve(H + self.precision, g - self.precision @ shared)
@@ -148,6 +125,7 @@ class Problem:
                 break
             moved = self.made(effects, fit.total, fit.shift)
             moved = self._descended(moved, self.free(effects))
+            moved = self.made(effects, moved.vector, moved.shared)
             settled = abs(moved.objective - fit.objective) < 0.05 * self.phi
             fit = moved
             if settled:
@@ -161,12 +139,15 @@ class Problem:
             near = self.known.get(effects, near)
             starts = [near.vector] if near.effects == effects else self._starts(effects, near)
             # A linear step may end where nothing is better; what it started from is never worse.
-            fits = [self.made(effects, start, near.shared) for start in (*starts, near.vector)]
+            fits = [
+                self.made(effects, start, near.shared, whole=False)
+                for start in (*starts, near.vector)
+            ]
             best = min(fits, key=lambda fit: fit.objective)
             best = self._descended(best, self.free(effects))
             if "gust" in effects:
                 best = min(best, self._across(best), key=lambda fit: fit.objective)
-            self.fits[effects] = best
+            self.fits[effects] = self.made(effects, best.vector, best.shared)
         return self.fits[effects]
 
     def _across(self, fit: Fit) -> Fit:
@@ -183,7 +164,7 @@ class Problem:
         vector[at] = edge + 0.597 * (-ACROSS if vector[at] >= edge else ACROSS)
         free = self.free(fit.effects)
         vector = self._within(vector, free)
-        return self._descended(self.made(fit.effects, vector, fit.shared), free)
+        return self._descended(self.made(fit.effects, vector, fit.shared, whole=False), free)
 
     def _starts(self, effects: Set, near: Fit) -> list[Float[np.ndarray, " params"]]:
         """Where to start: one vector, but two where a gust may begin in either of two windows.
@@ -294,7 +275,7 @@ class Problem:
         for part in PARTS:
             vector = fit.vector.copy()
             vector[free] += part * step
-            tried = self.made(fit.effects, vector, fit.shared)
+            tried = self.made(fit.effects, vector, fit.shared, whole=False)
             if tried.objective < fit.objective:
                 return tried
         return None
@@ -362,13 +343,22 @@ class Problem:
             best = max(self.fits.values(), key=self.log_evidence)
             for name in best.effects:
                 less = best.effects - {name}
-                if less not in self.fits:
+                if less not in self.fits and self._worth(best, name) < NEEDED:
                     vector = best.vector.copy()
                     gone = self.library.indices(name)
                     vector[gone] = self.base[gone] + best.shared[gone]
                     self.refit(less, self.made(less, vector, best.shared))
             if best is max(self.fits.values(), key=self.log_evidence):
                 return
+
+    def _worth(self, fit: Fit, name: str) -> float:
+        """What leaving out an effect of `fit` would cost in log evidence [nats], to first order."""
+        gone, kept = self.library.indices(name), self.free(fit.effects - {name})
+        H, _ = self.reduced(fit.normal, fit, [*gone, *kept])
+        n = len(gone)
+        own = H[:n, :n] - H[:n, n:] @ np.linalg.pinv(H[n:, n:], hermitian=True) @ H[n:, :n]
+        back: Float[np.ndarray, " gone"] = (self.base + fit.shared - fit.vector)[gone]
+        return float(0.5 * back @ own @ back / self.phi)
 
     def _grow(self, front: list[Fit]) -> Iterator[Fit]:
         """Refitted sets with one effect more than those of the front."""

@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
+from diagnosis.fit import Fit
 from diagnosis.gap import channels, drifts
 from diagnosis.likelihood import Likelihood, Normal, Tracks
-from diagnosis.search import Fit, Problem
+from diagnosis.search import Problem
 from diagnosis.segments import WINDOW
 
 MANY = 10

@@ -16,9 +16,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from diagnosis.fit import Fit, Set
 from diagnosis.library import LOCAL
 from diagnosis.likelihood import Normal
-from diagnosis.search import Fit, Problem, Set
+from diagnosis.search import Problem
 
 EFFECT_COST = 4.0
 """Log prior odds against one effect more [nats]; about one over the number of effects, squared

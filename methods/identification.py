@@ -36,11 +36,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from diagnosis.equations import dispersion
+from diagnosis.fit import Fit
 from diagnosis.library import Library, make_library
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import DroneLog, FlightLog
 from diagnosis.replay import make_replay
-from diagnosis.search import Fit, Problem
+from diagnosis.search import Problem
 from diagnosis.segments import cut
 from methods.calibration import Reference, TrackingFlight, track_dithered
 from simulators.contract import AbstractSimulator, with_effects

@@ -31,8 +31,9 @@ from diagnosis.blind.catalogue import Withheld
 from diagnosis.blind.identifiable import NEUTRAL
 from diagnosis.blind.references import N_KINDS
 from diagnosis.decidable import truth_fit
+from diagnosis.fit import Set
 from diagnosis.library import LOCAL
-from diagnosis.search import QUIET, Problem, Set
+from diagnosis.search import QUIET, Problem
 from diagnosis.segments import WINDOW
 from diagnosis.shrinkage import split
 

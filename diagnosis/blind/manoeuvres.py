@@ -24,10 +24,11 @@ from diagnosis.blind.realities import DT
 from diagnosis.blind.references import Reference
 from diagnosis.decidable import DECIDABLE, truth_fit
 from diagnosis.diagnose import STEPS, make_likelihood, nominal_simulator
+from diagnosis.fit import Fit, Set
 from diagnosis.library import make_library
 from diagnosis.logs import FlightSet, load_flights
 from diagnosis.replay import Replay, make_replay
-from diagnosis.search import Fit, Problem, Set
+from diagnosis.search import Problem
 
 MEDIUM = 1
 """The size of every true effect: the catalogue's second."""

@@ -36,13 +36,14 @@ from diagnosis.diagnose import (
     reference_of,
 )
 from diagnosis.equations import dispersion
+from diagnosis.fit import Fit, Set
 from diagnosis.library import make_library, with_aliases
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightSet, load_flights
 from diagnosis.noise import estimate_noise
 from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
-from diagnosis.search import Fit, Problem, Set
+from diagnosis.search import Problem
 
 OWN = "crazyflow"
 """The reality whose equations are those of the simulator that the diagnosis is asked about."""

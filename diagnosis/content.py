@@ -1,0 +1,202 @@
+"""What `diagnosis.json` holds: schema 1, and `details` for pictures."""
+
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from diagnosis import gap, shrinkage
+from diagnosis.advice import next_flight
+from diagnosis.library import LEFT_OUT, NEEDS_ATTITUDE_CMD, Library
+from diagnosis.logs import FlightLog, FlightSet
+from diagnosis.noise import CHANNELS
+from diagnosis.search import Problem
+from diagnosis.verdict import Verdict, intervals, limits, structure
+from simulators import registry
+
+if TYPE_CHECKING:
+    from diagnosis.diagnose import Study
+
+SCHEMA = 1
+"""Version of `diagnosis.json`."""
+
+
+def content(
+    flights: FlightSet, simulator: str, study: "Study", exclude: Collection[str]
+) -> dict[str, Any]:
+    """The object; `exclude` are effects that were left out by request."""
+    problem, verdict, logs = study.problem, study.verdict, study.inputs.flights
+    where = gap.where(study.every.tracks(problem.base), study.every.sigma)
+    found = verdict.chosen.fit
+    reported = sorted(found.effects) if verdict.kind == "effect" else []
+    seen = limits(problem, found)
+    left_out = [(x.name, x.reason) for x in flights.left_out] + list(study.inputs.left_out)
+    return {
+        "schema": SCHEMA,
+        "simulator": simulator,
+        "drone": flights.vehicle.drone,
+        "flights": {
+            "n": len(logs),
+            "seconds": float(sum(f.seconds for f in logs)),
+            "input": study.inputs.kind,
+            "fit": [logs[i].name for i in study.fit_ids],
+            "held_out": [logs[i].name for i in study.held],
+            "left_out": [{"name": name, "reason": reason} for name, reason in left_out],
+        },
+        "where": where,
+        "verdict": verdict.kind,
+        "unexplained_share": verdict.unexplained_share,
+        "effects": [_effect(problem, verdict, name) for name in reported],
+        "candidates": _candidates(problem, verdict),
+        "shrink": shrinkage.shrink(study.drift, study.every.sigma, study.fit_ids == study.held),
+        "next_flight": next_flight(
+            verdict.kind,
+            {name: verdict.aliases[name] for name in reported},
+            _largest_regime(where),
+            _blind_to(problem.library, seen),
+        ),
+        "details": _details(study, seen) | {"not_observable": _not_observable(study, exclude)},
+    }
+
+
+def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:
+    free, low, high = intervals(problem, verdict.chosen.fit)
+    slots = problem.library.slots
+    parameters = {
+        slots[i].parameter: {
+            "value": float((a + b) / 2),
+            "low": float(a),
+            "high": float(b),
+            "unit": slots[i].unit,
+        }
+        for i, a, b in zip(free, low, high, strict=True)
+        if slots[i].effect == name
+    }
+    return {
+        "name": name,
+        "probability": verdict.probability[name],
+        "aliases": verdict.aliases[name],
+        "parameters": parameters,
+    }
+
+
+def _candidates(problem: Problem, verdict: Verdict) -> list[dict[str, Any]]:
+    nominal = problem.nominal()
+    before = _drift(problem, problem.base)
+    return [
+        {
+            "effects": sorted(ranked.effects),
+            "probability": ranked.probability,
+            "evidence": shrinkage.evidence(nominal.normal, problem, ranked.fit),
+            "shrink_percent": 100.0 * (1.0 - _drift(problem, ranked.fit.total) / before)
+            if before > 0
+            else None,
+        }
+        for ranked in verdict.ranked[:8]
+    ]
+
+
+def _drift(problem: Problem, vector: Float[np.ndarray, " params"]) -> float:
+    """RMS position drift of the fitted flights [m]."""
+    return _rms(gap.drifts(problem.likelihood.tracks(vector))[:, :3])
+
+
+def _rms(vectors: Float[np.ndarray, "lines 3"]) -> float:
+    lengths = np.sum(vectors**2, axis=1)
+    return float(np.sqrt(np.nanmean(lengths))) if np.isfinite(lengths).any() else 0.0
+
+
+def _largest_regime(where: Sequence[dict]) -> str | None:
+    """The bin in which the channel with the largest share has its largest gap."""
+    if not where:
+        return None
+    channel = max(where, key=lambda c: c["share"])
+    best, text = 0.0, None
+    for regime in channel["regimes"]:
+        gaps = [g or 0.0 for g in regime["gap"]]
+        contrast = max(gaps) / max(float(np.mean(gaps)), 1e-12) if gaps else 0.0
+        if contrast > best:
+            i, best = int(np.argmax(gaps)), contrast
+            low, high = regime["edges"][i], regime["edges"][i + 1]
+            text = f"{regime['variable']} {low:.2g} to {high:.2g} {regime['unit']}"
+    return text
+
+
+def _blind_to(library: Library, seen: Sequence[tuple[int, float]]) -> list[str]:
+    """Effects whose smallest visible size is a fifth of the allowed range or more."""
+    slots = library.slots
+    return [slots[i].effect for i, size in seen if size > 0.2 * (slots[i].high - slots[i].low)]
+
+
+def _details(study: "Study", seen: Sequence[tuple[int, float]]) -> dict[str, Any]:
+    problem, verdict, every = study.problem, study.verdict, study.every
+    logs = study.inputs.flights
+    nominal, chosen = problem.nominal().normal, verdict.chosen.fit.normal
+    slots = problem.library.slots
+    return {
+        "flights_seconds": {f.name: float(f.seconds) for f in logs},
+        "before_after": _along(study.drift, logs),
+        "gap_in_time": gap.in_time(every.tracks(problem.base), every.sigma),
+        "chi2_per_dof": {
+            "before": nominal.chi2 / float(nominal.dof.sum()),
+            "after": chosen.chi2 / float(chosen.dof.sum()),
+        },
+        "structure": {
+            "before": structure(problem, nominal).value,
+            "after": verdict.structure.value,
+        },
+        "dispersion": problem.phi,
+        "noise": {name: float(s) for name, s in zip(CHANNELS, every.sigma, strict=True)},
+        "limits": [
+            {
+                "effect": slots[i].effect,
+                "parameter": slots[i].parameter,
+                "unit": slots[i].unit,
+                "smallest": size,
+            }
+            for i, size in seen
+        ],
+        "shared": study.base.shared(problem.library) if study.base else [],
+        "best_set": sorted(verdict.chosen.effects),
+    }
+
+
+def _along(drift: shrinkage.Drift, logs: Sequence[FlightLog]) -> list[dict[str, Any]]:
+    before, after = (
+        np.linalg.norm(gap.drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after)
+    )
+    found = []
+    for flight in np.unique(drift.before.flight):
+        mine = (drift.before.flight == flight) & np.isfinite(before) & np.isfinite(after)
+        found.append(
+            {
+                "flight": logs[flight].name,
+                "t": drift.before.t[mine].tolist(),
+                "before": before[mine].tolist(),
+                "after": after[mine].tolist(),
+            }
+        )
+    return found
+
+
+def _not_observable(study: "Study", exclude: Collection[str]) -> list[dict[str, str]]:
+    """Registered effects that are no candidates, and why."""
+    library = study.problem.library
+    simulator, found = library.simulator, []
+    for name, kind in sorted(registry.load_all("effect").items()):
+        if name in library.candidates:
+            continue
+        missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]
+        if name in exclude:
+            why = "excluded by request, or cannot be told from what was"
+        elif missing:
+            why = f"simulator '{simulator.name}' has no door '{missing[0]}'"
+        elif name in LEFT_OUT:
+            why = "a floor is seen or not; it has no slope to follow"
+        elif name in NEEDS_ATTITUDE_CMD:
+            why = f"the attitude is prescribed from measurement ({study.inputs.kind})"
+        else:
+            why = "no flight has two drones"
+        found.append({"effect": name, "why": why})
+    return found
