@@ -40,11 +40,9 @@ QUIET = 3
 """Windows before the earliest onset: a gust that blows from the start is a wind."""
 REFITS = 4
 """Most sets of one size that are refitted."""
-NEAR = 0.85
-"""Share of the best linear gain from which a set is worth refitting."""
-NEAR_ALONE = 0.2
-"""The same for single effects: far from neutral a linear gain says little, and from a wrong first
-effect the search does not come back."""
+NEAR = 0.2
+"""Share of the best linear gain from which a set is worth refitting: far from neutral a linear gain
+says little, and from a wrong effect the search does not come back."""
 PARTS = (1.0, 0.5, 0.2, 0.05)
 """Parts of a Gauss-Newton step that are tried until one is better."""
 STEPS = 8
@@ -373,12 +371,11 @@ class Problem:
         base = max(self.log_evidence(fit) for fit in front)
         ranked = sorted(promised.items(), key=lambda item: item[1][0], reverse=True)
         top, kept = ranked[0][1][0] - base if ranked else 0.0, -np.inf
-        share = NEAR if any(fit.effects for fit in front) else NEAR_ALONE
         for count, (effects, (value, near)) in enumerate(ranked):
             declared = any(name in START and name != "gust" for name in effects - near.effects)
             # What the others must come near to: a promise, until it turns out to be too large.
             goal = min(top, kept) if count else top
-            close = value - base > max(WORTH, share * goal) or value - base > goal - 30.0
+            close = value - base > max(WORTH, NEAR * goal) or value - base > goal - 30.0
             if declared or (count < REFITS and value - base > WORTH and close):
                 fit = self.refit(effects, near)
                 kept = max(kept, self.log_evidence(fit) - base)
