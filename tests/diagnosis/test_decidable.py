@@ -10,6 +10,7 @@ from diagnosis.blind.catalogue import Withheld
 from diagnosis.blind.efficiency import over_bound
 from diagnosis.blind.identifiable import compare
 from diagnosis.decidable import contains, cramer_rao, decidability, rivals, truth_fit, unexplained
+from diagnosis.library import Slot
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.search import Problem
 
@@ -23,8 +24,7 @@ class Library:
     candidates = NAMES
     withheld = frozenset()
     slots = tuple(
-        types.SimpleNamespace(effect=n, parameter="p", neutral=0.0, low=-100.0, high=100.0)
-        for n in NAMES
+        Slot(effect=n, parameter="p", unit="-", neutral=0.0, low=-100.0, high=100.0) for n in NAMES
     )
     neutral, low, high = np.zeros(4), np.full(4, -100.0), np.full(4, 100.0)
 
@@ -41,7 +41,7 @@ class Linear(Likelihood):
         self.replay = types.SimpleNamespace(library=Library())
         self.groups = [types.SimpleNamespace(start=np.zeros(1))]
 
-    def normal(self, vector):
+    def normal(self, vector, along=None):
         J, r = self.J, self.y - self.J @ vector
         one = np.zeros(1)
         return Normal(

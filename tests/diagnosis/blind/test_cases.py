@@ -12,14 +12,14 @@ import pytest
 from diagnosis.blind import cases, catalogue
 from diagnosis.logs import load_flights
 
-COUNTS = {"single": 51, "pair": 60, "clean": 10, "unknown": 21, "excluded": 17}
+COUNTS = {"single": 57, "pair": 60, "clean": 10, "unknown": 18, "excluded": 19}
 
 
 def test_counts_are_kept_and_singles_cover_every_effect_and_size_once():
     drawn = cases.draw_cases(COUNTS, entropy=1)
     assert collections.Counter(case.kind for case in drawn) == COUNTS
     singles = {(c.effects[0].name, c.size) for c in drawn if c.kind == "single"}
-    assert len(singles) == 51
+    assert len(singles) == 57
     unknown = [c.effects[0].name for c in drawn if c.kind == "unknown"]
     assert collections.Counter(unknown) == dict.fromkeys(catalogue.UNKNOWN, 3)
 

@@ -9,6 +9,7 @@ from scipy import stats
 from diagnosis.blind.catalogue import LIBRARY, Withheld
 from diagnosis.blind.limit_checks import CHECKED, REPEATS, checks
 from diagnosis.blind.limits import Linear, drawn, size_of, sized
+from diagnosis.library import Slot
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.search import Problem
 from diagnosis.verdict import EFFECT_COST
@@ -24,8 +25,7 @@ class Library:
     effects = dict.fromkeys(NAMES)
     candidates = NAMES
     slots = tuple(
-        types.SimpleNamespace(effect=n, parameter="x", neutral=0.0, low=-1.0, high=1.0, unit="m")
-        for n in NAMES
+        Slot(effect=n, parameter="x", unit="m", neutral=0.0, low=-1.0, high=1.0) for n in NAMES
     )
     neutral, low, high = np.zeros(4), np.full(4, -1.0), np.full(4, 1.0)
 
@@ -43,7 +43,7 @@ class Flat(Likelihood):
         self.replay = types.SimpleNamespace(library=Library())
         self.groups = [types.SimpleNamespace(start=np.zeros(1))]
 
-    def normal(self, vector):
+    def normal(self, vector, along=None):
         r = self.J @ (self.truth - vector)
         per_window = lambda x: np.repeat(np.asarray(x)[None], WINDOWS, axis=0)  # noqa: E731
         return Normal(
