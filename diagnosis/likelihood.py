@@ -172,10 +172,10 @@ class Likelihood:
         self, equations: dict[str, np.ndarray], along: Sequence[int]
     ) -> dict[str, np.ndarray]:
         """Equations along the parameters at `along` as equations along all."""
-        n, k = len(equations["c"]), len(along)
+        n, k, at = len(equations["c"]), len(along), np.asarray(along, int)
         H, g = np.zeros((n, self.n_params, self.n_params)), np.zeros((n, self.n_params))
-        H[:, np.asarray(along)[:, None], list(along)] = equations["H"][:, :k, :k]
-        g[:, list(along)] = equations["g"][:, :k]
+        H[:, at[:, None], at] = equations["H"][:, :k, :k]
+        g[:, at] = equations["g"][:, :k]
         return equations | {"H": H, "g": g}
 
     def _forget(self, room: int) -> None:

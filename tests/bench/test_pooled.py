@@ -3,14 +3,18 @@
 import json
 import math
 
+import numpy as np
 import pandas as pd
 import pytest
 from markdown_it import MarkdownIt
 from tables_for_tests import Sheet
 
+from bench.figures import styles
 from bench.leaderboard import write_leaderboard
 from bench.pooled import pools
+from bench.pooled_figures import pooled_drawings
 from bench.pooled_text import improvement_lines, pool_lines, pool_remarks
+from bench.report import write_report
 from bench.scores import scored, spawn_return
 from bench.spawn import spawn_return as measured_spawn_return
 from bench.statistics import Cell
@@ -118,3 +122,21 @@ def test_the_document_has_the_pool_with_harmless_names(tmp_path):
     assert "<script" not in html
     assert "beats &lt;script&gt;x&lt;/script&gt;|y</th>" in html
     assert not math.isnan(pools(sheet.tables())[0].rows[0].iqm.low)
+
+
+def test_the_page_has_the_pool_with_its_figures_and_harmless_names(tmp_path):
+    sheet = two_cells()
+    for team_size in (3, 12):
+        sheet.add("<script>x</script>|y", team_size=team_size, rewards=(-70.0, -71.0))
+    write_report(sheet.tables(), tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    assert "<script>x" not in html
+    assert 'id="pool-1">Pooled over 2 cells' in html
+    for heading in ("Interquartile means", "Performance profiles", "Who beats whom"):
+        assert heading in html
+    drawings = pooled_drawings(pools(sheet.tables())[0], styles(sheet.tables()))
+    means, profiles = (drawing.plot for drawing in drawings)
+    assert [trace.x[0] for trace in means.data] == sorted(trace.x[0] for trace in means.data)
+    lines = [trace for trace in profiles.data if trace.name]
+    assert all(trace.y[0] >= trace.y[-1] for trace in lines)
+    assert all((np.diff(trace.y) <= 1e-12).all() for trace in lines)
