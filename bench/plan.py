@@ -13,9 +13,7 @@ import dataclasses
 import functools
 import hashlib
 import importlib.metadata
-import inspect
 import json
-import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -25,6 +23,7 @@ import rfc8785
 from bench import settings
 from bench.errors import UsageError
 from bench.pages import file_name
+from bench.sources import own_source, shared_sources
 from bench.suite import Row, Suite
 from simulators import registry
 
@@ -65,7 +64,8 @@ class Run:
     resolved: Mapping[str, settings.Setting]
     """Everything that determines the result, as JSON; the key is its hash."""
     sources: Mapping[str, str]
-    """Hash of the source file of each plug-in, to notice changes under an unchanged version."""
+    """Hash of the source of each plug-in, and of what it imports, to notice changes that no version
+    tells."""
     cost: float
     """Rough training time, in units of an LF run per drone; orders the work."""
 
@@ -227,7 +227,7 @@ def _make_recipe(
         "team_size": team_size,
         "overrides": row.settings,
         "task_overrides": row.task_settings,
-        "sources": {plugin: _source(cls) for plugin, cls in found.items()},
+        "sources": _sources(found),
         "cost": _cost(method_class, team_size),
     }
     return _Recipe(resolved, given, parents)
@@ -276,14 +276,11 @@ def _numerics() -> dict[str, settings.Setting]:
     return {"x64": bool(jax.config.read("jax_enable_x64")), "backend": jax.default_backend()}
 
 
-@functools.cache
-def _source(cls: type) -> str:
-    """Hash of the source file of a class, empty if there is none."""
-    try:
-        source = inspect.getsource(sys.modules[cls.__module__])
-    except (OSError, TypeError, KeyError):
-        return ""  # a compiled plug-in
-    return hashlib.sha256(source.encode()).hexdigest()[:16]
+def _sources(found: Mapping[str, type]) -> dict[str, str]:
+    """Hashes of the code that plug-ins run: theirs by plug-in, what they import by module."""
+    own = {plugin: own_source(cls) for plugin, cls in found.items()}
+    shared = shared_sources(found.values())
+    return own | {f"module {name}": source for name, source in shared.items()}
 
 
 def packages() -> dict[str, str]:

@@ -44,14 +44,20 @@ def make_standing(plan: Plan, sound: Mapping[str, dict], retry_failed: bool) -> 
 
 
 def stale_lines(done: Sequence[Run], sound: Mapping[str, dict]) -> list[str]:
-    """A line for each plug-in whose source, not version, changed since a run was stored."""
+    """A line for each plug-in or shared module that changed without a version since a run."""
     changed: dict[str, int] = {}
     for run in done:
         for plugin, source in run.sources.items():
             if sound[run.name]["sources"].get(plugin, source) != source:
                 changed[plugin] = changed.get(plugin, 0) + 1
-    return [
-        f"the source of {plugin} has changed but its version has not; {count} stored runs are "
-        "used as they are. Change its `version` to run them again."
-        for plugin, count in sorted(changed.items())
-    ]
+    return [_stale(name, count) for name, count in sorted(changed.items())]
+
+
+def _stale(name: str, count: int) -> str:
+    shared = name.startswith("module ")
+    said = "no version tells" if shared else "its version has not"
+    owner = "the `version` of what uses it" if shared else "its `version`"
+    return (
+        f"the source of {name} has changed but {said}; {count} stored runs are used as they are. "
+        f"Change {owner} to run them again."
+    )

@@ -8,7 +8,7 @@ import pytest
 from bench.executor import Ended
 from bench.pool import LocalExecutor
 
-EPOCHS = 30
+EPOCHS = 150
 """Of low-fidelity training, in each of four tasks."""
 
 

@@ -1,4 +1,5 @@
 import errno
+import importlib
 import json
 import os
 import signal
@@ -16,6 +17,7 @@ from outcomes import FailingDisk, make_template, outcome, plan
 from bench.plan import expand
 from bench.record import FILES, Outcome, UnreadableRunError
 from bench.resume import make_standing, stale_lines
+from bench.sources import own_source, shared_sources
 from bench.store import ClaimedError, Store
 from bench.suite import Row, Suite
 from bench.tables import TableError, Tables
@@ -364,6 +366,33 @@ def test_a_changed_source_under_an_unchanged_version_is_named(store, planned, mo
     assert stale_lines(planned, sound) == []
     import bench.plan
 
-    monkeypatch.setattr(bench.plan, "_source", lambda cls: cls.__name__)
-    (line,) = [x for x in stale_lines(plan().runs, sound) if "instant" in x]
+    monkeypatch.setattr(bench.plan, "own_source", lambda cls: cls.__name__)
+    monkeypatch.setattr(bench.plan, "shared_sources", lambda classes: {"tasks.contract": "new"})
+    lines = stale_lines(plan().runs, sound)
+    (line,) = [x for x in lines if "instant" in x]
     assert line.startswith("the source of method instant has changed but its version has not; 2 ")
+    (line,) = [x for x in lines if "tasks.contract" in x]
+    assert line.startswith("the source of module tasks.contract has changed but no version tells;")
+
+
+def test_the_sources_of_a_run_are_those_of_all_that_it_imports(planned):
+    sources = planned[0].sources
+    assert {"module tasks.contract", "module simulators.flight"} <= set(sources)
+    assert not any(name.startswith("module bench") for name in sources)
+
+
+def test_words_change_no_hash_and_code_does(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "their_help.py").write_text("SIZE = 1\n")
+    texts = {
+        "their_first": "from their_help import SIZE\nclass One:\n    size = SIZE\n",
+        "their_words": '"""Said."""\nfrom their_help import SIZE\n\n\nclass One:\n    # why\n'
+        "    size = SIZE\n",
+        "their_other": "from their_help import SIZE\nclass One:\n    size = 2 * SIZE\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    found = {name: own_source(importlib.import_module(name).One) for name in texts}
+    assert found["their_first"] == found["their_words"] != found["their_other"]
+    one = importlib.import_module("their_first").One
+    assert set(shared_sources([one])) == set()  # another package's, which has a version
