@@ -61,6 +61,8 @@ INTERIOR = {
     "yaw_gains": {"stiffness": 0.3, "integral": 0.5, "damping": 0.2},
     "yaw_misalignment": {"angle": 0.2},
 }
+# Weights an integral that takes minutes to fill, far longer than these flights last.
+SLOW = {("yaw_gains", "integral"): 1e-3}
 # Without effect at the neutral value by nature: while a gust has no force, its onset does not
 # matter, and so on; the loop's neutral frequency is infinite (see the test of 1 / frequency).
 SILENT = {
@@ -154,6 +156,12 @@ def test_the_canonical_text_does_not_depend_on_the_order():
     assert chain.canonical(()) == ""
 
 
+def weight_of(path):
+    """How much influence of a parameter is asked for, of the usual."""
+    effect, parameter = (key.key for key in path)
+    return SLOW.get((effect, parameter), 1.0)
+
+
 def close_together(lowest):
     """A team within each other's downwash and the ground effect, from `lowest` [m] on."""
     return positions(N) * jnp.asarray([0.1, 0.1, 1.0]) - jnp.asarray([0.0, 0.0, 3.0 - lowest])
@@ -184,7 +192,8 @@ def test_derivatives_of_the_final_position_equal_finite_differences(simulator):
         np.testing.assert_allclose(exact, numeric, rtol=1e-5, atol=1e-7)
         labels = jax.tree_util.tree_leaves_with_path(unravel(flat))
         for (path, _), derivative in zip(labels, exact, strict=True):
-            assert jnp.abs(derivative).max() > 1e-5, f"{path} has no influence"
+            least = 1e-5 * weight_of(path)
+            assert jnp.abs(derivative).max() > least, f"{path} has no influence"
 
         # Reverse mode: the same derivatives of one weighted sum, to 1e-7: crazyflow's clock counts
         # steps as int32, and a time made of it is single precision even here.
@@ -223,7 +232,7 @@ def test_sensitivities_at_the_neutral_values_equal_one_sided_differences(simulat
         numeric = (moved[:-1] - moved[-1]) / h
         for (path, _), a, b in zip(labels, exact, numeric, strict=True):
             size = float(jnp.abs(b).max())
-            assert size > 1e-5, f"{path} has no influence"
+            assert size > 1e-5 * weight_of(path), f"{path} has no influence"
             np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-4 * size + 1e-7, err_msg=f"{path}")
 
 
