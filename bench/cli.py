@@ -3,9 +3,9 @@
 Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
 """
 
+import dataclasses
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -31,16 +31,46 @@ for command in (diagnose, blind, check, doctor):
     app.command(command)
 
 
+@cyclopts.Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """Which part of a suite, by options that `bench run` and `bench plan` share."""
+
+    task: Annotated[list[str] | None, Repeatable] = None
+    """Only this task."""
+    team_size: Annotated[list[int] | None, Repeatable] = None
+    """Only this number of drones."""
+    method: Annotated[list[str] | None, Repeatable] = None
+    """Only this method."""
+    residual: Annotated[list[str] | None, Repeatable] = None
+    """Only methods with this residual, and those that --method names and that take none."""
+    seeds: int | None = None
+    """Seeds 0 to SEEDS - 1."""
+
+    def of(self, suite: str) -> "Suite":
+        """That part of the suite."""
+        from bench.suite import load_suite
+
+        return load_suite(suite).select(
+            self.task or (),
+            self.team_size or (),
+            self.method or (),
+            self.residual or (),
+            self.seeds,
+        )
+
+
+def _check_jobs(jobs: int | None) -> None:
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+
+
 @app.command
 def run(
     suite: str = "quick",
     /,
     *,
-    task: Annotated[list[str] | None, Repeatable] = None,
-    team_size: Annotated[list[int] | None, Repeatable] = None,
-    method: Annotated[list[str] | None, Repeatable] = None,
-    residual: Annotated[list[str] | None, Repeatable] = None,
-    seeds: int | None = None,
+    part: Part | None = None,
     out: Path | None = None,
     jobs: int | None = None,
     executor: Literal["local", "ray"] = "local",
@@ -56,16 +86,6 @@ def run(
     ----------
     suite
         Name of a built-in suite (`bench list` shows them) or path of a TOML file.
-    task
-        Only this task.
-    team_size
-        Only this number of drones.
-    method
-        Only this method.
-    residual
-        Only methods with this residual, and those that --method names and that take none.
-    seeds
-        Run seeds 0 to SEEDS - 1.
     out
         Folder for everything; without it, tables go to results/SUITE, documents to reports/SUITE.
     jobs
@@ -77,7 +97,8 @@ def run(
     retry_failed
         Try runs again that failed in an earlier call. Interrupted ones are tried again anyway.
     """
-    chosen = _chosen(suite, task, team_size, method, residual, seeds, jobs)
+    chosen = (part or Part()).of(suite)
+    _check_jobs(jobs)
     tables_dir = out or Path("results") / chosen.name
     documents_dir = out or Path("reports") / chosen.name
     _check_folders(tables_dir, documents_dir)
@@ -101,11 +122,7 @@ def plan(
     suite: str = "quick",
     /,
     *,
-    task: Annotated[list[str] | None, Repeatable] = None,
-    team_size: Annotated[list[int] | None, Repeatable] = None,
-    method: Annotated[list[str] | None, Repeatable] = None,
-    residual: Annotated[list[str] | None, Repeatable] = None,
-    seeds: int | None = None,
+    part: Part | None = None,
     out: Path | None = None,
     jobs: int | None = None,
     every: Annotated[bool, Repeatable] = False,
@@ -119,16 +136,6 @@ def plan(
     ----------
     suite
         Name of a built-in suite (`bench list` shows them) or path of a TOML file.
-    task
-        Only this task.
-    team_size
-        Only this number of drones.
-    method
-        Only this method.
-    residual
-        Only methods with this residual, and those that --method names and that take none.
-    seeds
-        Seeds 0 to SEEDS - 1.
     out
         Folder of the tables; without it, results/SUITE.
     jobs
@@ -136,7 +143,8 @@ def plan(
     every
         Show a line for every missing run.
     """
-    chosen = _chosen(suite, task, team_size, method, residual, seeds, jobs)
+    chosen = (part or Part()).of(suite)
+    _check_jobs(jobs)
     from rich.console import Console
 
     from bench.outlook import show_plan
@@ -144,26 +152,6 @@ def plan(
 
     place = out or Path("results") / chosen.name
     return show_plan(chosen.name, expand(chosen), place, jobs, every, Console())
-
-
-def _chosen(
-    suite: str,
-    task: Sequence[str] | None,
-    team_size: Sequence[int] | None,
-    method: Sequence[str] | None,
-    residual: Sequence[str] | None,
-    seeds: int | None,
-    jobs: int | None,
-) -> "Suite":
-    """The part of a suite that options choose."""
-    from bench.suite import load_suite
-
-    chosen = load_suite(suite).select(
-        task or (), team_size or (), method or (), residual or (), seeds
-    )
-    if jobs is not None and jobs < 1:
-        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
-    return chosen
 
 
 @app.command(name="list")

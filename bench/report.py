@@ -54,11 +54,10 @@ def write_report(tables: Tables, path: Path, title: str = "Benchmark report") ->
     pooled = [_pooled(tables, pool) for pool in pools(tables)]
     opened = details(tables, lines, settings, versions)
     drawn = any(drawings for *_, drawings in sections) or any(run["curve"] for run in opened)
-    drawn = drawn or bool(pooled)
     page = environment().get_template("report.html.j2")
     text = page.render(
         title=title,
-        plotly=plotly_source() if drawn else "",
+        plotly=plotly_source() if drawn or pooled else "",
         how_to_read=[render_markdown(line, inline=True) for line in HOW_TO_READ],
         counts=_counts(tables),
         how_to_read_pooled=HOW_TO_READ_POOLED,

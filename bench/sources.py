@@ -8,9 +8,8 @@ import ast
 import functools
 import hashlib
 import importlib.util
-import inspect
-import sys
 from collections.abc import Iterable
+from pathlib import Path
 
 PACKAGES = ("methods", "tasks", "simulators", "diagnosis")
 """Packages of the benchmark whose code decides a result."""
@@ -38,13 +37,11 @@ def shared_sources(classes: Iterable[type]) -> dict[str, str]:
 def _text(module: str) -> str:
     """Source of a module, empty if there is none."""
     try:
-        if module in sys.modules:
-            return inspect.getsource(sys.modules[module])
         spec = importlib.util.find_spec(module)
-        loader = spec.loader if spec else None
-        return (loader.get_source(module) or "") if hasattr(loader, "get_source") else ""  # pyright: ignore[reportAttributeAccessIssue, reportOptionalMemberAccess]
-    except (ImportError, OSError, TypeError, ValueError):
-        return ""  # a compiled plug-in
+    except (ImportError, ValueError):
+        return ""  # part of no file, or a name that is no module's
+    path = Path(spec.origin if spec and spec.origin else "")
+    return path.read_text(encoding="utf-8") if path.suffix == ".py" and path.is_file() else ""
 
 
 @functools.cache

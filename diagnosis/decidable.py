@@ -112,7 +112,7 @@ def unexplained(
         largest: Number of effects in the largest sets.
     """
     nominal = problem.nominal()
-    front, best = [problem.nominal()], nominal
+    front, best = [nominal], nominal
     for _ in range(largest):
         grown = {
             fit.effects | {name}: fit
@@ -172,9 +172,9 @@ def contains(effects: Set, truth: Set) -> bool:
 
 def _screened(problem: Problem, true: Fit) -> Iterator[tuple[Set, float]]:
     """Every rival with the chi-square beyond the truth's that it promises at least."""
-    anchor = problem.nominal()
+    nominal = problem.nominal()
     for rival in rivals(true.effects, problem.library.candidates):
-        from_nominal = anchor.objective - _gain(problem, anchor, rival)
+        from_nominal = nominal.objective - _gain(problem, nominal, rival)
         from_truth = true.objective + _exchanged(problem, true, rival)
         yield rival, min(from_nominal, from_truth) - true.objective
 

@@ -141,8 +141,8 @@ class Likelihood:
         if along is not None and len(along) > NARROW:
             along = None
         same = vectors.tobytes() + self.sigma.tobytes()
-        key = (same, () if along is None else (*along, -1))
-        found = self._replays.get((same, ())) or self._replays.get(key)
+        key = (same, along if along is None else tuple(along))
+        found = self._replays.get((same, None)) or self._replays.get(key)
         if found is None:
             found = self._fly(vectors, along)
             self._forget(_bytes(found))

@@ -30,7 +30,8 @@ def cached(name: str, trace: Callable, library: Library, settings: str, args: tu
     folder = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     if not folder:
         return jax.jit(trace)
-    path = Path(folder) / f"{name}-{_key(library, settings, args)}.stablehlo"
+    key = _key(library, settings, args, "diagnosis.replay")
+    path = Path(folder) / f"{name}-{key}.stablehlo"
     try:
         return jax.jit(export.deserialize(bytearray(path.read_bytes())).call)
     except Exception:
@@ -57,7 +58,7 @@ def remembered(
     settings += digest.hexdigest()
     path = Path(folder) / f"{name}-{_key(library, settings, tuple(args), 'diagnosis')}.npz"
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             return dict(file)
     except Exception:
         # As above.
@@ -79,13 +80,13 @@ def _keep(path: Path, content: bytes) -> None:
         return
 
 
-def _key(library: Library, settings: str, args: tuple, *packages: str) -> str:
+def _key(library: Library, settings: str, args: tuple, code: str) -> str:
     digest = hashlib.sha256()
     shapes = jax.tree.map(lambda x: (x.shape, str(x.dtype)), args)
     versions = [f"{p}={importlib.metadata.version(p)}" for p in ("jax", "crazyflow", "equinox")]
     for text in (settings, repr(shapes), repr(versions), jax.default_backend(), _shown(library)):
         digest.update(text.encode())
-    for module in _modules(library, *packages):
+    for module in _modules(library, code):
         digest.update(inspect.getsource(module).encode())
     return digest.hexdigest()[:32]
 
@@ -96,10 +97,10 @@ def _shown(library: Library) -> str:
     return repr(([str(leaf) for leaf in leaves], structure, library.slots))
 
 
-def _modules(library: Library, *others: str) -> list[Any]:
-    """Every module of the simulators, of the effects and of `others`, sorted by name."""
-    packages = {*others} | {kind.__module__.split(".")[0] for kind in library.effects.values()}
-    packages |= {"simulators", type(library.simulator).__module__.split(".")[0]}
-    found = [m for n, m in sys.modules.items() if m and n.split(".")[0] in packages]
-    found += [sys.modules["diagnosis.replay"]] * ("diagnosis" not in others)
+def _modules(library: Library, code: str) -> list[Any]:
+    """Every module of the simulators, of the effects, and in or below `code`, sorted by name."""
+    packages = {kind.__module__.split(".")[0] for kind in library.effects.values()}
+    packages |= {"simulators", type(library.simulator).__module__.split(".")[0], code}
+    below = tuple(f"{package}." for package in packages)
+    found = [m for n, m in sys.modules.items() if m and (n in packages or n.startswith(below))]
     return sorted((m for m in found if getattr(m, "__file__", None)), key=lambda m: m.__name__)

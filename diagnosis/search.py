@@ -104,10 +104,17 @@ class Problem:
         normal = self.likelihood.normal(vector)
         H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
         if np.isfinite(H).all():
-            ahead = np.linalg.solve(H + self.precision, g - self.precision @ shared)
+            ahead = self._ahead(H + self.precision, g - self.precision @ shared, vector)
         shift = shared + ahead
         penalty = float(shift @ self.precision @ shift)
         return Fit(effects, vector, moved(normal, ahead), shared, ahead, penalty)
+
+    def _ahead(self, H: np.ndarray, g: np.ndarray, vector: np.ndarray) -> np.ndarray:
+        """Solution of H x = g that keeps `vector` + x within the bounds of all parameters."""
+        low, high = self.library.low - vector, self.library.high - vector
+        free = np.linalg.solve(H, g)
+        inside = bool(np.all((free >= low) & (free <= high)))
+        return free if inside else bounded_step(H, g, low, high)
 
     def nominal(self) -> Fit:
         """The base vector without any effect, from which candidates are screened."""
@@ -117,17 +124,14 @@ class Problem:
 
     def polish(self, effects: Set) -> Fit:
         """The fit of a set with its whole shared shift flown, not taken to first order."""
-        fit = self.fits[effects]
+        fit, settled = self.fits[effects], self.precision is None
         for _ in range(STEPS):
-            if self.precision is None:
-                break
-            moved = self.made(effects, fit.total, fit.shift)
-            moved = self._descended(moved, self.free(effects))
-            moved = self.made(effects, moved.vector, moved.shared)
-            settled = abs(moved.objective - fit.objective) < 0.05 * self.phi
-            fit = moved
             if settled:
                 break
+            flown = self.made(effects, fit.total, fit.shift)
+            flown = self._descended(flown, self.free(effects))
+            settled = abs(flown.objective - fit.objective) < 0.05 * self.phi
+            fit = flown
         self.fits[effects] = fit
         return fit
 
@@ -135,7 +139,7 @@ class Problem:
         """The set at its most likely parameters, started from what `near` promises."""
         if effects not in self.fits:
             near = self.known.get(effects, near)
-            starts = [near.vector] if near.effects == effects else self._starts(effects, near)
+            starts = [] if near.effects == effects else self._starts(effects, near)
             # A linear step may end where nothing is better; what it started from is never worse.
             fits = [
                 self.made(effects, start, near.shared, whole=False)
@@ -174,9 +178,9 @@ class Problem:
             return [start]
         at, found = self._place("gust", "onset"), []
         for shift in (-0.4987, 0.5013):
-            moved = start.copy()
-            moved[at] += shift * WINDOW
-            found.append(moved)
+            other = start.copy()
+            other[at] += shift * WINDOW
+            found.append(other)
         return found
 
     def _start(self, effects: Set, near: Fit) -> Float[np.ndarray, " params"]:
@@ -338,7 +342,7 @@ class Problem:
         Growing one by one may pass through an effect that the last one made needless.
         """
         while True:
-            best = max(self.fits.values(), key=self.log_evidence)
+            best = self.ranked()[0]
             for name in best.effects:
                 less = best.effects - {name}
                 if less not in self.fits and self._worth(best, name) < NEEDED:
@@ -346,7 +350,7 @@ class Problem:
                     gone = self.library.indices(name)
                     vector[gone] = self.base[gone] + best.shared[gone]
                     self.refit(less, self.made(less, vector, best.shared))
-            if best is max(self.fits.values(), key=self.log_evidence):
+            if best is self.ranked()[0]:
                 return
 
     def _worth(self, fit: Fit, name: str) -> float:
@@ -374,7 +378,7 @@ class Problem:
         for count, (effects, (value, near)) in enumerate(ranked):
             declared = any(name in START and name != "gust" for name in effects - near.effects)
             # What the others must come near to: a promise, until it turns out to be too large.
-            goal = min(top, kept) if count else top
+            goal = min(top, kept)
             close = value - base > max(WORTH, NEAR * goal) or value - base > goal - 30.0
             if declared or (count < REFITS and value - base > WORTH and close):
                 fit = self.refit(effects, near)

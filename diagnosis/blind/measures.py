@@ -159,16 +159,16 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
     problem.renew()
     fit = truth_fit(problem, truth)
     problem.phi = dispersion(fit.normal, n)
-    anchor = problem.nominal()
+    nominal = problem.nominal()
     wrong = [
         Set({name})
         for name in problem.library.candidates
         if not any(contains(Set({name}), Set({true})) for true in truth)
     ]
-    best = max(wrong, key=lambda effects: problem.promised(anchor, effects))
+    best = max(wrong, key=lambda effects: problem.promised(nominal, effects))
     return {
         "shrink_oracle": _shrink(problem, fit, n),
-        "shrink_wrong": _shrink(problem, problem.refit(best, anchor), n),
+        "shrink_wrong": _shrink(problem, problem.refit(best, nominal), n),
         "wrong": next(iter(best)),
         "oracle": values(problem, fit),
     }

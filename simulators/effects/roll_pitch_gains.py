@@ -60,11 +60,8 @@ class RollPitchGains(AutopilotEffect):
     def autopilot(
         self, memory: None, flight: Flight, gains: AutopilotGains, dt: float
     ) -> tuple[None, AutopilotGains]:
-        roll, tilting = jnp.asarray([1.0, 0.0, 0.0]), jnp.asarray([1.0, 1.0, 0.0])
-        one = 1.0 + self.roll * roll
-        return None, AutopilotGains(
-            attitude=gains.attitude * one * (1.0 + self.stiffness * tilting),
-            integral=gains.integral * one * (1.0 + self.stiffness * tilting),
-            rate=gains.rate * one * (1.0 + self.damping * tilting),
-            acceleration=gains.acceleration * one * (1.0 + self.acceleration * tilting),
+        own = gains.more((1.0, 0.0, 0.0), self.roll, self.roll, self.roll, self.roll)
+        tilting = (1.0, 1.0, 0.0)
+        return None, own.more(
+            tilting, self.stiffness, self.stiffness, self.damping, self.acceleration
         )

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
-from simulators.rotation import rotate
+from simulators.rotation import body_z
 from simulators.vehicle import Vehicle
 
 
@@ -38,7 +38,7 @@ class TranslationalLift(WrenchEffect):
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-        up = rotate(flight.quat, jnp.zeros_like(flight.vel).at[:, 2].set(1.0))
+        up = body_z(flight.quat)
         along = jnp.sum(up * flight.vel, axis=-1, keepdims=True)
         across = jnp.sum(flight.vel**2, axis=-1, keepdims=True) - along**2
         return None, self.k * vehicle.mass * across * up, jnp.zeros_like(flight.vel)

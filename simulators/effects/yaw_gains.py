@@ -48,10 +48,5 @@ class YawGains(AutopilotEffect):
     def autopilot(
         self, memory: None, flight: Flight, gains: AutopilotGains, dt: float
     ) -> tuple[None, AutopilotGains]:
-        turning = jnp.asarray([0.0, 0.0, 1.0])
-        return None, AutopilotGains(
-            attitude=gains.attitude * (1.0 + self.stiffness * turning),
-            integral=gains.integral * (1.0 + self.integral * turning),
-            rate=gains.rate * (1.0 + self.damping * turning),
-            acceleration=gains.acceleration,
-        )
+        turning = (0.0, 0.0, 1.0)
+        return None, gains.more(turning, self.stiffness, self.integral, self.damping)

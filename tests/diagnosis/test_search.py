@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from diagnosis.diagnose import attribute, make_likelihood
 from diagnosis.equations import bounded_step
 from diagnosis.library import Slot, make_library
-from diagnosis.likelihood import Likelihood
+from diagnosis.likelihood import NARROW, Likelihood
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import WINDOW, cut
@@ -123,6 +123,28 @@ def test_nothing_moves_before_the_first_row(replay):
     (_, after), *_ = list(replay(group, vector, along))
     np.testing.assert_array_equal(after.value, before.value)
     np.testing.assert_array_equal(after.slope, before.slope)
+
+
+def test_a_replay_along_some_parameters_is_that_part_of_the_whole(replay):
+    flights = point_mass_set(n_flights=1).flights
+    vector = replay.library.neutral.copy()
+    (at,) = replay.library.indices("drag")[:1]
+    vector[at] += 0.2
+    along = [at, *replay.library.indices("mass"), *replay.library.indices("wind")]
+    assert len(along) <= NARROW < len(vector)
+    narrow = make_likelihood(replay, flights, SIGMA).normal(vector, along)
+    whole = make_likelihood(replay, flights, SIGMA).normal(vector)
+    np.testing.assert_allclose(narrow.c, whole.c, rtol=1e-5)
+    np.testing.assert_array_equal(narrow.dof, whole.dof)
+    part = np.ix_(range(len(whole.c)), along, along)
+    for found, expected in (
+        (narrow.g[:, along], whole.g[:, along]),
+        (narrow.H[part], whole.H[part]),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
+    others = [i for i in range(len(vector)) if i not in along]
+    assert np.abs(whole.g[:, others]).max() > 0.0
+    assert not narrow.g[:, others].any()
 
 
 @pytest.mark.parametrize("onset", [2.97, 3.03])
