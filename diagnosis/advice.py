@@ -19,9 +19,9 @@ MANOEUVRES: Mapping[frozenset[str], str] = {
             "straight lines at two very different speeds, 0.5 and 3 m/s, each held for 2 s",
         ),
         (
-            ("axial_drag", "drag"),
-            "climbs and descents at 1 m/s with hard turns: drag brakes the turns as well, axial "
-            "drag the climbs alone",
+            ("rotor_drag", "drag"),
+            "climbs and descents at 1 m/s with hard turns: rotors brake more the faster they turn, "
+            "and more along their axis",
         ),
         (
             ("wind", "gust"),
@@ -96,7 +96,7 @@ REGIMES: Mapping[str, str] = {
     "inertia": "attitude steps of 0.3 rad every 0.4 s",
     "quadratic_drag": "straight lines at 3 m/s",
     "drag": "straight lines at 1 to 2 m/s",
-    "axial_drag": "climbs and descents at 1 m/s",
+    "rotor_drag": "climbs and descents at 1 m/s",
     "translational_lift": "level straight lines at 2 m/s",
     "roll_pitch_gains": "attitude steps of 0.3 rad every 0.4 s",
     "yaw_gains": "yaw steps of 0.5 rad every second",

@@ -44,7 +44,7 @@ FAMILIES: Mapping[str, frozenset[str]] = {
     name: frozenset(family)
     for family in (
         ("mass", "thrust_gain"),
-        ("axial_drag", "drag", "quadratic_drag"),
+        ("drag", "quadratic_drag", "rotor_drag"),
         ("wind", "gust"),
         (
             "attitude_lag",

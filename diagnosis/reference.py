@@ -20,9 +20,9 @@ from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.search import Problem
 from diagnosis.verdict import structure
 
-UNSHARED = ("gust", "attitude_loop", "mass", "quadratic_drag")
-"""Effects that are not fitted to the reference: the slopes of two say nothing at neutral, the other
-two would run against their aliases thrust_gain and drag, which stand for them."""
+UNSHARED = ("gust", "attitude_loop", "mass")
+"""Effects that are not fitted to the reference: the slopes of two say nothing at neutral, the third
+would run against its alias thrust_gain, which stands for it."""
 PRIOR = 0.03
 """Standard deviation of the prior over the allowed range; a choice."""
 STEPS = 25

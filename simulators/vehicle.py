@@ -6,7 +6,7 @@ Source of every number: crazyflow 0.4.0, ``dynamics/first_principles/params.toml
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 GRAVITY = 9.81
 """Gravitational acceleration [m/s^2], crazyflow's value."""
@@ -35,6 +35,8 @@ class Vehicle(eqx.Module):
     """Moments of inertia of the rotors over their nominal ones [-]."""
     drag: Float[Array, " 3"]
     """Linear drag along the body axes, positive against the motion [N s/m]."""
+    arm: Float[Array, ""]
+    """Distance of each rotor from the roll and from the pitch axis [m]."""
 
 
 class AutopilotGains(eqx.Module):
@@ -48,6 +50,23 @@ class AutopilotGains(eqx.Module):
     """Of the error in angular velocity."""
     acceleration: Float[Array, " 3"]
     """Of the rate at which that error changes."""
+
+    def more(
+        self,
+        axes: tuple[float, float, float],
+        attitude: ArrayLike = 0.0,
+        integral: ArrayLike = 0.0,
+        rate: ArrayLike = 0.0,
+        acceleration: ArrayLike = 0.0,
+    ) -> "AutopilotGains":
+        """The gains with relative excesses [-] on some axes: 1 where they act, 0 elsewhere."""
+        on = jnp.asarray(axes)
+        return AutopilotGains(
+            attitude=self.attitude * (1.0 + attitude * on),
+            integral=self.integral * (1.0 + integral * on),
+            rate=self.rate * (1.0 + rate * on),
+            acceleration=self.acceleration * (1.0 + acceleration * on),
+        )
 
 
 class VehicleSpec(eqx.Module):
@@ -67,6 +86,8 @@ class VehicleSpec(eqx.Module):
     """Largest collective thrust [N]."""
     rpm2thrust: tuple[float, float, float] = eqx.field(static=True)
     """Thrust of one rotor [N] as a polynomial of its speed in rev/min, constant term first."""
+    arm: float = eqx.field(static=True)
+    """Distance of each rotor from the roll and from the pitch axis [m]."""
 
     def vehicle(self, drag: bool) -> Vehicle:
         """The nominal plant, with the airframe's linear drag or without any."""
@@ -78,6 +99,7 @@ class VehicleSpec(eqx.Module):
             motor_lag_scale=jnp.asarray(1.0),
             rotor_inertia_scale=jnp.asarray(1.0),
             drag=jnp.asarray(self.drag if drag else (0.0, 0.0, 0.0), float),
+            arm=jnp.asarray(self.arm, float),
         )
 
 
@@ -91,6 +113,7 @@ VEHICLES = {
         thrust_min=4 * 0.02136263065537499,
         thrust_max=0.8,
         rpm2thrust=(0.0, -3.133427287299859e-07, 4.407354891648379e-10),
+        arm=0.035355,
     ),
     "cf2x_L250": VehicleSpec(
         name="cf2x_L250",
@@ -100,6 +123,7 @@ VEHICLES = {
         thrust_min=4 * 0.012817578393224994,
         thrust_max=0.48,
         rpm2thrust=(0.0, -5.382196214637237e-07, 2.4582929831265485e-10),
+        arm=0.03253,
     ),
 }
 """Airframes by the name of their crazyflow parameter set."""

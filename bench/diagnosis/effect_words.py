@@ -92,12 +92,10 @@ EFFECTS = {
         "{} more quadratic air drag than {base}",
         "{} less quadratic air drag than {base}",
     ),
-    "axial_drag": EffectWords(
-        "axial drag",
-        "another drag along the rotor axis",
-        "Climbing through air costs thrust, in proportion to the speed along the rotor axis.",
-        "{} more drag along the rotor axis than {base}",
-        "{} less drag along the rotor axis than {base}",
+    "rotor_drag": EffectWords(
+        "rotor drag",
+        "another drag of the rotors",
+        "Turning rotors brake the drone in proportion to their speed and to its own.",
     ),
     "translational_lift": EffectWords(
         "translational lift",
@@ -207,7 +205,8 @@ PARAMETERS = {
     ("battery", "rate"): ParameterWords("thrust lost", 6000.0, "% a minute"),
     ("drag", "c"): ParameterWords("coefficient c"),
     ("quadratic_drag", "k"): ParameterWords("coefficient k"),
-    ("axial_drag", "c"): ParameterWords("coefficient c"),
+    ("rotor_drag", "axial"): ParameterWords("along the rotor axis"),
+    ("rotor_drag", "lateral"): ParameterWords("across it"),
     ("translational_lift", "k"): ParameterWords("coefficient k"),
     ("rotor_inertia", "e"): ParameterWords("relative change", 100.0, "%"),
     ("roll_pitch_gains", "stiffness"): ParameterWords("gain on the angle", 100.0, "%"),

@@ -12,7 +12,8 @@ the airframe (second order: 12.5 rad/s, damping 0.65). Rotors are not modelled. 
 | mass, thrust gain | r_a | T b / m |
 | battery | r_a | -t T b / m |
 | motor lag | r_a | -T' b / m |
-| drag, quadratic drag, axial drag | r_a | -v, -\|v\| v, -(v . b) b |
+| drag, quadratic drag | r_a | -v, -\|v\| v |
+| rotor drag | r_a | -(v . b) b; across the axis it is linear drag here |
 | translational lift | r_a | \|v - (v . b) b\|^2 b |
 | wind, gust | r_a | a constant, one from an onset on |
 | ground effect | r_a | (r / 4 h)^2 T b / m |
@@ -64,9 +65,9 @@ SIGNATURES = (
     Signature("thrust_gain", "e", "-", ("mass",)),
     Signature("battery", "rate", "1/s"),
     Signature("motor_lag", "seconds", "s"),
-    Signature("drag", "c", "1/s"),
+    Signature("drag", "c", "1/s", ("rotor_drag",)),
     Signature("quadratic_drag", "k", "1/m"),
-    Signature("axial_drag", "c", "1/s"),
+    Signature("rotor_drag", "axial", "1/s"),
     Signature("translational_lift", "k", "1/m"),
     Signature("wind", "x", "m/s^2"),
     Signature("wind", "y", "m/s^2"),
@@ -146,8 +147,7 @@ def _of_drone(
     vel = log.vel[middle]
     lift, up = thrust * body[:, :, 2], np.asarray([0.0, 0.0, 1.0])
     drag = np.einsum("nij,j,nkj,nk->ni", body, np.asarray(spec.drag) / mass, body, vel)
-    climb = np.sum(vel * body[:, :, 2], axis=1, keepdims=True)
-    across = np.sum(vel**2, axis=1, keepdims=True) - climb**2
+    climb = np.sum(vel * body[:, :, 2], axis=1, keepdims=True) * body[:, :, 2]
     height = np.maximum(log.pos[middle, 2:], _ROTOR)
     ones = np.ones((len(middle), 1))
     columns = [
@@ -156,8 +156,8 @@ def _of_drone(
         -rise * body[:, :, 2],
         -vel,
         -np.linalg.norm(vel, axis=1, keepdims=True) * vel,
-        -climb * body[:, :, 2],
-        across * body[:, :, 2],
+        -climb,
+        np.sum((vel - climb) ** 2, axis=1, keepdims=True) * body[:, :, 2],
         ones * np.eye(3)[0],
         ones * np.eye(3)[1],
         ones * np.eye(3)[0],

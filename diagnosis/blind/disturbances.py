@@ -35,6 +35,8 @@ from simulators.vehicle import GRAVITY, Vehicle
 
 ROTOR_RADIUS = 0.0231
 """Radius of a Crazyflie rotor [m]."""
+ROTOR_ARM = 0.035355
+"""Distance of its rotors from the roll and from the pitch axis [m], from crazyflow's file."""
 _RING = 64
 """Commands that the delay remembers, one a physics step."""
 _SWING_DAMPING = 0.3
@@ -142,6 +144,7 @@ class PlantDisturbance(PlantEffect):
             motor_lag_scale=vehicle.motor_lag_scale * self.motor_slowness,
             rotor_inertia_scale=vehicle.rotor_inertia_scale,
             drag=vehicle.drag,
+            arm=vehicle.arm,
         )
 
 
@@ -181,7 +184,9 @@ class WrenchDisturbance(WrenchEffect):
     lift: Array | float = 0.0
     """Translational lift along the thrust [1/m]."""
     axial_drag: Array | float = 0.0
-    """Linear drag along the thrust in hover [1/s]."""
+    """Drag of the rotors along their axis in hover [1/s]."""
+    lateral_drag: Array | float = 0.0
+    """Drag of the rotors across their axis in hover [1/s]."""
     suction: Array | float = 0.0
     """Specific force at a wall, towards it [m/s^2]."""
     wall_normal: Array = eqx.field(default_factory=lambda: jnp.asarray([1.0, 0.0, 0.0]))
@@ -222,15 +227,21 @@ class WrenchDisturbance(WrenchEffect):
         height = jnp.maximum(flight.pos[:, 2:], ROTOR_RADIUS)
         near = self.ground_effect * (ROTOR_RADIUS / (4.0 * height)) ** 2
         climb = jnp.einsum("ni,ni->n", flight.vel, up)[:, None]
-        forward = jnp.linalg.norm(flight.vel - climb * up, axis=1, keepdims=True)
-        hover = vehicle.mass * GRAVITY
+        across = flight.vel - climb * up
+        hover = vehicle.mass * GRAVITY * vehicle.thrust_gain
         spinning = jnp.sqrt(jnp.maximum(thrust, 1e-6) / hover)
-        rotors = self.lift * forward**2 - self.axial_drag * spinning * climb
-        force = vehicle.mass * (specific + rotors * up) + near * thrust * up
+        specific = specific + self.lift * jnp.sum(across**2, axis=1, keepdims=True) * up
+        specific -= spinning * (self.axial_drag * climb * up + self.lateral_drag * across)
+        force = vehicle.mass * specific + near * thrust * up
         # The autopilot's thrust acts at the geometric centre, off the centre of mass.
         lever = jnp.concatenate([self.offset, jnp.zeros(1)])
         pushed = jnp.zeros_like(flight.pos).at[:, 2].set(flight.thrust)
-        torque = _turn(flight.quat, -jnp.cross(lever, pushed))
+        torque = -jnp.cross(lever, pushed)
+        # Each rotor's own drag, four at (+-arm, +-arm): about x and y along, about z across.
+        braked = self.axial_drag * jnp.asarray([1.0, 1.0, 0.0])
+        braked += self.lateral_drag * jnp.asarray([0.0, 0.0, 2.0])
+        torque -= vehicle.mass * spinning * ROTOR_ARM**2 * braked * flight.ang_vel
+        torque = _turn(flight.quat, torque)
         pull, cable, spin = self._sling(cable, spin, thrust * up + force, vehicle.mass, dt)
         return (air, cable, spin), force + pull, torque
 

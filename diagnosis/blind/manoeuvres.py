@@ -108,7 +108,7 @@ TRIALS: Mapping[frozenset[str], Trial] = {
     for pair, trial in (
         (("mass", "thrust_gain"), Trial(Flights(paths.fast_lines), _HOVER)),
         (("drag", "quadratic_drag"), Trial(Flights(paths.two_speeds), Flights(paths.slow_lines))),
-        (("axial_drag", "drag"), Trial(Flights(paths.tumbling), _HOVER)),
+        (("drag", "rotor_drag"), Trial(Flights(paths.tumbling), _HOVER)),
         (("wind", "gust"), Trial(Flights(paths.hover, onset=5.0), _HOVER)),
         (("attitude_lag", "delay"), _SHARP),
         (("attitude_lag", "motor_lag"), _BOTH),

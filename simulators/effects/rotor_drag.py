@@ -1,6 +1,14 @@
-"""Drag along the rotor axis b: f = -c m sqrt(T / m g) (v . b) b with the thrust T.
+"""Drag of four turning rotors with the axis b, each at its own velocity.
 
-What makes linear drag anisotropic. It grows with rotor speed, hence with the root of the thrust.
+    f = -m s (k_a b b' + k_l (1 - b b')) v,   torque = -m s l^2 (k_a (1 - b b') + 2 k_l b b') w
+
+It grows with rotor speed, s = sqrt(T / (gain m g)) for the thrust T of rotors of that gain, one in
+hover; linear drag of the body (`drag`) does not. A simulator without rotation ignores the torque.
+
+| symbol | name | unit |
+|---|---|---|
+| k_a, k_l | axial, lateral | 1/s |
+| l | the vehicle's arm | m |
 """
 
 from typing import ClassVar
@@ -11,25 +19,23 @@ from jaxtyping import Array, Float
 
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
-from simulators.rotation import rotate
+from simulators.rotation import body_z, rotate
 from simulators.vehicle import GRAVITY, Vehicle
 
+_SOURCE = "1.77 along and 0.75 across the axis in RotorPy's Crazyflie Brushless; bounds: a guess"
 
-class AxialDrag(WrenchEffect):
-    """Thrust lost to inflow through climbing rotors. Source: RotorPy (2023), its k_z."""
 
-    c: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
-    """Drag along the axis in hover, beyond that of all directions, over mass [1/s]."""
+class RotorDrag(WrenchEffect):
+    """Inflow along rotors and blade drag across them. Source: RotorPy (2023), its k_z and k_d."""
+
+    axial: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Drag along the rotor axis in hover, over mass [1/s]."""
+    lateral: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Drag across it."""
 
     parameters: ClassVar[dict[str, Parameter]] = {
-        "c": Parameter(
-            unit="1/s",
-            low=-0.5,
-            high=4.0,
-            neutral=0.0,
-            source="1.77 along and 0.75 across the axis in RotorPy's Crazyflie Brushless; the "
-            "bounds are a guess",
-        )
+        "axial": Parameter(unit="1/s", low=-0.5, high=4.0, neutral=0.0, source=_SOURCE),
+        "lateral": Parameter(unit="1/s", low=-0.5, high=4.0, neutral=0.0, source=_SOURCE),
     }
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()
@@ -42,9 +48,12 @@ class AxialDrag(WrenchEffect):
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-        up = rotate(flight.quat, jnp.zeros_like(flight.vel).at[:, 2].set(1.0))
-        along = jnp.sum(up * flight.vel, axis=-1, keepdims=True)
+        up, turn = body_z(flight.quat), rotate(flight.quat, flight.ang_vel)
+        climb = jnp.sum(up * flight.vel, axis=-1, keepdims=True) * up
+        yaw = jnp.sum(up * turn, axis=-1, keepdims=True) * up
         turning = flight.thrust > 0.0  # the root has no derivative where the rotors stand still
-        lift = jnp.where(turning, flight.thrust, 1.0) / (vehicle.mass * GRAVITY)
-        speed = jnp.where(turning, jnp.sqrt(lift), 0.0)[:, None]
-        return None, -self.c * vehicle.mass * speed * along * up, jnp.zeros_like(flight.vel)
+        lift = flight.thrust / (vehicle.thrust_gain * vehicle.mass * GRAVITY)
+        speed = jnp.where(turning, jnp.sqrt(jnp.where(turning, lift, 1.0)), 0.0)[:, None]
+        force = self.axial * climb + self.lateral * (flight.vel - climb)
+        torque = vehicle.arm**2 * (self.axial * (turn - yaw) + 2.0 * self.lateral * yaw)
+        return None, -vehicle.mass * speed * force, -vehicle.mass * speed * torque

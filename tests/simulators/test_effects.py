@@ -38,7 +38,7 @@ INTERIOR = {
     "attitude_gain": {"g": -0.1},
     "attitude_lag": {"tau": 0.03},
     "attitude_loop": {"natural_freq": 15.0, "damping": 0.7},
-    "axial_drag": {"c": 0.7},
+    "rotor_drag": {"axial": 0.7, "lateral": 0.4},
     "battery": {"rate": 0.008},
     "center_of_mass": {"x": 0.002, "y": -0.001},
     "delay": {"seconds": 0.033},

@@ -1,13 +1,15 @@
 """Baselines find what their dictionary holds, and stay below their threshold in clean flights."""
 
 import functools
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from diagnosis.blind import baselines, cases
 from diagnosis.blind.dictionary import SIGNATURES, regression
-from diagnosis.logs import load_flights
+from diagnosis.logs import DroneLog, FlightLog, FlightSet, VehicleFile, load_flights
 
 
 @functools.cache
@@ -75,6 +77,30 @@ def test_every_signature_is_there_but_the_neighbours(folder):
     problem = regression(flights(folder, 1))
     silent = np.linalg.norm(problem.columns, axis=0) == 0.0
     assert [s.effect for s, quiet in zip(SIGNATURES, silent, strict=True) if quiet] == ["downwash"]
+
+
+def test_rotors_drag_and_lift():
+    rng = np.random.default_rng(0)
+    vel, quats = rng.normal(size=(20, 3)), Rotation.from_euler("xyz", rng.normal(size=(20, 3)) / 3)
+    log = DroneLog(
+        t=0.02 * np.arange(20),
+        pos=np.ones((20, 3)),
+        vel=vel,
+        quat=quats.as_quat(),
+        cmd=np.tile([0.0, 0.0, 0.0, 0.4], (20, 1)),
+    )
+    vehicle = VehicleFile("test", "cf21B_500", 0.0434)
+    found = regression(FlightSet(Path("flown"), vehicle, (FlightLog("one", (log,)),), ()))
+    columns = {
+        s.parameter: found.columns[: 3 * 18, i]
+        for i, s in enumerate(SIGNATURES)
+        if s.effect in ("rotor_drag", "translational_lift")
+    }
+    up = quats.apply([0.0, 0.0, 1.0])
+    climb = np.sum(vel * up, axis=1, keepdims=True)
+    across = np.sum((vel - climb * up) ** 2, axis=1, keepdims=True)
+    for name, expected in {"axial": -climb * up, "k": across * up}.items():
+        np.testing.assert_allclose(columns[name], expected[1:-1].ravel(), atol=1e-9)
 
 
 def test_the_threshold_is_a_quantile_that_is_reached():

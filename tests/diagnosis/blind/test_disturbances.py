@@ -1,11 +1,14 @@
 """The generator's disturbances obey their equations, and do nothing where they are neutral."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from diagnosis.blind.disturbances import (
+    ROTOR_ARM,
     ROTOR_RADIUS,
     CommandDisturbance,
     PlantDisturbance,
@@ -116,6 +119,29 @@ def test_downwash_pushes_only_what_flies_below():
     force, _ = push(WrenchDisturbance(downwash=2.0, downwash_width=0.1), flight(above))
     expected = [0.0, -2.0 * np.exp(-0.5)]
     np.testing.assert_allclose(force[:, 2] / VEHICLE.mass, expected, rtol=1e-5)
+
+
+def test_rotors_drag_and_lift():
+    """Drag grows with the speed of the rotors, the root of thrust over gain; lift does not."""
+    half, vel = 0.25, np.asarray([1.0, -0.5, 2.0])
+    up = np.asarray([np.sin(2 * half), 0.0, np.cos(2 * half)])
+    quat = (0.0, np.sin(half), 0.0, np.cos(half))
+    now = flight(vel=[vel], quat=quat, thrust=1.44 * HOVER)
+    climb = vel @ up
+    drags = WrenchDisturbance(axial_drag=0.7, lateral_drag=0.3)
+    braked = 0.7 * climb * up + 0.3 * (vel - climb * up)
+    force, _ = push(drags, now)
+    np.testing.assert_allclose(force[0] / VEHICLE.mass, -1.2 * braked, rtol=1e-5)
+    weak = PlantDisturbance(excess_thrust=-0.19).plant(None, now, VEHICLE, DT)[1]
+    force, _ = push(drags, now, weak)
+    np.testing.assert_allclose(force[0] / VEHICLE.mass, -1.2 / 0.9 * braked, rtol=1e-5)
+    spinning = dataclasses.replace(flight(thrust=1.44 * HOVER), ang_vel=jnp.asarray([[3.0, 2, 1]]))
+    _, torque = push(drags, spinning)
+    damping = 1.2 * VEHICLE.mass * ROTOR_ARM**2 * np.asarray([0.7 * 3, 0.7 * 2, 2 * 0.3])
+    np.testing.assert_allclose(torque[0], -damping, rtol=1e-5)
+    force, _ = push(WrenchDisturbance(lift=0.12), now)
+    across = vel @ vel - climb**2
+    np.testing.assert_allclose(force[0] / VEHICLE.mass, 0.12 * across * up, rtol=1e-5)
 
 
 def test_thrust_turns_a_vehicle_around_its_centre_of_mass():

@@ -69,6 +69,14 @@ def test_fast_lines_tell_mass_from_thrust_where_hover_does_not():
     assert found.seconds == 10.0
 
 
+@pytest.mark.parametrize(("truth", "rival"), [("rotor_drag", "drag"), ("drag", "rotor_drag")])
+def test_tumbling_tells_drag_of_the_rotors_from_drag_of_the_body(truth, rival):
+    others = set(registry.load_all("effect")) - {truth, rival}
+    found = Range(exclude=others).margins(truth, rival)
+    assert found.bland < DECIDABLE < found.advised
+    assert found.separated
+
+
 def test_a_pair_without_advice_is_refused():
     with pytest.raises(ValueError, match=r"must be a pair that there is advice for .* got 'drag'"):
         Range().margins("drag", "wind")
