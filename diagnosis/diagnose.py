@@ -145,7 +145,9 @@ def _study(
     sets = (logs, *([compared.flights] if compared else []))
     several = any(len(f.drones) > 1 for flown in sets for f in flown)
     nominal = nominal_simulator(simulator, flights)
-    library = make_library(nominal, with_aliases(exclude), several, inputs.prescribed)
+    library = make_library(
+        nominal, with_aliases(exclude), several, inputs.prescribed, compared is not None
+    )
     step = STEPS.get(simulator, STEPS["point_mass"])
     replay = make_replay(library, step, inputs.prescribed)
     progress("cutting flights into windows", 0.02)

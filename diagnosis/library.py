@@ -112,7 +112,8 @@ class Library(eqx.Module):
     slots: tuple[Slot, ...] = eqx.field(static=True)
     """The vector's entries."""
     withheld: frozenset[str] = eqx.field(static=True, default=frozenset())
-    """Effects that are attached for their slopes (`LOCAL`) and are no candidates."""
+    """Effects that are attached and are no candidates: for their slopes (`LOCAL`), or because they
+    may describe what reference flights show."""
 
     @property
     def candidates(self) -> list[str]:
@@ -160,17 +161,20 @@ def make_library(
     exclude: Collection[str] = (),
     several_drones: bool = False,
     prescribed: bool = False,
+    referenced: bool = False,
 ) -> Library:
     """Every registered effect that `simulator` has the doors for, without those excluded.
 
     `prescribed`: the attitude comes from measurement, so that effects on it cannot be seen.
+    `referenced`: there are reference flights, which those excluded may describe; what changed since
+    is still none of them.
     """
     effects, slots = {}, []
     for name, kind in sorted(registry.load_all("effect").items()):
         missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]
         alone = name in NEEDS_NEIGHBOUR and not several_drones
         unseen = prescribed and name in NEEDS_ATTITUDE_CMD
-        hidden = name in exclude and name not in LOCAL
+        hidden = name in exclude and name not in LOCAL and not referenced
         if missing or alone or unseen or hidden or name in LEFT_OUT:
             continue
         effects[name] = kind

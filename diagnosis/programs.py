@@ -7,6 +7,7 @@ under that and the flights. They are kept only where `JAX_COMPILATION_CACHE_DIR`
 file that cannot be read is made anew.
 """
 
+import dataclasses
 import hashlib
 import importlib.metadata
 import inspect
@@ -92,8 +93,8 @@ def _key(library: Library, settings: str, args: tuple, code: str) -> str:
 
 
 def _shown(library: Library) -> str:
-    """The library's constants as text."""
-    leaves, structure = jax.tree.flatten(library)
+    """The library's constants as text; which effects may be blamed changes no program."""
+    leaves, structure = jax.tree.flatten(dataclasses.replace(library, withheld=frozenset()))
     return repr(([str(leaf) for leaf in leaves], structure, library.slots))
 
 

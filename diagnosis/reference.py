@@ -95,8 +95,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
 def _prior(library: Library) -> Float[np.ndarray, " params"]:
     """Prior precision of every parameter; very large where it is not shared."""
     precision = 1.0 / (PRIOR * (library.high - library.low)) ** 2
-    unshared = {*UNSHARED, *library.withheld}
-    fixed = [i for i, slot in enumerate(library.slots) if slot.effect in unshared]
+    fixed = [i for i, slot in enumerate(library.slots) if slot.effect in UNSHARED]
     precision[fixed] *= 1e12
     return precision
 

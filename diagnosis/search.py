@@ -57,6 +57,8 @@ HOPELESS = 50.0
 """Log evidence [nats] below that of another set at which a refit ends early."""
 ACROSS = 0.1
 """How near an onset must be to the edge of a window for the window beside to be tried [s]."""
+FIRM = 1e6
+"""Precision of an effect that may not shift over what the reference says of it."""
 WORTH = 3.0
 """Gain [nats] that another effect must promise to be tried; a choice below every threshold."""
 
@@ -71,12 +73,19 @@ class Problem:
         precision: Float[np.ndarray, "params params"] | None = None,
         phi: float = 1.0,
     ) -> None:
-        self.likelihood, self.precision, self.phi = likelihood, precision, phi
+        self.likelihood, self.phi = likelihood, phi
         self.library: Library = likelihood.replay.library
+        self.precision = None if precision is None else self._pinned(precision)
         self.base = self.library.neutral if base is None else base
         self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
         self.fits: dict[Set, Fit] = {}
         self.known: dict[Set, Fit] = {}
+
+    def _pinned(self, precision: Float[np.ndarray, "params params"]) -> np.ndarray:
+        """`precision` with which effects that may not be blamed do not shift either."""
+        pinned, withheld = precision.copy(), self.free(self.library.withheld)
+        pinned[withheld, withheld] *= FIRM
+        return pinned
 
     def renew(self) -> None:
         """Forgets all fits but where they ended: the likelihood was settled anew."""

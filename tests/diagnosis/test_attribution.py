@@ -12,7 +12,7 @@ from diagnosis.library import make_library, with_aliases
 from diagnosis.reference import fit_reference
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
-from diagnosis.verdict import intervals, judge, limits, structure
+from diagnosis.verdict import WORTHY, intervals, judge, limits, structure
 from simulators.contract import with_effects
 from simulators.effects.attitude_gain import AttitudeGain
 from simulators.effects.contract import WrenchEffect
@@ -193,6 +193,18 @@ def test_a_reference_takes_out_what_both_sets_share(replay):
     assert problem.library.slots[free[0]].parameter == "x"
     assert low[0] - 0.02 < 0.4 < high[0] + 0.02
     assert any(shared["name"] == "drag" for shared in base.shared(replay.library))
+
+
+def test_where_not_even_the_reference_is_followed_a_second_effect_must_be_worth_its_name(replay):
+    """A wind that explains a thousandth of the gap counts beside a faithful simulator only."""
+    flights = point_mass_set(Drag(c=1.0), Wind(x=0.02), seed=4).flights
+    problem, fits = attribute(make_likelihood(replay, flights, SIGMA), len(flights))
+    by_set = {fit.effects: fit.objective for fit in fits}
+    both, one = by_set[frozenset({"drag", "wind"})], by_set[frozenset({"drag"})]
+    assert (one - both) / (problem.nominal().objective - both) < WORTHY
+    assert judge(problem, fits).chosen.effects == {"drag", "wind"}
+    assert judge(problem, fits, floor=1.05).chosen.effects == {"drag", "wind"}
+    assert judge(problem, fits, floor=1.3).chosen.effects == {"drag"}
 
 
 def test_flights_with_bad_windows_after_a_gap_distrust_only_those(replay):
