@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
@@ -159,7 +160,7 @@ def _study(
     lofo = fit_ids == held
     likelihood = every if lofo else _part(every, logs, fit_ids)
     problem, fits = attribute(likelihood, len(fit_ids), base, progress)
-    verdict = judge(problem, fits, base.structure if base else 1.0)
+    verdict = judge(problem, fits, base.floor if base else None)
     progress("scoring held-out flights", 0.9)
     scored = every if lofo else _part(every, logs, held)
     if not lofo:
@@ -224,6 +225,7 @@ def attribute(
     problem = Problem(likelihood, base.vector, base.precision) if base else Problem(likelihood)
     floor = base.phi if base else 1.0
     progress("screening all effects", 0.1)
+    likelihood.settle(problem.base, math.inf)
     problem.phi = max(floor, dispersion(problem.nominal().normal, n_flights))
     best = problem.search()[0]
     progress("weighing windows after gaps", 0.5)

@@ -147,6 +147,24 @@ class Library(eqx.Module):
         made = [_made(kind, values[name]) for name, kind in self.effects.items()]
         return with_effects(self.simulator, made)
 
+    def braking(
+        self, vector: Float[np.ndarray, " params"], vel: Float[np.ndarray, "*n 3"]
+    ) -> Float[np.ndarray, "*n 3"]:
+        """Rate [1/s] at which drag at `vector` takes small changes of `vel` away, along each axis.
+
+        Of a level drone in hover, by the nominal drag and the effects that are named here.
+        """
+        value = {
+            (slot.effect, slot.parameter): x for slot, x in zip(self.slots, vector, strict=True)
+        }
+        of = lambda effect, parameter: value.get((effect, parameter), 0.0)  # noqa: E731
+        spec, drags = self.simulator.spec, "rotation" in self.simulator.doors
+        own = np.asarray(spec.drag) / spec.mass if drags else np.zeros(3)
+        axial, lateral = of("rotor_drag", "axial"), of("rotor_drag", "lateral")
+        linear = own / (1.0 + of("mass", "e")) + of("drag", "c") + [lateral, lateral, axial]
+        speed = np.maximum(np.linalg.norm(vel, axis=-1, keepdims=True), 1e-6)
+        return linear + of("quadratic_drag", "k") * (speed + vel**2 / speed)
+
     def named(self, vector: Float[np.ndarray, " params"], effect: str) -> dict[str, float]:
         """The parameters of one effect at `vector`, in their units."""
         return {self.slots[i].parameter: float(vector[i]) for i in self.indices(effect)}

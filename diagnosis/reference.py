@@ -18,7 +18,7 @@ from diagnosis.equations import bounded_step, dispersion
 from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.search import Problem
-from diagnosis.verdict import structure
+from diagnosis.verdict import Floor, floor_of
 
 UNSHARED = ("gust", "attitude_loop", "mass")
 """Effects that are not fitted to the reference: the slopes of two say nothing at neutral, the third
@@ -43,6 +43,13 @@ class Reference:
     """Dispersion between its flights."""
     structure: float
     """Structure that the fit leaves."""
+    scatter: float
+    """Standard deviation of that between flights, beyond noise."""
+
+    @property
+    def floor(self) -> Floor:
+        """What changed flights are judged against."""
+        return Floor(self.structure, self.scatter)
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Everything as arrays by name."""
@@ -88,8 +95,8 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     phi = dispersion(normal, n_flights)
     prior = _prior(library)
     precision = normal.H.sum(axis=0) + phi * np.diag(prior)
-    problem = Problem(likelihood, vector, None, phi)
-    return Reference(vector, precision, enlarged, phi, max(1.0, structure(problem, normal).value))
+    floor = floor_of(Problem(likelihood, vector, None, phi), normal)
+    return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter)
 
 
 def _prior(library: Library) -> Float[np.ndarray, " params"]:

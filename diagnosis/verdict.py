@@ -54,6 +54,16 @@ flights of 10 s, whose structure has a standard deviation of 0.16, 5 exceeded `S
 
 
 @dataclasses.dataclass(frozen=True)
+class Floor:
+    """Structure where nothing changed, which a simulator that follows its flights leaves at one."""
+
+    value: float = 1.0
+    """That of all reference flights."""
+    scatter: float = 0.0
+    """Standard deviation between reference flights, beyond noise."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Structure:
     """Mean squared force and tilt that windows want for themselves, in units of their noise."""
 
@@ -61,10 +71,13 @@ class Structure:
     """One for windows that differ by noise only."""
     count: int
     """Numbers in the mean: the fewer, the further noise alone takes it from one."""
+    flights: int
+    """Flights that they come from."""
 
-    def exceeds(self, threshold: float, floor: float = 1.0) -> bool:
-        """Whether it is above `threshold` times `floor` and not by chance."""
-        return self.value > beyond_chance(threshold, self.count) * floor
+    def exceeds(self, threshold: float, floor: Floor) -> bool:
+        """Whether it is above `threshold` floors and not by chance, nor as flights differ."""
+        differing = floor.value + CHANCE * floor.scatter / math.sqrt(self.flights)
+        return self.value > max(beyond_chance(threshold, self.count) * floor.value, differing)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,18 +112,19 @@ class Verdict:
     """Part of the gap beyond noise that the best set leaves."""
 
 
-def judge(problem: Problem, fits: Sequence[Fit], floor: float = 1.0) -> Verdict:
-    """The verdict on fits of `problem`, where `floor` is the structure of reference flights."""
+def judge(problem: Problem, fits: Sequence[Fit], floor: Floor | None = None) -> Verdict:
+    """The verdict on fits of `problem`, where `floor` comes from reference flights."""
+    floor = floor or Floor()
     nominal = problem.nominal()
     cost = _cost(problem, fits, floor)
     ranked = _posterior(problem, fits, cost)
     chosen = ranked[0]
     left = structure(problem, chosen.fit.normal)
     found = structure(problem, nominal.normal).value
-    share = float(np.clip((left.value - floor) / max(found - floor, 1e-9), 0.0, 1.0))
-    share = share if found > floor else 0.0
+    share = (left.value - floor.value) / max(found - floor.value, 1e-9)
+    share = float(np.clip(share, 0.0, 1.0)) if found > floor.value else 0.0
     kind = "effect" if chosen.effects else "none"
-    tolerated = CLOSE if floor > SLIGHT else UNEXPLAINED_SHARE
+    tolerated = CLOSE if floor.value > SLIGHT else UNEXPLAINED_SHARE
     clear = left.exceeds(STRUCTURE, floor) and share > tolerated
     if clear or (left.exceeds(SLIGHT, floor) and share > MUCH):
         kind = "unexplained"
@@ -128,9 +142,9 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: float = 1.0) -> Verdict:
     )
 
 
-def _cost(problem: Problem, fits: Sequence[Fit], floor: float) -> float:
-    """What an effect costs [nats], `floor` being the structure of reference flights."""
-    if floor <= SLIGHT:
+def _cost(problem: Problem, fits: Sequence[Fit], floor: Floor) -> float:
+    """What an effect costs [nats]."""
+    if floor.value <= SLIGHT:
         return EFFECT_COST
     gap = problem.nominal().objective - min(fit.objective for fit in fits)
     return EFFECT_COST + WORTHY * 0.5 * max(gap, 0.0) / problem.phi
@@ -179,7 +193,18 @@ def structure(problem: Problem, normal: Normal) -> Structure:
     along = np.einsum("wij,wi->wj", vectors, g / scale)
     kept = values > 1e-3
     total = np.sum(np.where(kept, along**2 / np.where(kept, values, 1.0), 0.0))
-    return Structure(float(total / max(kept.sum(), 1)), int(kept.sum()))
+    count, flights = int(kept.sum()), len(np.unique(normal.flight))
+    return Structure(float(total / max(count, 1)), count, flights)
+
+
+def floor_of(problem: Problem, normal: Normal) -> Floor:
+    """The floor that reference flights set at their own fit."""
+    every = structure(problem, normal)
+    each = [structure(problem, normal.of(normal.flight == i)) for i in np.unique(normal.flight)]
+    values = np.asarray([one.value for one in each])
+    noise = np.mean([2.0 * one.value**2 / max(one.count, 1) for one in each])
+    beyond = np.var(values, ddof=1) - noise if len(each) > 2 else 0.0
+    return Floor(max(1.0, every.value), float(np.sqrt(max(beyond, 0.0))))
 
 
 def _columns(problem: Problem, name: str) -> list[int]:

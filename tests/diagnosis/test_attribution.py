@@ -12,7 +12,7 @@ from diagnosis.library import make_library, with_aliases
 from diagnosis.reference import fit_reference
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
-from diagnosis.verdict import WORTHY, intervals, judge, limits, structure
+from diagnosis.verdict import WORTHY, Floor, intervals, judge, limits, structure
 from simulators.contract import with_effects
 from simulators.effects.attitude_gain import AttitudeGain
 from simulators.effects.contract import WrenchEffect
@@ -187,7 +187,7 @@ def test_a_reference_takes_out_what_both_sets_share(replay):
     new = point_mass_set(Drag(c=0.5), Wind(x=0.4), seed=2).flights
     base = fit_reference(make_likelihood(replay, old, SIGMA))
     problem, fits = attribute(make_likelihood(replay, new, base.enlarged * SIGMA), len(new), base)
-    verdict = judge(problem, fits, base.structure)
+    verdict = judge(problem, fits, base.floor)
     assert verdict.chosen.effects == {"wind"}
     free, low, high = intervals(problem, verdict.chosen.fit)
     assert problem.library.slots[free[0]].parameter == "x"
@@ -203,8 +203,8 @@ def test_where_not_even_the_reference_is_followed_a_second_effect_must_be_worth_
     both, one = by_set[frozenset({"drag", "wind"})], by_set[frozenset({"drag"})]
     assert (one - both) / (problem.nominal().objective - both) < WORTHY
     assert judge(problem, fits).chosen.effects == {"drag", "wind"}
-    assert judge(problem, fits, floor=1.05).chosen.effects == {"drag", "wind"}
-    assert judge(problem, fits, floor=1.3).chosen.effects == {"drag"}
+    assert judge(problem, fits, Floor(1.05)).chosen.effects == {"drag", "wind"}
+    assert judge(problem, fits, Floor(1.3)).chosen.effects == {"drag"}
 
 
 def test_flights_with_bad_windows_after_a_gap_distrust_only_those(replay):

@@ -15,7 +15,7 @@ from diagnosis.likelihood import NARROW, Likelihood
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import WINDOW, cut
-from diagnosis.verdict import SLIGHT, Structure, intervals, judge, structure
+from diagnosis.verdict import SLIGHT, Floor, Structure, intervals, judge, structure
 from simulators.effects.gust import Gust
 from simulators.point_mass import PointMass
 
@@ -70,10 +70,12 @@ def test_what_acts_on_top_of_a_reference(neutral, factor, base, value, vector):
 
 
 def test_structure_counts_only_beyond_what_so_few_numbers_show_by_chance():
-    long, short = Structure(1.3, 800), Structure(1.3, 100)
-    assert long.exceeds(SLIGHT)
-    assert not short.exceeds(SLIGHT)
-    assert not long.exceeds(SLIGHT, floor=1.2)
+    long, short = Structure(1.3, 800, 16), Structure(1.3, 100, 2)
+    assert long.exceeds(SLIGHT, Floor())
+    assert not short.exceeds(SLIGHT, Floor())
+    assert not long.exceeds(SLIGHT, Floor(1.2))
+    assert long.exceeds(SLIGHT, Floor(1.05, 0.2))
+    assert not long.exceeds(SLIGHT, Floor(1.05, 0.4))
 
 
 def test_short_clean_logs_raise_no_alarm(replay):
@@ -84,7 +86,7 @@ def test_short_clean_logs_raise_no_alarm(replay):
         problem = Problem(make_likelihood(replay, flights, SIGMA))
         found.append(structure(problem, problem.nominal().normal))
     assert any(one.value > SLIGHT for one in found)
-    assert sum(one.exceeds(SLIGHT) for one in found) <= 1
+    assert sum(one.exceeds(SLIGHT, Floor()) for one in found) <= 1
 
 
 def test_a_start_that_is_turned_costs_little_and_one_that_is_not_measured_would(replay):
