@@ -195,9 +195,36 @@ def test_a_reference_takes_out_what_both_sets_share(replay):
     assert any(shared["name"] == "drag" for shared in base.shared(replay.library))
 
 
+def test_an_excluded_effect_describes_the_reference_but_no_change():
+    library = make_library(PointMass(dt=0.005), with_aliases({"drag"}), referenced=True)
+    replay, at = make_replay(library, 0.005), library.indices("drag")
+    level = [*at, library.indices("rotor_drag")[1]]
+    old = point_mass_set(Drag(c=0.5), seed=1).flights
+    new = point_mass_set(Drag(c=0.9), seed=2).flights
+    base = fit_reference(make_likelihood(replay, old, SIGMA))
+    assert base.vector[level].sum() == pytest.approx(0.5, abs=0.02)
+    problem, fits = attribute(make_likelihood(replay, new, base.enlarged * SIGMA), len(new), base)
+    for fit in fits:
+        assert not fit.effects & {"drag", "quadratic_drag", "rotor_drag"}
+        assert fit.total[at] == pytest.approx(base.vector[at], abs=1e-3)
+    assert judge(problem, fits, base.floor).kind == "unexplained"
+
+
+def test_a_start_fades_with_the_drag_of_the_vector(replay):
+    """v' = -(c + lateral, axial) v - k |v| v, linearised at v = (3, 0, 4)."""
+    library, vector = replay.library, replay.library.neutral.copy()
+    for effect, value in (("drag", [0.4]), ("rotor_drag", [0.3, 0.2]), ("quadratic_drag", [0.1])):
+        vector[library.indices(effect)] = value
+    found = library.braking(vector, np.asarray([[3.0, 0.0, 4.0]]))
+    np.testing.assert_allclose(
+        found, [[0.6 + 0.1 * (5.0 + 1.8), 0.6 + 0.1 * 5.0, 0.7 + 0.1 * (5.0 + 3.2)]]
+    )
+    assert not library.braking(library.neutral, np.ones((1, 3))).any()
+
+
 def test_where_not_even_the_reference_is_followed_a_second_effect_must_be_worth_its_name(replay):
     """A wind that explains a thousandth of the gap counts beside a faithful simulator only."""
-    flights = point_mass_set(Drag(c=1.0), Wind(x=0.02), seed=4).flights
+    flights = point_mass_set(Drag(c=1.0), Wind(x=0.02), seed=3).flights
     problem, fits = attribute(make_likelihood(replay, flights, SIGMA), len(flights))
     by_set = {fit.effects: fit.objective for fit in fits}
     both, one = by_set[frozenset({"drag", "wind"})], by_set[frozenset({"drag"})]
