@@ -371,6 +371,8 @@ class _Turns:
 def _turns(A: Float[np.ndarray, "6 lines nodes 9"], turned: Bool[np.ndarray, "..."]) -> _Turns:
     columns = np.moveaxis(A, 0, -1)
     columns = columns.reshape(len(columns), A.shape[2] * A.shape[3], len(A)) * TURN
+    # A window that cannot be flown at that vector may be at another: its attitude is believed.
+    columns = np.where(np.isfinite(columns).all(axis=(1, 2), keepdims=True), columns, 0.0)
     squares, vectors = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
     squares = np.clip(squares, 1e-12, None)
     along = columns @ (vectors / np.sqrt(squares)[:, None, :])

@@ -109,6 +109,31 @@ def test_a_start_that_is_turned_costs_little_and_one_that_is_not_measured_would(
     assert turned - before < 0.3 * (believed - before)
 
 
+def test_a_vector_that_cannot_be_flown_spoils_no_other(replay):
+    """A point mass whose drag overshoots leaves numbers; here a window of it has none."""
+    flights = point_mass_set(n_flights=1).flights
+    likelihood = make_likelihood(replay, flights, SIGMA)
+    before = likelihood.normal(replay.library.neutral)
+
+    def flown(group, vectors, along):
+        for chosen, prediction in replay(group, vectors, along):
+            spoiled = [np.array(x, float) for x in (prediction.value, prediction.turn)]
+            if vectors[0, at] != replay.library.neutral[at]:
+                spoiled[0][0], spoiled[1][:, 0] = np.nan, np.nan
+            yield chosen, dataclasses.replace(prediction, value=spoiled[0], turn=spoiled[1])
+
+    flown.library, flown.dt = replay.library, replay.dt
+    (at,) = replay.library.indices("drag")
+    wild = replay.library.neutral.copy()
+    wild[at] = 2.0
+    likelihood.replay = flown
+    likelihood.settle(wild, 6.0)
+    assert not np.isfinite(likelihood.normal(wild).chi2)
+    after = likelihood.normal(replay.library.neutral)
+    assert np.isfinite(after.chi2)
+    assert after.chi2 == pytest.approx(before.chi2, rel=0.2)
+
+
 def test_nothing_moves_before_the_first_row(replay):
     """What was commanded before a flight began is not known and changes no prediction."""
     flights = point_mass_set(n_flights=1).flights
