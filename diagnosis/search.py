@@ -138,6 +138,8 @@ class Problem:
             if settled:
                 break
             flown = self.made(effects, fit.total, fit.shift)
+            if not np.isfinite(flown.normal.H).all():
+                break  # so far from its flights that first order says nothing
             flown = self._descended(flown, self.free(effects))
             settled = abs(flown.objective - fit.objective) < 0.05 * self.phi
             fit = flown
@@ -292,9 +294,11 @@ class Problem:
         return None
 
     def log_evidence(self, fit: Fit) -> float:
-        """Laplace's log evidence [nats]."""
+        """Laplace's log evidence [nats]; of parameters that cannot be flown minus infinity."""
         free = self.free(fit.effects)
         H, _ = self.reduced(fit.normal, fit, free)
+        if not np.isfinite(H).all():
+            return -np.inf
         return -0.5 * fit.objective / self.phi - self.occam(H, free)
 
     def occam(self, H: Float[np.ndarray, "free free"], free: list[int]) -> float:
