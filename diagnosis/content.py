@@ -143,7 +143,7 @@ def _details(study: "Study", seen: Sequence[tuple[int, float]]) -> dict[str, Any
             "after": chosen.chi2 / float(chosen.dof.sum()),
         },
         "structure": {
-            "before": structure(problem, nominal).value,
+            "before": structure(problem.library, nominal).value,
             "after": verdict.structure.value,
         },
         "dispersion": problem.phi,

@@ -26,7 +26,7 @@ from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import cut
-from diagnosis.verdict import Verdict, judge
+from diagnosis.verdict import FOLLOWED, Verdict, judge
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.vehicle import VEHICLES
@@ -147,7 +147,11 @@ def _study(
     several = any(len(f.drones) > 1 for flown in sets for f in flown)
     nominal = nominal_simulator(simulator, flights)
     library = make_library(
-        nominal, with_aliases(exclude), several, inputs.prescribed, compared is not None
+        nominal,
+        with_aliases(exclude),
+        several,
+        inputs.prescribed,
+        referenced=compared is not None,
     )
     step = STEPS.get(simulator, STEPS["point_mass"])
     replay = make_replay(library, step, inputs.prescribed)
@@ -160,7 +164,7 @@ def _study(
     lofo = fit_ids == held
     likelihood = every if lofo else _part(every, logs, fit_ids)
     problem, fits = attribute(likelihood, len(fit_ids), base, progress)
-    verdict = judge(problem, fits, base.floor if base else None)
+    verdict = judge(problem, fits, base.floor if base else FOLLOWED)
     progress("scoring held-out flights", 0.9)
     scored = every if lofo else _part(every, logs, held)
     if not lofo:

@@ -154,16 +154,16 @@ class Library(eqx.Module):
 
         Of a level drone in hover, by the nominal drag and the effects that are named here.
         """
-        value = {
-            (slot.effect, slot.parameter): x for slot, x in zip(self.slots, vector, strict=True)
-        }
-        of = lambda effect, parameter: value.get((effect, parameter), 0.0)  # noqa: E731
+        rotors = self.named(vector, "rotor_drag")
+        axial, lateral = rotors.get("axial", 0.0), rotors.get("lateral", 0.0)
+        heavier = 1.0 + self.named(vector, "mass").get("e", 0.0)
         spec, drags = self.simulator.spec, "rotation" in self.simulator.doors
         own = np.asarray(spec.drag) / spec.mass if drags else np.zeros(3)
-        axial, lateral = of("rotor_drag", "axial"), of("rotor_drag", "lateral")
-        linear = own / (1.0 + of("mass", "e")) + of("drag", "c") + [lateral, lateral, axial]
+        linear = own / heavier + self.named(vector, "drag").get("c", 0.0)
+        linear = linear + np.asarray([lateral, lateral, axial])
         speed = np.maximum(np.linalg.norm(vel, axis=-1, keepdims=True), 1e-6)
-        return linear + of("quadratic_drag", "k") * (speed + vel**2 / speed)
+        quadratic = self.named(vector, "quadratic_drag").get("k", 0.0)
+        return linear + quadratic * (speed + vel**2 / speed)
 
     def named(self, vector: Float[np.ndarray, " params"], effect: str) -> dict[str, float]:
         """The parameters of one effect at `vector`, in their units."""

@@ -309,8 +309,8 @@ class Likelihood:
         counted = np.maximum(valid.sum(axis=3), 1)[..., None]
         vel = np.sum(group.row[chosen, 1:, ..., 3:6] * valid[..., None], axis=3) / counted
         rate = self.replay.library.braking(self._settled, vel)[..., None, :]
-        fade = np.exp(-rate * t)
-        reach = np.where(np.abs(rate) > 1e-6, (1.0 - fade) / np.where(rate == 0, 1.0, rate), t)
+        rate = np.where(np.abs(rate) > 1e-6, rate, 1e-6)
+        fade, reach = np.exp(-rate * t), -np.expm1(-rate * t) / rate
         on = valid[..., None] * np.ones(3)
         at_pos, at_vel = self.sigma[:3], self.sigma[3:6]
         columns = [

@@ -17,7 +17,6 @@ from jaxtyping import Float
 from diagnosis.equations import bounded_step, dispersion
 from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
-from diagnosis.search import Problem
 from diagnosis.verdict import Floor, floor_of
 
 UNSHARED = ("gust", "attitude_loop", "mass")
@@ -95,7 +94,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     phi = dispersion(normal, n_flights)
     prior = _prior(library)
     precision = normal.H.sum(axis=0) + phi * np.diag(prior)
-    floor = floor_of(Problem(likelihood, vector, None, phi), normal)
+    floor = floor_of(library, normal)
     return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter)
 
 

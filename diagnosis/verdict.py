@@ -1,8 +1,9 @@
 r"""From fitted candidate sets to an answer: effects, aliases, none beyond noise, or unexplained.
 
 The posterior of a set is its evidence times a prior that every effect costs `EFFECT_COST` nats,
-flattened by `TEMPERATURE`. Whether the best set explains the flights is asked afterwards, of the
-data alone: every window may have its own force and tilt, and if windows use that freedom more
+flattened by `TEMPERATURE`; beside a reference that is not followed an effect must also explain a
+least part of the gap (`WORTHY`). Whether the best set explains the flights is asked afterwards, of
+the data alone: every window may have its own force and tilt, and if windows use that freedom more
 than noise would (`structure`), something is left that no candidate explains.
 
 All constants in capitals below were set on development cases of `diagnosis.blind` with known
@@ -17,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from diagnosis.fit import Fit, Set
-from diagnosis.library import LOCAL
+from diagnosis.library import LOCAL, Library
 from diagnosis.likelihood import Normal
 from diagnosis.search import Problem
 
@@ -44,7 +45,8 @@ MUCH = 0.2
 WORTHY = 0.002
 """Share of the gap that an effect must explain to be named, where not even the reference is
 followed (structure above `SLIGHT`): what a change does to such a reality is known no better. False
-second effects explained up to 0.0005 on development cases in RotorPy, true ones 0.006 or more."""
+second effects explained up to 0.0005 on development cases in RotorPy, true ones 0.006 or more but
+for a downwash beside an offset of the centre of mass (0.0004)."""
 CLOSE = 0.025
 """What stands there in the place of `UNEXPLAINED_SHARE`; the right set left up to 0.023 on
 development cases in RotorPy with a structure above `STRUCTURE`."""
@@ -61,6 +63,10 @@ class Floor:
     """That of all reference flights."""
     scatter: float = 0.0
     """Standard deviation between reference flights, beyond noise."""
+
+
+FOLLOWED = Floor()
+"""That of a simulator without reference flights: it is taken to follow what has not changed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,21 +112,20 @@ class Verdict:
     """Of each chosen effect: of all sets that hold it."""
     aliases: dict[str, list[str]]
     """Of each chosen effect: what these flights cannot tell from it."""
-    structure: "Structure"
+    structure: Structure
     """What is left by the best set."""
     unexplained_share: float
     """Part of the gap beyond noise that the best set leaves."""
 
 
-def judge(problem: Problem, fits: Sequence[Fit], floor: Floor | None = None) -> Verdict:
+def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Verdict:
     """The verdict on fits of `problem`, where `floor` comes from reference flights."""
-    floor = floor or Floor()
     nominal = problem.nominal()
     cost = _cost(problem, fits, floor)
     ranked = _posterior(problem, fits, cost)
     chosen = ranked[0]
-    left = structure(problem, chosen.fit.normal)
-    found = structure(problem, nominal.normal).value
+    left = structure(problem.library, chosen.fit.normal)
+    found = structure(problem.library, nominal.normal).value
     share = (left.value - floor.value) / max(found - floor.value, 1e-9)
     share = float(np.clip(share, 0.0, 1.0)) if found > floor.value else 0.0
     kind = "effect" if chosen.effects else "none"
@@ -136,7 +141,7 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor | None = None) -> 
             name: sum(r.probability for r in ranked if name in r.effects)
             for name in sorted(chosen.effects)
         },
-        aliases={name: _aliases(problem, chosen, fits, name) for name in sorted(chosen.effects)},
+        aliases={name: _aliases(problem, ranked, name) for name in sorted(chosen.effects)},
         structure=left,
         unexplained_share=share,
     )
@@ -167,14 +172,14 @@ def _posterior(problem: Problem, fits: Sequence[Fit], cost: float) -> list[Ranke
     return [Ranked(fits[i].effects, float(probability[i]), fits[i]) for i in order]
 
 
-def _aliases(problem: Problem, chosen: Ranked, fits: Sequence[Fit], name: str) -> list[str]:
+def _aliases(problem: Problem, ranked: Sequence[Ranked], name: str) -> list[str]:
     """Effects whose exchange for `name` costs less than `ALIAS_NATS`, likeliest first."""
-    rest, best = chosen.effects - {name}, problem.log_evidence(chosen.fit)
+    rest, best = ranked[0].effects - {name}, problem.log_evidence(ranked[0].fit)
     found = []
-    for other in sorted(fits, key=problem.log_evidence, reverse=True):
+    for other in ranked:
         new = other.effects - rest
         exchanged = rest < other.effects and len(new) == 1 and name not in other.effects
-        if exchanged and best - problem.log_evidence(other) < ALIAS_NATS:
+        if exchanged and best - problem.log_evidence(other.fit) < ALIAS_NATS:
             found.extend(sorted(new))
     return found
 
@@ -184,9 +189,9 @@ def beyond_chance(threshold: float, count: float | int) -> float:
     return max(threshold, 1.0 + CHANCE * math.sqrt(2.0 / max(count, 1.0)))
 
 
-def structure(problem: Problem, normal: Normal) -> Structure:
+def structure(library: Library, normal: Normal) -> Structure:
     """What windows want for themselves along the slopes of `LOCAL`."""
-    columns = [i for name in LOCAL for i in _columns(problem, name)]
+    columns = [i for name in LOCAL for i in library.indices(name)]
     H, g = normal.H[:, columns][:, :, columns], normal.g[:, columns]
     scale = np.sqrt(np.clip(np.einsum("wii->wi", H), 1e-12, None))
     values, vectors = np.linalg.eigh(H / (scale[:, :, None] * scale[:, None, :]))
@@ -197,18 +202,14 @@ def structure(problem: Problem, normal: Normal) -> Structure:
     return Structure(float(total / max(count, 1)), count, flights)
 
 
-def floor_of(problem: Problem, normal: Normal) -> Floor:
+def floor_of(library: Library, normal: Normal) -> Floor:
     """The floor that reference flights set at their own fit."""
-    every = structure(problem, normal)
-    each = [structure(problem, normal.of(normal.flight == i)) for i in np.unique(normal.flight)]
+    every = structure(library, normal)
+    each = [structure(library, normal.of(normal.flight == i)) for i in np.unique(normal.flight)]
     values = np.asarray([one.value for one in each])
     noise = np.mean([2.0 * one.value**2 / max(one.count, 1) for one in each])
     beyond = np.var(values, ddof=1) - noise if len(each) > 2 else 0.0
     return Floor(max(1.0, every.value), float(np.sqrt(max(beyond, 0.0))))
-
-
-def _columns(problem: Problem, name: str) -> list[int]:
-    return problem.library.indices(name) if name in problem.library.effects else []
 
 
 def intervals(

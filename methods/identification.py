@@ -72,8 +72,8 @@ EQUAL = 2.0
 """Sets whose log evidence differs by less count as equally likely [nats]; a choice."""
 NO_CANDIDATES = ("gust", "rotor_drag")
 """What begins at a time of one flight is nothing to train for. And drag of the rotors, because a
-point mass cannot tell it from the way in which thrust follows: along the axis it comes out at
-0.21 1/s beside a drag of 0.45, where crazyflow has 0.07 more along the axis than 0.50 across."""
+point mass cannot tell it from the way in which thrust follows: drag along the axis, as a candidate
+of its own, came out at 0.21 1/s beside a drag of 0.45; crazyflow has 0.50 across and 0.07 more."""
 _HEIGHT = 1.2
 _RISE = ((2.0, 0.5), (3.0, -0.5), (4.0, -0.3), (4.7, 0.6), (5.6, -0.6), (6.4, 0.7), (7.6, -0.4))
 _STEPS_X = ((1.5, 0.8), (3.0, -0.8), (4.0, -0.6), (5.5, 1.0), (7.0, -0.8), (8.5, 0.6))

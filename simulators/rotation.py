@@ -39,6 +39,11 @@ def body_z(quat: Float[Array, "*n 4"]) -> Float[Array, "*n 3"]:
     return jnp.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
 
 
+def along(axis: Float[Array, "*n 3"], vector: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+    """The part of `vector` along the unit vector `axis`."""
+    return jnp.sum(axis * vector, axis=-1, keepdims=True) * axis
+
+
 def rotate(quat: Float[Array, "*n 4"], vector: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
     """`vector` turned from the body frame into the world frame."""
     axis, w = quat[..., :3], quat[..., 3:]

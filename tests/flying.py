@@ -5,6 +5,8 @@ import contextlib
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+import pytest
 
 from simulators import registry
 from simulators.contract import with_effects
@@ -17,6 +19,11 @@ SIMULATORS = registry.load_all("simulator")
 EFFECTS = registry.load_all("effect")
 TASKS = registry.load_all("task")
 KEY = jax.random.key(0)
+DT = {"point_mass": 0.02, "crazyflow": 0.002}
+"""Integration step [s]."""
+OWN_DRAG = {"point_mass": np.zeros(3), "crazyflow": np.asarray(SPEC.drag) / SPEC.mass}
+"""Decay rates of velocity [1/s] without any effect."""
+both = pytest.mark.parametrize("name", SIMULATORS)
 
 
 @eqx.filter_jit

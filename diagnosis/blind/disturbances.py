@@ -35,8 +35,6 @@ from simulators.vehicle import GRAVITY, Vehicle
 
 ROTOR_RADIUS = 0.0231
 """Radius of a Crazyflie rotor [m]."""
-ROTOR_ARM = 0.035355
-"""Distance of its rotors from the roll and from the pitch axis [m], from crazyflow's file."""
 _RING = 64
 """Commands that the delay remembers, one a physics step."""
 _SWING_DAMPING = 0.3
@@ -240,7 +238,7 @@ class WrenchDisturbance(WrenchEffect):
         # Each rotor's own drag, four at (+-arm, +-arm): about x and y along, about z across.
         braked = self.axial_drag * jnp.asarray([1.0, 1.0, 0.0])
         braked += self.lateral_drag * jnp.asarray([0.0, 0.0, 2.0])
-        torque -= vehicle.mass * spinning * ROTOR_ARM**2 * braked * flight.ang_vel
+        torque -= vehicle.mass * spinning * vehicle.arm**2 * braked * flight.ang_vel
         torque = _turn(flight.quat, torque)
         pull, cable, spin = self._sling(cable, spin, thrust * up + force, vehicle.mass, dt)
         return (air, cable, spin), force + pull, torque

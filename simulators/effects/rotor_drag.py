@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
-from simulators.rotation import body_z, rotate
+from simulators.rotation import along, body_z, rotate
 from simulators.vehicle import GRAVITY, Vehicle
 
 _SOURCE = "1.77 along and 0.75 across the axis in RotorPy's Crazyflie Brushless; bounds: a guess"
@@ -49,8 +49,7 @@ class RotorDrag(WrenchEffect):
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
         up, turn = body_z(flight.quat), rotate(flight.quat, flight.ang_vel)
-        climb = jnp.sum(up * flight.vel, axis=-1, keepdims=True) * up
-        yaw = jnp.sum(up * turn, axis=-1, keepdims=True) * up
+        climb, yaw = along(up, flight.vel), along(up, turn)
         turning = flight.thrust > 0.0  # the root has no derivative where the rotors stand still
         lift = flight.thrust / (vehicle.thrust_gain * vehicle.mass * GRAVITY)
         speed = jnp.where(turning, jnp.sqrt(jnp.where(turning, lift, 1.0)), 0.0)[:, None]

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
-from simulators.rotation import body_z
+from simulators.rotation import along, body_z
 from simulators.vehicle import Vehicle
 
 
@@ -39,6 +39,6 @@ class TranslationalLift(WrenchEffect):
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
         up = body_z(flight.quat)
-        along = jnp.sum(up * flight.vel, axis=-1, keepdims=True)
-        across = jnp.sum(flight.vel**2, axis=-1, keepdims=True) - along**2
-        return None, self.k * vehicle.mass * across * up, jnp.zeros_like(flight.vel)
+        across = flight.vel - along(up, flight.vel)
+        squared = jnp.sum(across**2, axis=-1, keepdims=True)
+        return None, self.k * vehicle.mass * squared * up, jnp.zeros_like(flight.vel)

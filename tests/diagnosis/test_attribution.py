@@ -140,7 +140,7 @@ def test_a_force_that_no_candidate_has_stays_unexplained(replay):
     assert verdict.kind == "unexplained"
     assert verdict.unexplained_share > 0.5
     assert verdict.structure.value > 5.0
-    assert structure(problem, problem.nominal().normal).value > 5.0
+    assert structure(problem.library, problem.nominal().normal).value > 5.0
 
 
 def test_an_excluded_effect_and_its_aliases_are_no_candidates():

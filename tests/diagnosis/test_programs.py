@@ -31,14 +31,9 @@ def test_what_was_fitted_is_remembered_for_the_same_flights_only(fitted):
     first, again = fit(one), fit(one.copy())
     assert len(made) == 1
     np.testing.assert_array_equal(again["whole"], first["whole"])
-    for other in (
-        lambda: fit(one + 1e-9),
-        lambda: fit(one, "other"),
-        lambda: fit(one, "", ["drag"]),
-    ):
-        before = len(made)
-        other()
-        assert len(made) == before + 1
+    for count, other in enumerate([(one + 1e-9,), (one, "other"), (one, "", ["drag"])], 2):
+        fit(*other)
+        assert len(made) == count
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", None])

@@ -16,6 +16,7 @@ from diagnosis.replay import make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import WINDOW, cut
 from diagnosis.verdict import SLIGHT, Floor, Structure, intervals, judge, structure
+from simulators.effects.drag import Drag
 from simulators.effects.gust import Gust
 from simulators.point_mass import PointMass
 
@@ -84,7 +85,7 @@ def test_short_clean_logs_raise_no_alarm(replay):
     for seed in range(16):
         flights = point_mass_set(n_flights=1, seed=100 + seed).flights
         problem = Problem(make_likelihood(replay, flights, SIGMA))
-        found.append(structure(problem, problem.nominal().normal))
+        found.append(structure(problem.library, problem.nominal().normal))
     assert any(one.value > SLIGHT for one in found)
     assert sum(one.exceeds(SLIGHT, Floor()) for one in found) <= 1
 
@@ -110,17 +111,19 @@ def test_a_start_that_is_turned_costs_little_and_one_that_is_not_measured_would(
 
 
 def test_a_vector_that_cannot_be_flown_spoils_no_other(replay):
-    """A point mass whose drag overshoots leaves numbers; here a window of it has none."""
+    """A window without numbers where a parameter is wild: it counts elsewhere, and is no rival."""
     flights = point_mass_set(n_flights=1).flights
     likelihood = make_likelihood(replay, flights, SIGMA)
     before = likelihood.normal(replay.library.neutral)
 
     def flown(group, vectors, along):
         for chosen, prediction in replay(group, vectors, along):
-            spoiled = [np.array(x, float) for x in (prediction.value, prediction.turn)]
+            value, slope, turn = (
+                np.array(x, float) for x in (prediction.value, prediction.slope, prediction.turn)
+            )
             if vectors[0, at] != replay.library.neutral[at]:
-                spoiled[0][0], spoiled[1][:, 0] = np.nan, np.nan
-            yield chosen, dataclasses.replace(prediction, value=spoiled[0], turn=spoiled[1])
+                value[0], slope[:, 0], turn[:, 0] = np.nan, np.nan, np.nan
+            yield chosen, dataclasses.replace(prediction, value=value, slope=slope, turn=turn)
 
     flown.library, flown.dt = replay.library, replay.dt
     (at,) = replay.library.indices("drag")
@@ -132,6 +135,24 @@ def test_a_vector_that_cannot_be_flown_spoils_no_other(replay):
     after = likelihood.normal(replay.library.neutral)
     assert np.isfinite(after.chi2)
     assert after.chi2 == pytest.approx(before.chi2, rel=0.2)
+    problem = Problem(likelihood, None, np.eye(len(wild)))
+    spoiled = problem.made(frozenset({"drag"}), wild)
+    assert problem.log_evidence(spoiled) == -np.inf
+    problem.fits[spoiled.effects] = spoiled
+    np.testing.assert_array_equal(problem.polish(spoiled.effects).vector, wild)
+
+
+def test_a_shared_shift_to_first_order_stays_within_the_bounds(replay):
+    """A drag that pushes by 1 1/s takes the shift to its lower bound and no further."""
+    flights = point_mass_set(Drag(c=-1.0), n_flights=1).flights
+    likelihood = make_likelihood(replay, flights, SIGMA)
+    library, weak = replay.library, 1e-3 * np.eye(len(replay.library.slots))
+    fit = Problem(likelihood, None, weak).made(frozenset(), library.neutral)
+    finite = library.neutral <= library.high
+    assert (fit.total >= library.low - 1e-9)[finite].all()
+    assert (fit.total <= library.high + 1e-9)[finite].all()
+    (at,) = library.indices("drag")
+    assert fit.total[at] == pytest.approx(library.low[at], abs=1e-9)
 
 
 def test_nothing_moves_before_the_first_row(replay):

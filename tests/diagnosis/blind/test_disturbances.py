@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from diagnosis.blind.disturbances import (
-    ROTOR_ARM,
     ROTOR_RADIUS,
     CommandDisturbance,
     PlantDisturbance,
@@ -137,7 +136,7 @@ def test_rotors_drag_and_lift():
     np.testing.assert_allclose(force[0] / VEHICLE.mass, -1.2 / 0.9 * braked, rtol=1e-5)
     spinning = dataclasses.replace(flight(thrust=1.44 * HOVER), ang_vel=jnp.asarray([[3.0, 2, 1]]))
     _, torque = push(drags, spinning)
-    damping = 1.2 * VEHICLE.mass * ROTOR_ARM**2 * np.asarray([0.7 * 3, 0.7 * 2, 2 * 0.3])
+    damping = 1.2 * VEHICLE.mass * float(VEHICLE.arm) ** 2 * np.asarray([0.7 * 3, 0.7 * 2, 2 * 0.3])
     np.testing.assert_allclose(torque[0], -damping, rtol=1e-5)
     force, _ = push(WrenchDisturbance(lift=0.12), now)
     across = vel @ vel - climb**2

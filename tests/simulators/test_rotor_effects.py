@@ -1,0 +1,92 @@
+"""Air on the rotors: drag along and across their axis and translational lift, in closed form."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flying import (
+    DT,
+    HOVER,
+    OWN_DRAG,
+    SIMULATORS,
+    attached,
+    both,
+    fly,
+    hold,
+    hover_flight,
+    hovering,
+    positions,
+    restore,
+)
+
+from simulators.rotation import rpy_to_quat
+
+STEPS = 50
+T = 0.02 * np.arange(1, STEPS + 1)
+LEVEL = hold([0.0, 0.0, 0.0, HOVER], STEPS)
+
+
+@both
+@pytest.mark.parametrize(("axial", "lateral"), [(0.8, 0.0), (0.0, 0.5)])
+def test_rotor_drag_of_a_level_drone_slows_the_climb_or_the_rest(name, axial, lateral):
+    """v_z' = -(c0 + axial) v_z, v_x' = -(c0 + lateral) v_x in hover."""
+    vel = jnp.asarray([[1.0, 0.0, 1.5]])
+    made = attached(SIMULATORS[name](), rotor_drag={"axial": axial, "lateral": lateral})
+    flown = fly(made, hovering(made, positions(1), vel), LEVEL).vel[:, 0]
+    drag = OWN_DRAG[name]
+    np.testing.assert_allclose(flown[:, 2], 1.5 * np.exp(-(drag[2] + axial) * T), rtol=0.02)
+    np.testing.assert_allclose(flown[:, 0], np.exp(-(drag[0] + lateral) * T), rtol=0.02)
+
+
+@both
+@pytest.mark.parametrize("gain", [0.0, -0.19])
+def test_rotor_drag_follows_the_rotor_axis_and_the_rotors_speed(name, gain):
+    """A drone that leans by 0.3 rad at 2 m/s; weaker rotors turn faster for the same thrust."""
+    axial, lateral, dt, tilt = 0.8, 0.3, DT[name], 0.3
+    weak = {"thrust_gain": {"e": gain}}
+    made = attached(SIMULATORS[name](), rotor_drag={"axial": axial, "lateral": lateral}, **weak)
+    gained = []
+    for simulator in (made, attached(SIMULATORS[name](), **weak)):
+        flight = hover_flight(positions(1))
+        leaning = rpy_to_quat(jnp.asarray([[0.0, tilt, 0.0]]))
+        flight = eqx.tree_at(
+            lambda f: (f.quat, f.vel), flight, (leaning, jnp.asarray([[2.0, 0.0, 0.0]]))
+        )
+        told = [0.0, tilt, 0.0, HOVER]
+        state = restore(simulator, flight, hold(told, 50))
+        gained.append(np.asarray(fly(simulator, state, hold(told, 1), dt).vel[0, 0]))
+    up, vel = np.asarray([np.sin(tilt), 0.0, np.cos(tilt)]), np.asarray([2.0, 0.0, 0.0])
+    along = vel @ up * up
+    # Commanded hover thrust comes out smaller; the rotors turn as fast as they would without it.
+    expected = -dt * (axial * along + lateral * (vel - along))
+    np.testing.assert_allclose(gained[0] - gained[1], expected, rtol=0.02, atol=1e-6)
+
+
+@pytest.mark.parametrize(("axis", "braked"), [(0, 0.8), (1, 0.8), (2, 2 * 0.3)])
+def test_rotor_drag_damps_rotation(axis, braked):
+    """J w' = -m l^2 k w in the first step, each rotor having its own velocity."""
+    made = attached(SIMULATORS["crazyflow"](), rotor_drag={"axial": 0.8, "lateral": 0.3})
+    turning = jnp.zeros((1, 3)).at[0, axis].set(1.0)
+    rates = []
+    for simulator in (made, SIMULATORS["crazyflow"]()):
+        flight = eqx.tree_at(lambda f: f.ang_vel, hover_flight(positions(1)), turning)
+        state = restore(simulator, flight, hold([0.0, 0.0, 0.0, HOVER], 50))
+        told = hold([0.0, 0.0, 0.0, HOVER], 1)
+        rates.append(float(fly(simulator, state, told, DT["crazyflow"]).ang_vel[0, 0, axis]))
+    spec = made.spec
+    expected = -spec.mass * spec.arm**2 * braked / spec.inertia[axis] * DT["crazyflow"]
+    np.testing.assert_allclose(rates[0] - rates[1], expected, rtol=0.03)
+
+
+@both
+def test_translational_lift_grows_with_the_square_of_forward_speed(name):
+    """First step of a level drone: v_z' = k v^2, none of it from climbing."""
+    k, dt = 0.1, DT[name]
+    made = attached(SIMULATORS[name](), translational_lift={"k": k})
+    for forward in (1.0, 2.0):
+        vel = jnp.asarray([[forward, 0.0, 0.0], [0.0, 0.0, forward]])
+        lift = [
+            fly(s, hovering(s, positions(2), vel), LEVEL[:1].repeat(2, axis=1), dt).vel[0, :, 2]
+            for s in (made, SIMULATORS[name]())
+        ]
+        np.testing.assert_allclose(lift[0] - lift[1], [k * forward**2 * dt, 0.0], rtol=0.02)
