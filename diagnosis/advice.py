@@ -92,6 +92,7 @@ REGIMES: Mapping[str, str] = {
     "ground_effect": "hover below 0.1 m",
     "downwash": "two drones, one passing 0.5 m below the other",
     "battery": "one flight of several minutes",
+    "voltage_sag": "two flights of a minute, one from a full and one from a half-empty battery",
     "motor_lag": "thrust steps of 30 % every 0.4 s",
     "inertia": "attitude steps of 0.3 rad every 0.4 s",
     "quadratic_drag": "straight lines at 3 m/s",

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from diagnosis import gap, shrinkage
 from diagnosis.advice import next_flight
-from diagnosis.library import LEFT_OUT, NEEDS_ATTITUDE_CMD, Library
+from diagnosis.library import LEFT_OUT, NEEDS_ATTITUDE_CMD, NEEDS_VOLTAGE, Library
 from diagnosis.logs import FlightLog, FlightSet
 from diagnosis.noise import CHANNELS
 from diagnosis.search import Problem
@@ -194,6 +194,8 @@ def _not_observable(study: "Study", exclude: Collection[str]) -> list[dict[str, 
             why = f"simulator '{simulator.name}' has no door '{missing[0]}'"
         elif name in LEFT_OUT:
             why = "a floor is seen or not; it has no slope to follow"
+        elif name in NEEDS_VOLTAGE:
+            why = "not every flight is of one drone that logs commands and its battery's voltage"
         elif name in NEEDS_ATTITUDE_CMD:
             why = f"the attitude is prescribed from measurement ({study.inputs.kind})"
         else:

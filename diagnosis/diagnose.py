@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,7 @@ from diagnosis.content import content
 from diagnosis.equations import dispersion
 from diagnosis.fit import Fit
 from diagnosis.inputs import Inputs, choose_inputs, on_ground
-from diagnosis.library import (
-    make_library,
-    with_aliases,
-)
+from diagnosis.library import make_library, with_aliases
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightLog, FlightSet, LogError
 from diagnosis.noise import estimate_noise
@@ -152,6 +149,7 @@ def _study(
         several,
         inputs.prescribed,
         referenced=compared is not None,
+        voltage=_voltage_known(inputs, sets),
     )
     step = STEPS.get(simulator, STEPS["point_mass"])
     replay = make_replay(library, step, inputs.prescribed)
@@ -172,6 +170,13 @@ def _study(
             other.settle(verdict.chosen.fit.total, DISTRUST)
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
     return Study(inputs, base, problem, verdict, every, drift, fit_ids, held, sigma)
+
+
+def _voltage_known(inputs: Inputs, sets: Iterable[Sequence[FlightLog]]) -> bool:
+    """Whether every flight is of one drone with a voltage that its thrust does not follow yet."""
+    flights = [flight for logs in sets for flight in logs]
+    logged = all(len(f.drones) == 1 and f.drones[0].battery is not None for f in flights)
+    return logged and inputs.follows_commands
 
 
 def make_likelihood(

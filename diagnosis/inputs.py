@@ -23,6 +23,8 @@ from simulators.vehicle import GRAVITY, VEHICLES, VehicleSpec
 
 VOLTS = (0.088, -0.0006239)
 """Motor voltage over thrust [V/gf] and over its square [V/gf^2]; crazyflie-firmware, motors.c."""
+PRESCRIBED = "commanded thrust and measured attitude"
+"""What drives a replay that does not trust how the attitude follows its command."""
 ON_GROUND = 0.3
 """Share of the weight below which a drone is taken to stand on the ground."""
 
@@ -36,9 +38,14 @@ class Inputs:
     prescribed: bool
     """Whether the attitude is prescribed from measurement."""
     kind: str
-    """`commands`, `rotor speeds` or `PWM and voltage`."""
+    """`commands`, `PRESCRIBED`, `rotor speeds` or `PWM and voltage`."""
     left_out: tuple[tuple[str, str], ...]
     """Flights without that input, and why."""
+
+    @property
+    def follows_commands(self) -> bool:
+        """Whether thrust is what was commanded, and not what the rotors are known to do."""
+        return self.kind in ("commands", PRESCRIBED)
 
 
 def choose_inputs(flights: FlightSet, prescribe: bool = False) -> Inputs:
@@ -68,7 +75,7 @@ def choose_inputs(flights: FlightSet, prescribe: bool = False) -> Inputs:
         return Inputs(tuple(usable), False, kind, left_out)
     spec = VEHICLES[flights.vehicle.drone]
     driven = [_prescribed(flight, spec, kind) for flight in usable]
-    kind = "commanded thrust and measured attitude" if kind == "commands" else kind
+    kind = PRESCRIBED if kind == "commands" else kind
     return Inputs(tuple(driven), True, kind, left_out)
 
 

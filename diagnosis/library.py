@@ -25,6 +25,9 @@ attached always, so that what is left over is measured alike whatever is exclude
 NEEDS_NEIGHBOUR = ("downwash",)
 """Effects that do nothing to a drone that flies alone."""
 
+NEEDS_VOLTAGE = ("voltage_sag",)
+"""Effects that follow a logged voltage, of which a vehicle has one."""
+
 NEEDS_ATTITUDE_CMD = (
     "attitude_gain",
     "attitude_lag",
@@ -58,6 +61,7 @@ FAMILIES: Mapping[str, frozenset[str]] = {
         ),
         ("thrust_lag", "motor_lag"),
         ("trim", "center_of_mass"),
+        ("battery", "voltage_sag"),
     )
     for name in family
 }
@@ -180,20 +184,25 @@ def make_library(
     several_drones: bool = False,
     prescribed: bool = False,
     referenced: bool = False,
+    voltage: bool = False,
 ) -> Library:
     """Every registered effect that `simulator` has the doors for, without those excluded.
 
     `prescribed`: the attitude comes from measurement, so that effects on it cannot be seen.
     `referenced`: there are reference flights, which those excluded may describe; what changed since
     is still none of them.
+    `voltage`: every flight is of one drone that logged its battery's voltage.
     """
     effects, slots = {}, []
     for name, kind in sorted(registry.load_all("effect").items()):
         missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]
-        alone = name in NEEDS_NEIGHBOUR and not several_drones
-        unseen = prescribed and name in NEEDS_ATTITUDE_CMD
+        unseen = (
+            (name in NEEDS_NEIGHBOUR and not several_drones)
+            or (name in NEEDS_ATTITUDE_CMD and prescribed)
+            or (name in NEEDS_VOLTAGE and not voltage)
+        )
         hidden = name in exclude and name not in LOCAL and not referenced
-        if missing or alone or unseen or hidden or name in LEFT_OUT:
+        if missing or unseen or hidden or name in LEFT_OUT:
             continue
         effects[name] = kind
         for parameter, info in kind.parameters.items():

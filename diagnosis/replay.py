@@ -4,7 +4,8 @@ One compiled program takes a fixed number of segments, the parameters of all eff
 number of directions in parameter space, and returns the prediction at every node with its
 derivative along each direction (forward mode, the directions vectorised). Attitude, rotors and the
 memories of the effects run on from window to window, and so do their derivatives; position and
-velocity start anew, with derivatives zero.
+velocity start anew, with derivatives zero. An effect that follows the battery's voltage is told
+it at every step.
 
 Six more derivatives are along the attitude and the angular velocity that windows start from whose
 attitude is set to the measured one (`turn`); they, too, run on until they are forgotten.
@@ -13,6 +14,7 @@ attitude is set to the measured one (`turn`); they, too, run on until they are f
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -24,12 +26,13 @@ from diagnosis.library import Library
 from diagnosis.programs import cached
 from diagnosis.segments import WINDOW, Segments
 from simulators.contract import AbstractSimulator
+from simulators.effects.voltage_sag import VoltageSag
 from simulators.flight import Flight
 from simulators.rotation import quat_to_rpy, rpy_to_quat
 
 LANES = 8
 """Segments per call."""
-_INPUTS = ("start", "pos", "vel", "quat", "ang_vel", "fresh", "cmd", "place")
+_INPUTS = ("start", "pos", "vel", "quat", "ang_vel", "fresh", "cmd", "voltage", "place")
 TURNS = 6
 """Directions of the attitude and angular velocity at a fresh start."""
 
@@ -108,7 +111,9 @@ def _segment(
     """Prediction and slopes of one segment."""
     library = replay.library
     n_windows = len(lane["pos"])
-    cmds = lane["cmd"].reshape(n_windows, -1, *lane["cmd"].shape[1:])
+    cmds, volts = (
+        lane[name].reshape(n_windows, -1, *lane[name].shape[1:]) for name in ("cmd", "voltage")
+    )
 
     def start(theta: Array) -> tuple[eqx.Module, eqx.Module]:
         simulator = library.attach(theta)
@@ -142,7 +147,7 @@ def _segment(
             state = simulator.placed(state, inputs["pos"], inputs["vel"])
             quat, ang_vel = _turned(inputs["quat"], turn[:, :3]), inputs["ang_vel"] + turn[:, 3:]
             state = simulator.turned(state, quat, ang_vel, inputs["fresh"] > 0)
-            state, track = _fly(replay, simulator, state, inputs["cmd"])
+            state, track = _fly(replay, simulator, state, inputs["cmd"], inputs["voltage"])
             moving, kept = eqx.partition(state, eqx.is_inexact_array)
             return (moving, _at(track, inputs["place"])), kept
 
@@ -161,7 +166,8 @@ def _segment(
 
     names = ("pos", "vel", "quat", "ang_vel", "fresh", "place")
     idle = (lane["start"] < 0) & (jnp.arange(n_windows) == 0)
-    inputs = {name: lane[name] for name in names} | {"cmd": cmds, "idle": idle}
+    inputs = {name: lane[name] for name in names}
+    inputs |= {"cmd": cmds, "voltage": volts, "idle": idle}
     _, (value, tangent) = jax.lax.scan(window, (moving, still, slopes), inputs)
     return value[1:], jnp.moveaxis(tangent, 1, 0)[:, 1:]
 
@@ -176,9 +182,11 @@ def _turned(
 
 
 def _fly(
-    replay: Replay, simulator: AbstractSimulator, state: eqx.Module, cmds: Array
+    replay: Replay, simulator: AbstractSimulator, state: eqx.Module, cmds: Array, volts: Array
 ) -> tuple[eqx.Module, Float[Array, "steps drones 9"]]:
-    def step(state: eqx.Module, cmd: Array) -> tuple[eqx.Module, Array]:
+    def step(state: eqx.Module, inputs: tuple[Array, Array]) -> tuple[eqx.Module, Array]:
+        cmd, voltage = inputs
+        state = _told(simulator, state, voltage)
         if replay.prescribed:
             everyone = jnp.ones(len(cmd), bool)
             still = jnp.zeros_like(cmd[:, :3])
@@ -187,8 +195,16 @@ def _fly(
         return state, _measured(simulator.flight(state))
 
     first = _measured(simulator.flight(state))
-    state, track = jax.lax.scan(step, state, cmds)
+    state, track = jax.lax.scan(step, state, (cmds, volts))
     return state, jnp.concatenate([first[None], track])
+
+
+def _told(simulator: AbstractSimulator, state: Any, voltage: Array) -> Any:
+    """The state with the battery's voltage [V] known to the effects that follow it."""
+    for i, effect in enumerate(simulator.effects):
+        if isinstance(effect, VoltageSag):
+            state = eqx.tree_at(lambda s, i=i: s.memory[i], state, effect.told(voltage))
+    return state
 
 
 def _measured(flight: Flight) -> Float[Array, "drones 9"]:

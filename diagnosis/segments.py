@@ -65,6 +65,8 @@ class Segments:
     """Windows less than `DOUBT` after an unknown command."""
     cmd: Float[np.ndarray, "segments steps drones 4"]
     """Command of every integration step: roll, pitch, yaw [rad], thrust [N]."""
+    voltage: Float[np.ndarray, "segments steps"]
+    """Battery voltage of the first drone [V]; zero where it was not logged."""
     row: Float[np.ndarray, "segments windows drones nodes 9"]
     """Measured position [m], velocity [m/s] and attitude as roll, pitch, yaw [rad]."""
     place: Float[np.ndarray, "segments windows drones nodes"]
@@ -128,6 +130,7 @@ def _cut_flight(
         fresh=np.stack([drone.fresh(edges) for drone in drones], axis=2),
         doubtful=np.any([drone.doubtful(edges) for drone in drones], axis=0),
         cmd=np.stack([drone.command(steps) for drone in drones], axis=2),
+        voltage=drones[0].voltage(steps),
         row=np.stack([n[0] for n in nodes], axis=2),
         place=np.stack([n[1] for n in nodes], axis=2),
         valid=np.stack([n[2] for n in nodes], axis=2),
@@ -143,7 +146,7 @@ class _Drone:
         if log.cmd is None:
             raise ValueError("The log has no commands.")
         self.t, self.smooth = log.t - zero, smooth
-        self.rows = measured(log)
+        self.rows, self.battery = measured(log), log.battery
         self.cmd_t, self.cmd, unknown = filled(self.t, log.cmd)
         shift = log.t[0] - zero
         unknown = [*unknown, *((a + shift, b + shift) for a, b in ignored)]
@@ -158,6 +161,10 @@ class _Drone:
             angles = [np.interp(t, self.cmd_t, self.cmd[:, i]) for i in range(3)]
             held = np.concatenate([np.stack(angles, axis=-1), held[..., 3:]], axis=-1)
         return held
+
+    def voltage(self, t: Float[np.ndarray, "segments steps"]) -> Float[np.ndarray, "..."]:
+        """The battery's voltage [V], joined by straight lines; zero without a log of it."""
+        return np.zeros_like(t) if self.battery is None else np.interp(t, self.t, self.battery)
 
     def fresh(self, edges: Float[np.ndarray, "segments windows"]) -> Bool[np.ndarray, "..."]:
         """Windows at whose start the attitude is set to the measured one."""

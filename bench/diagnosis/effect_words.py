@@ -78,6 +78,13 @@ EFFECTS = {
         "thrust that fades by {}",
         "thrust that grows by {}",
     ),
+    "voltage_sag": EffectWords(
+        "voltage sag",
+        "a battery that is not compensated for",
+        "Thrust at the same command falls with the battery's voltage.",
+        "thrust that falls with the battery's voltage by {}",
+        "thrust that grows as the battery's voltage falls, by {}",
+    ),
     "drag": EffectWords(
         "linear drag",
         "another linear air drag",
@@ -203,6 +210,7 @@ PARAMETERS = {
     ("center_of_mass", "x"): ParameterWords("forward", 1000.0, "mm"),
     ("center_of_mass", "y"): ParameterWords("to the left", 1000.0, "mm"),
     ("battery", "rate"): ParameterWords("thrust lost", 6000.0, "% a minute"),
+    ("voltage_sag", "k"): ParameterWords("thrust lost", 100.0, "% a volt"),
     ("drag", "c"): ParameterWords("coefficient c"),
     ("quadratic_drag", "k"): ParameterWords("coefficient k"),
     ("rotor_drag", "axial"): ParameterWords("along the rotor axis"),

@@ -22,7 +22,7 @@ from simulators.flight import Flight
 from simulators.rotation import along, body_z, rotate
 from simulators.vehicle import GRAVITY, Vehicle
 
-_SOURCE = "1.77 along and 0.75 across the axis in RotorPy's Crazyflie Brushless; bounds: a guess"
+_SOURCE = "1.77 along and 0.75 across the axis in RotorPy's Crazyflie Brushless; rotors do not push"
 
 
 class RotorDrag(WrenchEffect):
@@ -34,8 +34,8 @@ class RotorDrag(WrenchEffect):
     """Drag across it."""
 
     parameters: ClassVar[dict[str, Parameter]] = {
-        "axial": Parameter(unit="1/s", low=-0.5, high=4.0, neutral=0.0, source=_SOURCE),
-        "lateral": Parameter(unit="1/s", low=-0.5, high=4.0, neutral=0.0, source=_SOURCE),
+        "axial": Parameter(unit="1/s", low=0.0, high=4.0, neutral=0.0, source=_SOURCE),
+        "lateral": Parameter(unit="1/s", low=0.0, high=4.0, neutral=0.0, source=_SOURCE),
     }
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()

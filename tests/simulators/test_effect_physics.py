@@ -70,6 +70,18 @@ def test_a_battery_runs_down_linearly(name):
     assert (np.abs(flight.vel[:, 0, 2] + G * rate * fall) <= 1.01 * error + 2e-5).all()
 
 
+@both
+def test_thrust_follows_the_voltage_that_was_told_or_else_a_falling_one(name):
+    """Thrust (1 - k (4.2 V - V)) of hover; untold, V falls by 0.4 V a minute."""
+    made = attached(SIMULATORS[name](), voltage_sag={"k": 0.3})
+    falling = hovering_flight(made).thrust[:, 0] / HOVER
+    np.testing.assert_allclose(falling, 1 - 0.3 * 0.4 * T / 60, atol=1e-4)
+    state = hovering(made, positions(1))
+    state = eqx.tree_at(lambda s: s.memory[0], state, made.effects[0].told(jnp.asarray(3.7)))
+    told = fly(made, state, LEVEL).thrust[:, 0] / HOVER
+    np.testing.assert_allclose(told, 1 - 0.3 * 0.5, rtol=1e-4)
+
+
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_an_off_centre_mass_turns_a_hovering_drone_as_its_inertia_allows(e):
     """First step, before any rotor has reacted: J dw/dt = (-y, x, 0) thrust."""

@@ -57,6 +57,7 @@ INTERIOR = {
     "thrust_lag": {"up": 0.08, "down": 0.05},
     "trim": {"roll": 0.03, "pitch": -0.02},
     "translational_lift": {"k": 0.12},
+    "voltage_sag": {"k": 0.3},
     "wind": {"x": 1.1, "y": -0.7, "z": 0.4},
     "yaw_gains": {"stiffness": 0.3, "integral": 0.5, "damping": 0.2},
     "yaw_misalignment": {"angle": 0.2},

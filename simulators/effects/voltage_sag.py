@@ -1,0 +1,56 @@
+"""Voltage sag: thrust fades with the battery's voltage, gain 1 - k (4.2 V - V).
+
+V is the voltage that was logged, where a replay tells it (`told`); in a simulation it falls from a
+full cell's 4.2 V by `FALL` t. The time-driven stand-in for logs without voltage is `battery`.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, PlantEffect
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+FULL = 4.2
+"""Voltage of a full lithium-polymer cell [V]; every airframe here has one."""
+FALL = 0.4 / 60.0
+"""How fast the voltage falls in a simulation [V/s]; 0.3 to 0.5 V a minute were published."""
+
+
+class VoltageSag(PlantEffect):
+    """A battery whose voltage is not compensated for. Source: linear form of thrust over V^2."""
+
+    k: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Share of the thrust that is lost per volt below a full cell [1/V]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "k": Parameter(
+            unit="1/V",
+            low=0.0,
+            high=1.0,
+            neutral=0.0,
+            source="thrust as voltage squared gives 0.48 near 4.2 V; the bound is a guess",
+        )
+    }
+    door: ClassVar[str] = "plant"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 7
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> Float[Array, " 2"]:
+        """One once a voltage was told, and how far it was below a full cell [V]."""
+        return jnp.zeros(2)
+
+    def told(self, voltage: Float[Array, ""]) -> Float[Array, " 2"]:
+        """The memory at a measured voltage [V], the same for all drones."""
+        return jnp.stack([jnp.ones_like(voltage), FULL - voltage])
+
+    def plant(
+        self, memory: Float[Array, " 2"], flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[Float[Array, " 2"], Vehicle]:
+        below = jnp.where(memory[0] > 0.0, memory[1], FALL * flight.t)
+        gain = vehicle.thrust_gain * (1.0 - self.k * below)
+        return memory, eqx.tree_at(lambda v: v.thrust_gain, vehicle, gain)
