@@ -231,7 +231,8 @@ def attribute(
     progress: Progress = silent,
 ) -> tuple[Problem, list[Fit]]:
     """The problem with its dispersion settled, and fits of all sets near the top."""
-    problem = Problem(likelihood, base.vector, base.precision) if base else Problem(likelihood)
+    known = (base.vector, base.precision, base.spread) if base else ()
+    problem = Problem(likelihood, *known)
     floor = base.phi if base else 1.0
     progress("screening all effects", 0.1)
     likelihood.settle(problem.base, math.inf)

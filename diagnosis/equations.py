@@ -1,13 +1,21 @@
-"""Linear algebra on normal equations: steps within bounds, shifts, onsets, dispersion."""
+"""Linear algebra on normal equations: steps, shifts, onsets, what flights have of their own."""
 
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.optimize import lsq_linear
+from scipy.stats import chi2
 
 from diagnosis.likelihood import Normal
 from diagnosis.segments import WINDOW
+
+BY_CHANCE = 0.001
+"""Probability that the scores of like flights differ more than what sets a parameter loose."""
+ROUNDS = 5
+"""Rounds in which variances and dispersion settle together."""
+FEWEST_FLIGHTS = 4
+"""Flights below which it cannot be seen whether they draw parameters of their own; a choice."""
 
 
 def moved(normal: Normal, by: Float[np.ndarray, " params"]) -> Normal:
@@ -55,6 +63,76 @@ def switched(normal: Normal, columns: list[int], onset: float) -> Normal:
     return dataclasses.replace(
         normal, H=normal.H * mask[:, :, None] * mask[:, None, :], g=normal.g * mask
     )
+
+
+def loosened(normal: Normal, spread: Float[np.ndarray, " params"]) -> Normal:
+    """Normal equations of flights that each draw parameters of their own around the common ones.
+
+    `spread` is the variance of such a draw in units of the dispersion. Every flight takes the draw
+    d that is most likely, at a cost of d' diag(spread)^-1 d; what it takes away from H, g and c
+    stands in one more entry a flight, which holds no number (dof 0).
+    """
+    loose = np.flatnonzero(spread)
+    if not len(loose):
+        return normal
+    added: dict[str, list] = {name: [] for name in ("H", "g", "c", "flight", "t")}
+    for flight in np.unique(normal.flight):
+        mine = normal.of(normal.flight == flight)
+        H, g = mine.H.sum(axis=0), mine.g.sum(axis=0)
+        stiff = H[np.ix_(loose, loose)] + np.diag(1.0 / spread[loose])
+        draw = np.linalg.solve(stiff, np.column_stack([H[loose], g[loose]]))
+        added["H"].append(-H[:, loose] @ draw[:, :-1])
+        added["g"].append(-H[:, loose] @ draw[:, -1])
+        added["c"].append(-g[loose] @ draw[:, -1])
+        added["flight"].append(flight)
+        added["t"].append(mine.t.min())
+    n = len(added["c"])
+    nothing = {"dof": np.zeros(n), "kind": np.zeros((n, 9)), "doubtful": np.zeros(n, bool)}
+    more = {name: np.stack(values) for name, values in added.items()} | nothing
+    joined = {name: np.concatenate([getattr(normal, name), x]) for name, x in more.items()}
+    return dataclasses.replace(normal, **joined)
+
+
+def spread_between(
+    normal: Normal, n_flights: int, allowed: Bool[np.ndarray, " params"]
+) -> Float[np.ndarray, " params"]:
+    """Variance of the parameters that flights draw for themselves, in units of the dispersion.
+
+    One after another, the allowed parameter whose scores differ most between flights is set loose,
+    until none differs more than the dispersion of the others gives by chance (`BY_CHANCE`).
+    """
+    variance = np.zeros(normal.H.shape[1])
+    if n_flights < FEWEST_FLIGHTS:
+        return variance
+    limit = chi2.ppf(1.0 - BY_CHANCE, n_flights - 1) / (n_flights - 1)
+    phi = dispersion(normal, n_flights)
+    while True:
+        differ, H = _scores(loosened(normal, variance / phi))
+        ratio = np.where(allowed & (variance == 0.0), differ / H.sum(axis=0), 0.0)
+        worst = int(np.argmax(ratio))
+        gone = variance / phi
+        gone[worst] = 1e6 / H[:, worst].mean()
+        others = dispersion(loosened(normal, gone), n_flights)
+        if ratio[worst] <= limit * others:
+            return variance / phi
+        phi, variance[worst] = others, (differ / np.sum(H**2, axis=0))[worst]
+        for _ in range(ROUNDS):
+            for i in np.flatnonzero(variance):
+                rest = variance / phi
+                rest[i] = 0.0
+                differ, H = _scores(loosened(normal, rest))
+                beyond = (differ - phi * H.sum(axis=0)) / np.sum(H**2, axis=0)
+                variance[i] = max(beyond[i], 1e-3 * variance[i])
+            phi = dispersion(loosened(normal, variance / phi), n_flights)
+
+
+def _scores(normal: Normal) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, "..."]]:
+    """Variance of the scores between flights, and H's diagonal in each [flights, params]."""
+    each = [normal.of(normal.flight == flight) for flight in np.unique(normal.flight)]
+    H = np.maximum([np.diag(one.H.sum(axis=0)) for one in each], 1e-12)
+    g = np.stack([one.g.sum(axis=0) for one in each])
+    left = g - H * g.sum(axis=0) / H.sum(axis=0)
+    return np.sum(left**2, axis=0) / (1.0 - 1.0 / len(each)), H
 
 
 def dispersion(normal: Normal, n_flights: int) -> float:

@@ -4,7 +4,8 @@ The whole library is fitted to the reference flights with a Gaussian prior on ev
 (a thirtieth of its allowed range), so that what these flights cannot tell stays near neutral. Three
 things carry over to the target flights: the vector itself, its precision, and the noise, which is
 enlarged per channel until the reference flights agree with their own fit. What no effect explains
-on both sets is thereby noise and not a finding.
+on both sets is thereby noise and not a finding. And parameters in which reference flights differ
+from each other by more than that may differ between the target flights, too (`spread`).
 """
 
 import dataclasses
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.equations import bounded_step, dispersion
+from diagnosis.equations import bounded_step, dispersion, loosened, spread_between
 from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.verdict import Floor, floor_of
@@ -44,6 +45,8 @@ class Reference:
     """Structure that the fit leaves."""
     scatter: float
     """Standard deviation of that between flights, beyond noise."""
+    spread: Float[np.ndarray, " params"]
+    """Variance of what its flights have of their own, in units of the dispersion."""
 
     @property
     def floor(self) -> Floor:
@@ -91,18 +94,22 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     likelihood.sigma = likelihood.sigma * enlarged
     likelihood.settle(vector, 6.0)
     normal = likelihood.normal(vector)
+    floor, prior = floor_of(library, normal), _prior(library)
+    spread = spread_between(normal, n_flights, np.isin(_effects(library), UNSHARED, invert=True))
+    normal = loosened(normal, spread)
     phi = dispersion(normal, n_flights)
-    prior = _prior(library)
     precision = normal.H.sum(axis=0) + phi * np.diag(prior)
-    floor = floor_of(library, normal)
-    return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter)
+    return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread)
+
+
+def _effects(library: Library) -> list[str]:
+    return [slot.effect for slot in library.slots]
 
 
 def _prior(library: Library) -> Float[np.ndarray, " params"]:
     """Prior precision of every parameter; very large where it is not shared."""
     precision = 1.0 / (PRIOR * (library.high - library.low)) ** 2
-    fixed = [i for i, slot in enumerate(library.slots) if slot.effect in UNSHARED]
-    precision[fixed] *= 1e12
+    precision[np.isin(_effects(library), UNSHARED)] *= 1e12
     return precision
 
 

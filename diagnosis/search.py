@@ -15,7 +15,8 @@ unit of replication.
 With a reference, what the nominal simulator lacks on both sets is a shared vector s with a
 Gaussian precision S from the reference flights. It is eliminated from every solve to first order,
 so that only effects are searched for in the simulator; the sets that end on top are flown with it
-(`Problem.polish`).
+(`Problem.polish`). Parameters that differ between reference flights may differ between these, too
+(`equations.loosened`).
 """
 
 import dataclasses
@@ -25,7 +26,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.equations import bounded_step, moved, scale_of, scaled, switched
+from diagnosis.equations import bounded_step, loosened, moved, scale_of, scaled, switched
 from diagnosis.fit import Fit, Set
 from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
@@ -71,12 +72,13 @@ class Problem:
         likelihood: Likelihood,
         base: Float[np.ndarray, " params"] | None = None,
         precision: Float[np.ndarray, "params params"] | None = None,
-        phi: float = 1.0,
+        spread: Float[np.ndarray, " params"] | None = None,
     ) -> None:
-        self.likelihood, self.phi = likelihood, phi
+        self.likelihood, self.phi = likelihood, 1.0
         self.library: Library = likelihood.replay.library
         self.precision = None if precision is None else self._pinned(precision)
         self.base = self.library.neutral if base is None else base
+        self.spread = np.zeros(len(self.base)) if spread is None else spread
         self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
         self.fits: dict[Set, Fit] = {}
         self.known: dict[Set, Fit] = {}
@@ -110,7 +112,7 @@ class Problem:
         if self.precision is None:
             normal = self.likelihood.normal(vector, None if whole else self.free(effects))
             return Fit(effects, vector, normal, shared, ahead, 0.0)
-        normal = self.likelihood.normal(vector)
+        normal = loosened(self.likelihood.normal(vector), self.spread)
         H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
         if np.isfinite(H).all():
             ahead = self._ahead(H + self.precision, g - self.precision @ shared, vector)

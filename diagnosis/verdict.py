@@ -192,6 +192,7 @@ def beyond_chance(threshold: float, count: float | int) -> float:
 def structure(library: Library, normal: Normal) -> Structure:
     """What windows want for themselves along the slopes of `LOCAL`."""
     columns = [i for name in LOCAL for i in library.indices(name)]
+    normal = normal.of(normal.dof > 0)
     H, g = normal.H[:, columns][:, :, columns], normal.g[:, columns]
     scale = np.sqrt(np.clip(np.einsum("wii->wi", H), 1e-12, None))
     values, vectors = np.linalg.eigh(H / (scale[:, :, None] * scale[:, None, :]))

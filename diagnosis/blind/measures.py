@@ -76,7 +76,7 @@ class Workbench:
         if not self.with_reference:
             return Problem(likelihood)
         base = self._reference(likelihood, _several(flights))
-        return Problem(likelihood, base.vector, base.precision)
+        return Problem(likelihood, base.vector, base.precision, base.spread)
 
     def _reference(self, likelihood: Likelihood, several: bool) -> Reference:
         if several not in self._twin:
@@ -103,7 +103,7 @@ class Workbench:
         reference = load_flights(self.runs / "reference").flights
         base = reference_of(replay, reference)
         likelihood = make_likelihood(replay, flights.flights, base.enlarged * sigma)
-        return Problem(likelihood, base.vector, base.precision), n
+        return Problem(likelihood, base.vector, base.precision, base.spread), n
 
 
 def without_noise(case: Case) -> FlightSet:

@@ -1,0 +1,91 @@
+"""What flights have of their own, against explicit least squares."""
+
+import numpy as np
+import pytest
+
+from diagnosis.equations import loosened, moved, spread_between
+from diagnosis.likelihood import Normal
+
+N_PARAMS, N_WINDOWS = 3, 10
+
+
+def normal_of(flights):
+    """Normal equations of (J, r) a flight, cut into windows."""
+    windows = [
+        (J, r, i)
+        for i, (J_all, r_all) in enumerate(flights)
+        for J, r in zip(np.split(J_all, N_WINDOWS), np.split(r_all, N_WINDOWS), strict=True)
+    ]
+    n = len(windows)
+    return Normal(
+        vector=np.zeros(N_PARAMS),
+        H=np.stack([J.T @ J for J, _, _ in windows]),
+        g=np.stack([J.T @ r for J, r, _ in windows]),
+        c=np.asarray([r @ r for _, r, _ in windows]),
+        dof=np.asarray([float(len(r)) for _, r, _ in windows]),
+        flight=np.asarray([i for _, _, i in windows]),
+        t=0.5 * np.arange(n) % 5.0,
+        kind=np.zeros((n, 9)),
+        doubtful=np.zeros(n, bool),
+    )
+
+
+def draws(rng, n_flights, own=(0.0, 0.0, 0.0), rows=60):
+    """Linear flights with noise of one, whose parameters differ by `own` standard deviations."""
+    mixed = rng.normal(size=(N_PARAMS, N_PARAMS)) * 0.3 + np.eye(N_PARAMS)
+    flights = []
+    for _ in range(n_flights):
+        J = rng.normal(size=(rows, N_PARAMS)) @ mixed
+        flights.append((J, J @ (rng.normal(size=N_PARAMS) * own) + rng.normal(size=rows)))
+    return flights
+
+
+def test_every_flight_takes_its_most_likely_draw():
+    """Chi-square after any common step is the least over the draws, their cost included."""
+    rng = np.random.default_rng(0)
+    flights, spread = draws(rng, 4, own=(0.3, 0.0, 0.2)), np.asarray([0.09, 0.0, 0.04])
+    loose = np.flatnonzero(spread)
+    for step in np.concatenate([np.zeros((1, N_PARAMS)), rng.normal(size=(3, N_PARAMS))]):
+        expected = 0.0
+        for J, r in flights:
+            cost = np.diag(1.0 / np.sqrt(spread[loose]))
+            design = np.concatenate([J[:, loose], cost])
+            target = np.concatenate([r - J @ step, np.zeros(len(loose))])
+            expected += np.linalg.lstsq(design, target, rcond=None)[1][0]
+        assert moved(loosened(normal_of(flights), spread), step).chi2 == pytest.approx(expected)
+
+
+def test_what_is_taken_away_belongs_to_its_flight_and_counts_no_number():
+    normal = normal_of(draws(np.random.default_rng(1), 3))
+    loose = loosened(normal, np.asarray([0.1, 0.0, 0.0]))
+    assert loose.dof.sum() == normal.dof.sum()
+    one = loose.of(loose.flight == 1)
+    alone = loosened(normal.of(normal.flight == 1), np.asarray([0.1, 0.0, 0.0]))
+    np.testing.assert_allclose(one.H.sum(axis=0), alone.H.sum(axis=0))
+    assert loosened(normal, np.zeros(N_PARAMS)) is normal
+
+
+def test_the_spread_between_flights_is_found_where_it_is():
+    """One parameter of three differs by 0.5; noise is one, so that the dispersion is near one."""
+    everything = np.ones(N_PARAMS, bool)
+    found = []
+    for seed in range(20):
+        flights = draws(np.random.default_rng(seed), 16, own=(0.0, 0.5, 0.0))
+        found.append(spread_between(normal_of(flights), 16, everything))
+    found = np.asarray(found)
+    assert (found[:, 1] > 0).all()
+    assert np.median(found[:, 1]) == pytest.approx(0.25, rel=0.3)
+    assert np.median(found[:, [0, 2]]) == 0.0
+    held = spread_between(normal_of(flights), 16, np.asarray([True, False, True]))
+    assert held[1] == 0.0
+
+
+def test_like_flights_draw_nothing():
+    everything = np.ones(N_PARAMS, bool)
+    loose = [
+        spread_between(normal_of(draws(np.random.default_rng(s), 8)), 8, everything).any()
+        for s in range(50)
+    ]
+    assert sum(loose) <= 2
+    few = draws(np.random.default_rng(0), 3, own=(2.0, 2.0, 2.0))
+    assert not spread_between(normal_of(few), 3, everything).any()
