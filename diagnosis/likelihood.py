@@ -209,12 +209,12 @@ class Likelihood:
         count = self._valid(group, slice(None)).sum(axis=3)
         return np.sum(9 * count - 6 * (count > 0), axis=2).reshape(-1).astype(float)
 
+    # Parameters at which a simulation blows up give NaN, which no comparison prefers.
+    @np.errstate(invalid="ignore", over="ignore")
     def _equations(
         self, group: Segments, chosen: slice, prediction: Prediction, turns: "_Turns"
     ) -> dict[str, np.ndarray]:
-        # Parameters at which a simulation blows up give NaN, which no comparison prefers.
-        with np.errstate(invalid="ignore", over="ignore"):
-            r, J = self.whitened(group, chosen, prediction, turns)
+        r, J = self.whitened(group, chosen, prediction, turns)
         n_windows = r.shape[0] * r.shape[1]
         flat = r.reshape(n_windows, -1)
         J = np.moveaxis(J.reshape(len(J), n_windows, -1), 0, 1)
