@@ -207,7 +207,7 @@ class Problem:
         if "gust" in effects - near.effects:
             onset = self.onset(near, effects)
             fresh[self._place("gust", "onset")] = onset
-            normal = switched(normal, self.library.indices("gust"), onset)
+            normal = self._switched(normal, onset)
         free = self.free(effects)
         fresh = self._within(fresh, free)
         fresh[free] += self._bounded(normal, dataclasses.replace(near, vector=fresh), free)[0]
@@ -217,9 +217,14 @@ class Problem:
         """The time [s] at which a gust would begin to explain most."""
         free = self.free(effects)
         times = np.unique(near.normal.t)[QUIET:]
-        gust = self.library.indices("gust")
-        gains = [self.solve(switched(near.normal, gust, t), near, free)[1] for t in times[:-1]]
+        gains = [self.solve(self._switched(near.normal, t), near, free)[1] for t in times[:-1]]
         return float(times[int(np.argmax(gains))]) if gains else 0.0
+
+    def _switched(self, normal: Normal, onset: float) -> Normal:
+        """Normal equations of a gust that begins at `onset` [s]; what is loose, is so with it."""
+        windows = normal.of(normal.dof > 0)
+        gust = switched(windows, self.library.indices("gust"), onset)
+        return loosened(gust, self.spread)
 
     def _is(self, i: int, parameter: str) -> bool:
         return self.library.slots[i].parameter == parameter
@@ -315,7 +320,7 @@ class Problem:
         """Log evidence that the linear screening at `near` promises a set [nats]."""
         free, normal = self.free(effects), near.normal
         if "gust" in effects - near.effects:
-            normal = switched(normal, self.library.indices("gust"), self.onset(near, effects))
+            normal = self._switched(normal, self.onset(near, effects))
         _, gain = self.solve(normal, near, free)
         H, _ = self.reduced(normal, near, free)
         return -0.5 * (near.objective - gain) / self.phi - self.occam(H, free)
