@@ -15,8 +15,7 @@ unit of replication.
 With a reference, what the nominal simulator lacks on both sets is a shared vector s with a
 Gaussian precision S from the reference flights. It is eliminated from every solve to first order,
 so that only effects are searched for in the simulator; the sets that end on top are flown with it
-(`Problem.polish`). Parameters that differ between reference flights may differ between these, too
-(`equations.loosened`).
+(`Problem.polish`). What differs between reference flights may differ here, too (`loosened`).
 """
 
 import dataclasses
@@ -201,8 +200,7 @@ class Problem:
         fresh = near.vector.copy()
         for name in effects - near.effects:
             for parameter, value in START.get(name, {}).items():
-                at = [i for i in self.library.indices(name) if self._is(i, parameter)]
-                fresh[at] = value
+                fresh[self._place(name, parameter)] = value
         normal = near.normal
         if "gust" in effects - near.effects:
             onset = self.onset(near, effects)
@@ -222,15 +220,12 @@ class Problem:
 
     def _switched(self, normal: Normal, onset: float) -> Normal:
         """Normal equations of a gust that begins at `onset` [s]; what is loose, is so with it."""
-        windows = normal.of(normal.dof > 0)
-        gust = switched(windows, self.library.indices("gust"), onset)
-        return loosened(gust, self.spread)
-
-    def _is(self, i: int, parameter: str) -> bool:
-        return self.library.slots[i].parameter == parameter
+        gust = self.library.indices("gust")
+        return loosened(switched(normal.of(normal.dof > 0), gust, onset), self.spread)
 
     def _place(self, effect: str, parameter: str) -> int:
-        return next(i for i in self.library.indices(effect) if self._is(i, parameter))
+        slots = self.library.slots
+        return next(i for i in self.library.indices(effect) if slots[i].parameter == parameter)
 
     def _within(self, vector: np.ndarray, free: list[int]) -> np.ndarray:
         vector = vector.copy()
@@ -376,8 +371,7 @@ class Problem:
     def _worth(self, fit: Fit, name: str) -> float:
         """What leaving out an effect of `fit` would cost in log evidence [nats], to first order."""
         gone, kept = self.library.indices(name), self.free(fit.effects - {name})
-        H, _ = self.reduced(fit.normal, fit, [*gone, *kept])
-        n = len(gone)
+        (H, _), n = self.reduced(fit.normal, fit, [*gone, *kept]), len(gone)
         own = H[:n, :n] - H[:n, n:] @ np.linalg.pinv(H[n:, n:], hermitian=True) @ H[n:, :n]
         back: Float[np.ndarray, " gone"] = (self.base + fit.shared - fit.vector)[gone]
         return float(0.5 * back @ own @ back / self.phi)
