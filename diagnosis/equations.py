@@ -76,15 +76,14 @@ def loosened(normal: Normal, spread: Float[np.ndarray, " params"]) -> Normal:
     if not len(loose):
         return normal
     added: dict[str, list] = {name: [] for name in ("H", "g", "c", "flight", "t")}
-    for flight in np.unique(normal.flight):
-        mine = normal.of(normal.flight == flight)
+    for mine in normal.by_flight():
         H, g = mine.H.sum(axis=0), mine.g.sum(axis=0)
         stiff = H[np.ix_(loose, loose)] + np.diag(1.0 / spread[loose])
         draw = np.linalg.solve(stiff, np.column_stack([H[loose], g[loose]]))
         added["H"].append(-H[:, loose] @ draw[:, :-1])
         added["g"].append(-H[:, loose] @ draw[:, -1])
         added["c"].append(-g[loose] @ draw[:, -1])
-        added["flight"].append(flight)
+        added["flight"].append(mine.flight[0])
         added["t"].append(mine.t.min())
     n = len(added["c"])
     nothing = {"dof": np.zeros(n), "kind": np.zeros((n, 9)), "doubtful": np.zeros(n, bool)}
@@ -94,14 +93,14 @@ def loosened(normal: Normal, spread: Float[np.ndarray, " params"]) -> Normal:
 
 
 def spread_between(
-    normal: Normal, n_flights: int, allowed: Bool[np.ndarray, " params"]
+    normal: Normal, allowed: Bool[np.ndarray, " params"]
 ) -> Float[np.ndarray, " params"]:
     """Variance of the parameters that flights draw for themselves, in units of the dispersion.
 
     One after another, the allowed parameter whose scores differ most between flights is set loose,
     until none differs more than the dispersion of the others gives by chance (`BY_CHANCE`).
     """
-    variance = np.zeros(normal.H.shape[1])
+    variance, n_flights = np.zeros(normal.H.shape[1]), len(np.unique(normal.flight))
     if n_flights < FEWEST_FLIGHTS:
         return variance
     limit = chi2.ppf(1.0 - BY_CHANCE, n_flights - 1) / (n_flights - 1)
@@ -128,7 +127,7 @@ def spread_between(
 
 def _scores(normal: Normal) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, "..."]]:
     """Variance of the scores between flights, and H's diagonal in each [flights, params]."""
-    each = [normal.of(normal.flight == flight) for flight in np.unique(normal.flight)]
+    each = normal.by_flight()
     H = np.maximum([np.diag(one.H.sum(axis=0)) for one in each], 1e-12)
     g = np.stack([one.g.sum(axis=0) for one in each])
     left = g - H * g.sum(axis=0) / H.sum(axis=0)

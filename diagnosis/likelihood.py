@@ -81,6 +81,10 @@ class Normal:
         }
         return dataclasses.replace(self, **per_window)
 
+    def by_flight(self) -> list["Normal"]:
+        """Those of every flight."""
+        return [self.of(self.flight == flight) for flight in np.unique(self.flight)]
+
 
 @dataclasses.dataclass(frozen=True)
 class Tracks:

@@ -95,7 +95,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     likelihood.settle(vector, 6.0)
     normal = likelihood.normal(vector)
     floor, prior = floor_of(library, normal), _prior(library)
-    spread = spread_between(normal, n_flights, np.isin(_effects(library), UNSHARED, invert=True))
+    spread = spread_between(normal, np.isin(_effects(library), UNSHARED, invert=True))
     normal = loosened(normal, spread)
     phi = dispersion(normal, n_flights)
     precision = normal.H.sum(axis=0) + phi * np.diag(prior)

@@ -192,7 +192,7 @@ def beyond_chance(threshold: float, count: float | int) -> float:
 def structure(library: Library, normal: Normal) -> Structure:
     """What windows want for themselves along the slopes of `LOCAL`."""
     columns = [i for name in LOCAL for i in library.indices(name)]
-    normal = normal.of(normal.dof > 0)
+    normal = normal.of(normal.dof > 0)  # windows alone, without what `loosened` added
     H, g = normal.H[:, columns][:, :, columns], normal.g[:, columns]
     scale = np.sqrt(np.clip(np.einsum("wii->wi", H), 1e-12, None))
     values, vectors = np.linalg.eigh(H / (scale[:, :, None] * scale[:, None, :]))
@@ -206,7 +206,7 @@ def structure(library: Library, normal: Normal) -> Structure:
 def floor_of(library: Library, normal: Normal) -> Floor:
     """The floor that reference flights set at their own fit."""
     every = structure(library, normal)
-    each = [structure(library, normal.of(normal.flight == i)) for i in np.unique(normal.flight)]
+    each = [structure(library, one) for one in normal.by_flight()]
     values = np.asarray([one.value for one in each])
     noise = np.mean([2.0 * one.value**2 / max(one.count, 1) for one in each])
     beyond = np.var(values, ddof=1) - noise if len(each) > 2 else 0.0

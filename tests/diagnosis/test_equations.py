@@ -71,21 +71,21 @@ def test_the_spread_between_flights_is_found_where_it_is():
     found = []
     for seed in range(20):
         flights = draws(np.random.default_rng(seed), 16, own=(0.0, 0.5, 0.0))
-        found.append(spread_between(normal_of(flights), 16, everything))
+        found.append(spread_between(normal_of(flights), everything))
     found = np.asarray(found)
     assert (found[:, 1] > 0).all()
     assert np.median(found[:, 1]) == pytest.approx(0.25, rel=0.3)
     assert np.median(found[:, [0, 2]]) == 0.0
-    held = spread_between(normal_of(flights), 16, np.asarray([True, False, True]))
+    held = spread_between(normal_of(flights), np.asarray([True, False, True]))
     assert held[1] == 0.0
 
 
 def test_like_flights_draw_nothing():
     everything = np.ones(N_PARAMS, bool)
     loose = [
-        spread_between(normal_of(draws(np.random.default_rng(s), 8)), 8, everything).any()
+        spread_between(normal_of(draws(np.random.default_rng(s), 8)), everything).any()
         for s in range(50)
     ]
     assert sum(loose) <= 2
     few = draws(np.random.default_rng(0), 3, own=(2.0, 2.0, 2.0))
-    assert not spread_between(normal_of(few), 3, everything).any()
+    assert not spread_between(normal_of(few), everything).any()
