@@ -163,11 +163,11 @@ class Library(eqx.Module):
         heavier = 1.0 + self.named(vector, "mass").get("e", 0.0)
         spec, drags = self.simulator.spec, "rotation" in self.simulator.doors
         own = np.asarray(spec.drag) / spec.mass if drags else np.zeros(3)
-        linear = own / heavier + self.named(vector, "drag").get("c", 0.0)
+        linear = own + self.named(vector, "drag").get("c", 0.0)
         linear = linear + np.asarray([lateral, lateral, axial])
         speed = np.maximum(np.linalg.norm(vel, axis=-1, keepdims=True), 1e-6)
         quadratic = self.named(vector, "quadratic_drag").get("k", 0.0)
-        return linear + quadratic * (speed + vel**2 / speed)
+        return (linear + quadratic * (speed + vel**2 / speed)) / heavier
 
     def named(self, vector: Float[np.ndarray, " params"], effect: str) -> dict[str, float]:
         """The parameters of one effect at `vector`, in their units."""

@@ -218,14 +218,16 @@ def intervals(
 ) -> tuple[list[int], Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
     """Free entries of a set's vector with the ends of their 95 % intervals.
 
-    Standard errors come from the curvature, widened by the dispersion between flights and by
-    `WIDER`.
+    Standard errors come from the curvature, widened by the dispersion between flights, by `WIDER`,
+    and by the root of the structure that the fit leaves (Birge's ratio): what all flights have in
+    common and no effect describes, moves parameters by as much, and flights do not differ in it.
     """
     free = problem.free(fit.effects)
     if not free:
         return [], np.zeros(0), np.zeros(0)
     H, _ = problem.reduced(fit.normal, fit, free)
-    width = 1.96 * WIDER * np.sqrt(problem.phi * np.diag(np.linalg.pinv(H)))
+    phi = problem.phi * max(1.0, structure(problem.library, fit.normal).value)
+    width = 1.96 * WIDER * np.sqrt(phi * np.diag(np.linalg.pinv(H)))
     # What the reference has, and what the shared shift moved, is no change: an effect is reported
     # on top of it.
     base, slots = problem.base + fit.shift, problem.library.slots

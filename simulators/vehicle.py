@@ -23,6 +23,9 @@ class Vehicle(eqx.Module):
 
     mass: Float[Array, ""]
     """Mass [kg]."""
+    believed_mass: Float[Array, ""]
+    """Mass that the operator believes [kg]; forces given over mass are given over this one, because
+    air does not know what a drone weighs."""
     inertia: Float[Array, "3 3"]
     """Moment of inertia about the centre of mass, body frame [kg m^2]."""
     center_of_mass: Float[Array, " 3"]
@@ -93,6 +96,7 @@ class VehicleSpec(eqx.Module):
         """The nominal plant, with the airframe's linear drag or without any."""
         return Vehicle(
             mass=jnp.asarray(self.mass, float),
+            believed_mass=jnp.asarray(self.mass, float),
             inertia=jnp.diag(jnp.asarray(self.inertia, float)),
             center_of_mass=jnp.zeros(3),
             thrust_gain=jnp.asarray(1.0),

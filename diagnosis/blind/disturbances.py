@@ -2,13 +2,14 @@ r"""The generator's own physics: everything that a blind case may do to a vehicl
 
 Independent of `simulators/effects`, of which only the abstract contract is used. Three classes, one
 per door, hold all parameters with neutral defaults, so that every case runs through one compiled
-program. With command u = (roll, pitch, yaw, thrust), mass m, body axis b, horizontal speed v_h:
+program. With command u = (roll, pitch, yaw, thrust), mass m, which is m_0 where nothing is
+disturbed, body axis b, speed v_h across it:
 
     command   u <- u + yaw offset, (1 + g) tilt + trim, delay d, lag tau, play of the thrust
     plant     m (1 + e_m), J (1 + e_J), rotor time constants * s, thrust (1 + e_f)(1 - r t)
-    wrench    f = m (-c v - k |v| v + w + gust(t >= t_0) + a sin(2 pi nu t + phi) + OU)
-                  + f_T b C (r_p / 4 h)^2 - m A exp(-d^2 / 2 s^2) e_z + m l v_h^2 b
-                  + m S / (1 + (x_w / s_w)^2) n - m kappa (p - p_0) + slung load,
+    wrench    f = m_0 (-c v - k |v| v + w + gust(t >= t_0) + a sin(2 pi nu t + phi) + OU)
+                  + f_T b C (r_p / 4 h)^2 - m_0 A exp(-d^2 / 2 s^2) e_z + m_0 l v_h^2 b
+                  + m_0 S / (1 + (x_w / s_w)^2) n - m_0 kappa (p - p_0) + slung load,
               torque = -R (o x f_T e_z)
 
 | symbol | field | unit | |
@@ -136,6 +137,7 @@ class PlantDisturbance(PlantEffect):
         left = (1.0 + self.excess_thrust) * (1.0 - self.discharge * flight.t)
         return None, Vehicle(
             mass=vehicle.mass * (1.0 + self.excess_mass),
+            believed_mass=vehicle.believed_mass,
             inertia=vehicle.inertia * (1.0 + self.excess_inertia),
             center_of_mass=vehicle.center_of_mass,
             thrust_gain=vehicle.thrust_gain * left,
@@ -226,11 +228,11 @@ class WrenchDisturbance(WrenchEffect):
         near = self.ground_effect * (ROTOR_RADIUS / (4.0 * height)) ** 2
         climb = jnp.einsum("ni,ni->n", flight.vel, up)[:, None]
         across = flight.vel - climb * up
-        hover = vehicle.mass * GRAVITY * vehicle.thrust_gain
+        hover = vehicle.believed_mass * GRAVITY * vehicle.thrust_gain
         spinning = jnp.sqrt(jnp.maximum(thrust, 1e-6) / hover)
         specific = specific + self.lift * jnp.sum(across**2, axis=1, keepdims=True) * up
         specific -= spinning * (self.axial_drag * climb * up + self.lateral_drag * across)
-        force = vehicle.mass * specific + near * thrust * up
+        force = vehicle.believed_mass * specific + near * thrust * up
         # The autopilot's thrust acts at the geometric centre, off the centre of mass.
         lever = jnp.concatenate([self.offset, jnp.zeros(1)])
         pushed = jnp.zeros_like(flight.pos).at[:, 2].set(flight.thrust)
@@ -238,7 +240,7 @@ class WrenchDisturbance(WrenchEffect):
         # Each rotor's own drag, four at (+-arm, +-arm): about x and y along, about z across.
         braked = self.axial_drag * jnp.asarray([1.0, 1.0, 0.0])
         braked += self.lateral_drag * jnp.asarray([0.0, 0.0, 2.0])
-        torque -= vehicle.mass * spinning * vehicle.arm**2 * braked * flight.ang_vel
+        torque -= vehicle.believed_mass * spinning * vehicle.arm**2 * braked * flight.ang_vel
         torque = _turn(flight.quat, torque)
         pull, cable, spin = self._sling(cable, spin, thrust * up + force, vehicle.mass, dt)
         return (air, cable, spin), force + pull, torque

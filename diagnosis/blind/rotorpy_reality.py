@@ -108,7 +108,9 @@ class RotorpyReality(AbstractReality):
         flight = _flight(state.steps, state.body, airframe["k_eta"])
         told, cmd = command.command(state.memory[0], flight, cmd, DT)
         vehicle = eqx.tree_at(
-            lambda v: v.mass, VEHICLES["cf21B_500"].vehicle(drag=False), multirotor.mass
+            lambda v: (v.mass, v.believed_mass),
+            VEHICLES["cf21B_500"].vehicle(drag=False),
+            (multirotor.mass, jnp.asarray(quad_params["mass"])),
         )
         pushed, force, torque = _rest_of(wrench).wrench(state.memory[1], flight, vehicle, DT)
         speeds = jax.vmap(lambda body, u: motor_speeds(believed, body, u))(state.body, cmd)
@@ -131,13 +133,13 @@ class RotorpyReality(AbstractReality):
 def disturbed_airframe(disturbance: Disturbance, t: Float[Array, ""]) -> dict[str, Any]:
     """RotorPy's parameters of the disturbed vehicle at time `t` [s]."""
     _, plant, wrench = disturbance
-    mass = quad_params["mass"] * (1.0 + plant.excess_mass)
+    mass = quad_params["mass"]
     axial, lateral = (
         c * mass / _rotor_speed_sum(AIRFRAME) for c in (wrench.axial_drag, wrench.lateral_drag)
     )
     offset = jnp.concatenate([jnp.asarray(wrench.offset), jnp.zeros(1)])
     changed: dict[str, Any] = {
-        "mass": mass,
+        "mass": mass * (1.0 + plant.excess_mass),
         "tau_m": quad_params["tau_m"] * plant.motor_slowness,
         "k_eta": quad_params["k_eta"] * (1.0 + plant.excess_thrust) * (1.0 - plant.discharge * t),
         "rotor_pos": {name: pos - offset for name, pos in quad_params["rotor_pos"].items()},

@@ -43,7 +43,7 @@ class Downwash(WrenchEffect):
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 5
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -56,5 +56,5 @@ class Downwash(WrenchEffect):
         above = jnp.clip(offset[..., 2] / GATE, 0.0, 1.0)
         square = jnp.sum(offset[..., :2] ** 2, axis=-1)
         profile = above**2 * (3.0 - 2.0 * above) * jnp.exp(-square / (2.0 * self.width**2))
-        push = -self.strength * vehicle.mass * jnp.sum(profile, axis=-1)
+        push = -self.strength * vehicle.believed_mass * jnp.sum(profile, axis=-1)
         return None, jnp.zeros_like(flight.pos).at[:, 2].set(push), jnp.zeros_like(flight.pos)

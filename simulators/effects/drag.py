@@ -1,4 +1,8 @@
-"""Linear drag, isotropic: f = -c m v, in the world frame, on top of the simulator's own drag."""
+"""Linear drag, isotropic: f = -c m v, in the world frame, on top of the simulator's own drag.
+
+Here and in all effects like it m is the mass that the operator believes: a payload does not
+change the force of the air.
+"""
 
 from typing import ClassVar
 
@@ -30,7 +34,7 @@ class Drag(WrenchEffect):
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -38,4 +42,4 @@ class Drag(WrenchEffect):
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-        return None, -self.c * vehicle.mass * flight.vel, jnp.zeros_like(flight.vel)
+        return None, -self.c * vehicle.believed_mass * flight.vel, jnp.zeros_like(flight.vel)

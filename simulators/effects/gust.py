@@ -46,7 +46,7 @@ class Gust(WrenchEffect):
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 3
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -55,5 +55,5 @@ class Gust(WrenchEffect):
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
         part = jnp.clip((flight.t + dt - self.onset) / dt, 0.0, 1.0)
-        force = vehicle.mass * part * jnp.stack([self.x, self.y, self.z])
+        force = vehicle.believed_mass * part * jnp.stack([self.x, self.y, self.z])
         return None, jnp.broadcast_to(force, flight.pos.shape), jnp.zeros_like(flight.pos)

@@ -30,7 +30,7 @@ class QuadraticDrag(WrenchEffect):
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -41,4 +41,4 @@ class QuadraticDrag(WrenchEffect):
         square = jnp.sum(flight.vel**2, axis=-1, keepdims=True)
         moving = square > 0.0  # the root has no derivative where a drone stands still
         speed = jnp.where(moving, jnp.sqrt(jnp.where(moving, square, 1.0)), 0.0)
-        return None, -self.k * vehicle.mass * speed * flight.vel, jnp.zeros_like(flight.vel)
+        return None, -self.k * vehicle.believed_mass * speed * flight.vel, jnp.zeros_like(flight.vel)

@@ -40,7 +40,7 @@ class RotorDrag(WrenchEffect):
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 7
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -51,8 +51,9 @@ class RotorDrag(WrenchEffect):
         up, turn = body_z(flight.quat), rotate(flight.quat, flight.ang_vel)
         climb, yaw = along(up, flight.vel), along(up, turn)
         turning = flight.thrust > 0.0  # the root has no derivative where the rotors stand still
-        lift = flight.thrust / (vehicle.thrust_gain * vehicle.mass * GRAVITY)
+        mass = vehicle.believed_mass
+        lift = flight.thrust / (vehicle.thrust_gain * mass * GRAVITY)
         speed = jnp.where(turning, jnp.sqrt(jnp.where(turning, lift, 1.0)), 0.0)[:, None]
         force = self.axial * climb + self.lateral * (flight.vel - climb)
         torque = vehicle.arm**2 * (self.axial * (turn - yaw) + 2.0 * self.lateral * yaw)
-        return None, -vehicle.mass * speed * force, -vehicle.mass * speed * torque
+        return None, -mass * speed * force, -mass * speed * torque

@@ -30,7 +30,7 @@ class TranslationalLift(WrenchEffect):
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 8
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -41,4 +41,4 @@ class TranslationalLift(WrenchEffect):
         up = body_z(flight.quat)
         across = flight.vel - along(up, flight.vel)
         squared = jnp.sum(across**2, axis=-1, keepdims=True)
-        return None, self.k * vehicle.mass * squared * up, jnp.zeros_like(flight.vel)
+        return None, self.k * vehicle.believed_mass * squared * up, jnp.zeros_like(flight.vel)

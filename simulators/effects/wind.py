@@ -34,7 +34,7 @@ class Wind(WrenchEffect):
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -42,5 +42,5 @@ class Wind(WrenchEffect):
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-        force = vehicle.mass * jnp.stack([self.x, self.y, self.z])
+        force = vehicle.believed_mass * jnp.stack([self.x, self.y, self.z])
         return None, jnp.broadcast_to(force, flight.pos.shape), jnp.zeros_like(flight.pos)

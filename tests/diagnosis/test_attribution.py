@@ -161,6 +161,19 @@ def test_intervals_cover_the_truth_as_often_as_they_say(replay):
     assert np.mean(inside) > 0.86  # 60 intervals of 95 %: below this by chance in 1 of 200
 
 
+def test_what_the_fit_leaves_widens_intervals_as_much_as_it_should(replay):
+    """Noise that is believed to be half of what it is leaves a structure of about four."""
+    widths = []
+    for believed in (1.0, 0.5):
+        likelihood = likelihood_of(replay, Wind(x=0.3), seconds=20.0)
+        likelihood.sigma = believed * likelihood.sigma
+        problem = Problem(likelihood)
+        fit = problem.refit(frozenset({"wind"}), problem.nominal())
+        _, low, high = intervals(problem, fit)
+        widths.append(high - low)
+    np.testing.assert_allclose(widths[1], widths[0], rtol=0.15)
+
+
 def test_dispersion_of_independent_noise_is_one_and_of_moody_flights_is_not(replay):
     calm = likelihood_of(replay, n_flights=8)
     assert dispersion(calm.normal(replay.library.neutral), 8) < 1.6

@@ -353,3 +353,42 @@ def test_rotors_that_speed_up_turn_the_drone_by_their_inertia(e):
     ]
     assert float(rates[0]) > 1e-3
     assert float(rates[1]) == pytest.approx((1.0 + e) * float(rates[0]), rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("drag", {"c": 1.0}),
+        ("quadratic_drag", {"k": 1.0}),
+        ("rotor_drag", {"axial": 1.0, "lateral": 0.5}),
+        ("translational_lift", {"k": 0.2}),
+        ("wind", {"x": 1.0}),
+        ("gust", {"x": 1.0, "onset": 0.0}),
+    ],
+)
+def test_a_payload_does_not_change_the_force_of_the_air(effect, values):
+    """The acceleration that the air adds falls as 1 / (1 + e) with the mass."""
+    vel = jnp.asarray([[2.0, 0.5, 0.7]])
+
+    def pushed(**payload):
+        plain, airy = (
+            hovering_flight(attached(SIMULATORS["crazyflow"](), **effects, **payload), vel=vel)
+            for effects in ({}, {effect: values})
+        )
+        return np.asarray(airy.vel - plain.vel)[0, 0]
+
+    np.testing.assert_allclose(pushed(mass={"e": 0.5}), pushed() / 1.5, rtol=0.1, atol=1e-5)
+
+
+def test_a_payload_does_not_change_the_force_of_a_downwash():
+    pos = np.asarray([[0.0, 0.0, 1.0], [0.0, 0.0, 1.5]])
+
+    def pushed(**payload):
+        plain, below = (
+            first_acceleration(attached(SIMULATORS["crazyflow"](), **effects, **payload), pos)
+            for effects in ({}, {"downwash": {"strength": 2.0, "width": 0.1}})
+        )
+        return float((below - plain)[0, 2])
+
+    assert pushed() < -1.0
+    assert pushed(mass={"e": 0.5}) == pytest.approx(pushed() / 1.5, rel=1e-3)
