@@ -41,4 +41,5 @@ class QuadraticDrag(WrenchEffect):
         square = jnp.sum(flight.vel**2, axis=-1, keepdims=True)
         moving = square > 0.0  # the root has no derivative where a drone stands still
         speed = jnp.where(moving, jnp.sqrt(jnp.where(moving, square, 1.0)), 0.0)
-        return None, -self.k * vehicle.believed_mass * speed * flight.vel, jnp.zeros_like(flight.vel)
+        force = -self.k * vehicle.believed_mass * speed * flight.vel
+        return None, force, jnp.zeros_like(flight.vel)
