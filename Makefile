@@ -4,9 +4,7 @@ JOBS ?= 2
 BIN := .venv/bin
 READY := .venv/.ready
 
-# As in tests/conftest.py: one thread per process, so that processes and not threads share the cores.
 export TF_CPP_MIN_LOG_LEVEL ?= 3
-export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
 
 .PHONY: help run test lint bench clean
 

@@ -1,15 +1,34 @@
-"""Environment of processes that compute: one XLA thread, compiled programs kept on disk."""
+"""Environment of processes that compute: one XLA thread, whole loops compiled, programs kept."""
 
 import os
+import platform
 from pathlib import Path
+
+LOOPS = 2_000_000
+"""Bytes that a loop may touch to be compiled into one piece of code instead of a call for every
+operation; XLA's own default lets through only the smallest (`reports/performance.md`)."""
+OPTIONS = {
+    "xla_cpu_multi_thread_eigen": "--xla_cpu_multi_thread_eigen=false",
+    "xla_cpu_small_while_loop_byte_threshold": (
+        f"--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold={LOOPS}"
+    ),
+}
+"""XLA's options, by what tells whether one is set."""
+if platform.machine() in ("x86_64", "AMD64"):
+    # No fused multiply-add, whose rounding depends on what stands around a product: with it a
+    # neutral effect would change the last bit. Matrix products are a library's and keep it.
+    OPTIONS["xla_cpu_max_isa"] = "--xla_cpu_max_isa=AVX"
+
+
+def xla_flags() -> str:
+    """What is in `XLA_FLAGS`, and the options that are not in it."""
+    flags = os.environ.get("XLA_FLAGS", "")
+    return " ".join([flags, *(text for name, text in OPTIONS.items() if name not in flags)]).strip()
 
 
 def environment() -> dict[str, str]:
     """The variables; those that are set already keep their say."""
     cache = Path.home() / ".cache" / "fidelity-bench" / "jax"
-    flags = os.environ.get("XLA_FLAGS", "")
-    if "xla_cpu_multi_thread_eigen" not in flags:
-        flags = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()
     defaults = {
         "JAX_COMPILATION_CACHE_DIR": str(cache),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
@@ -20,4 +39,4 @@ def environment() -> dict[str, str]:
         "OPENBLAS_NUM_THREADS": "1",
         "MKL_NUM_THREADS": "1",
     }
-    return {k: os.environ.get(k, v) for k, v in defaults.items()} | {"XLA_FLAGS": flags}
+    return {k: os.environ.get(k, v) for k, v in defaults.items()} | {"XLA_FLAGS": xla_flags()}

@@ -56,6 +56,7 @@ from simulators.effects.contract import (
     WrenchEffect,
 )
 from simulators.flight import Flight
+from simulators.products import written_out
 from simulators.rotation import rotate
 from simulators.vehicle import (
     CONTROL_DT,
@@ -237,10 +238,14 @@ class Crazyflow(AbstractSimulator):
 
     def _physics_step(self, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -> CrazyflowState:
         template = _template(self.spec.name, self.freq)
-        data = _pack(template.data, state, cmd)
-        for fn in self._pipeline(template.pipeline):
-            data = fn(data)
-        return _unpack(data, state.steps + 1)
+
+        def step(state: CrazyflowState, cmd: Array) -> CrazyflowState:
+            data = _pack(template.data, state, cmd)
+            for fn in self._pipeline(template.pipeline):
+                data = fn(data)
+            return _unpack(data, state.steps + 1)
+
+        return written_out(step)(state, cmd)
 
     def _pipeline(self, stages: OrderedDict[str, Callable]) -> list[Callable[[SimData], SimData]]:
         """Stages of crazyflow with the effects' stages among them."""

@@ -3,8 +3,10 @@
 import os
 import socket
 
+from bench.environment import xla_flags
+
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+os.environ["XLA_FLAGS"] = xla_flags()
 os.environ.setdefault("SCIPY_ARRAY_API", "1")  # crazyflow wants it before SciPy is imported
 
 import jaxtyping

@@ -134,6 +134,7 @@ def test_processes_compute_with_one_thread_and_stay(executor):
     assert variables["OMP_NUM_THREADS"] == "1"
     assert variables["OPENBLAS_NUM_THREADS"] == "1"
     assert "--xla_cpu_multi_thread_eigen=false" in variables["XLA_FLAGS"]
+    assert "small_while_loop_byte_threshold=2000000" in variables["XLA_FLAGS"]
     assert result(executor, task(chores.surroundings)).value[1] == first
 
 
