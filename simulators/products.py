@@ -44,8 +44,9 @@ def _evaluated(jaxpr: Jaxpr, consts: list, args: list) -> list:
         elif eqn.primitive.name == "dot_general" and _small(eqn):
             out = [_product(*found, eqn.params["dimension_numbers"])]
         else:
-            out = eqn.primitive.bind(*found, **eqn.primitive.get_bind_params(eqn.params))
-            out = out if eqn.primitive.multiple_results else [out]
+            primitive: Any = eqn.primitive
+            out = primitive.bind(*found, **primitive.get_bind_params(eqn.params))
+            out = out if primitive.multiple_results else [out]
         known.update(zip(eqn.outvars, out, strict=True))
     return [value(x) for x in jaxpr.outvars]
 
