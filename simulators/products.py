@@ -42,7 +42,7 @@ def _evaluated(jaxpr: Jaxpr, consts: list, args: list) -> list:
         if eqn.primitive.name in ("jit", "pjit") and isinstance(inner, ClosedJaxpr):
             out = _evaluated(inner.jaxpr, inner.consts, found)
         elif eqn.primitive.name == "dot_general" and _small(eqn):
-            out = [_product(*found, eqn.params["dimension_numbers"])]
+            out = [_product(found[0], found[1], eqn.params["dimension_numbers"])]
         else:
             primitive: Any = eqn.primitive
             out = primitive.bind(*found, **primitive.get_bind_params(eqn.params))
