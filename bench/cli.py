@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import cyclopts
 
-from bench.cli_tools import Repeatable, blind, check, diagnose, doctor
+from bench.cli_tools import Repeatable, blind, check, diagnose, doctor, profile
 from bench.errors import UsageError
 from simulators.registry import BrokenPluginError, UnknownPluginError
 
@@ -27,7 +27,7 @@ app = cyclopts.App(
     version_flags=[],
 )
 
-for command in (diagnose, blind, check, doctor):
+for command in (diagnose, blind, check, profile, doctor):
     app.command(command)
 
 

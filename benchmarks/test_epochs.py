@@ -1,41 +1,68 @@
-"""How long one training epoch takes, compilation excluded. `make bench` runs it."""
+"""How long one training epoch takes, and how near it is to its limit. `make bench` runs it.
+
+The limit is the time that the policy's matrix products alone need (`methods/profile.py`), measured
+in the same process; beside it stand the time over that of the forward part and the memory.
+"""
 
 import equinox as eqx
 import jax
 import pytest
 
 from methods.bptt import BPTT, _epoch, _optimizer
+from methods.contract import Setup
+from methods.hybrid import Hybrid
 from methods.policy import PolicyController, make_policy
+from methods.profile import profile, trained_in
 from simulators import registry
 from tasks.circle import Circle
 from tasks.rollout import record
 
-CELLS = [pytest.param("point_mass", 16, n, id=f"low fidelity, N = {n}") for n in (3, 12, 18)] + [
-    pytest.param("crazyflow", 1, n, id=f"high fidelity, N = {n}") for n in (3, 12, 18)
-]
+TEAMS = (3, 12, 18)
+CELLS = [(name, n) for name in ("low fidelity", "hybrid", "high fidelity") for n in TEAMS]
 
 
-@pytest.mark.parametrize(("simulator_name", "n_worlds", "n_drones"), CELLS)
-def test_one_epoch_of_circle(benchmark, simulator_name, n_worlds, n_drones):
+def trained(name, task):
+    """The simulator and the trainer of a configuration."""
+    nominal, reality = (registry.load("simulator", s)() for s in ("point_mass", "crazyflow"))
+    if name == "hybrid":
+        return trained_in(Hybrid(flights=8), Setup(task, nominal, reality)), BPTT()
+    return (reality, BPTT(n_worlds=1)) if name == "high fidelity" else (nominal, BPTT())
+
+
+@pytest.mark.parametrize(("name", "n_drones"), CELLS)
+def test_one_epoch_of_circle(benchmark, capsys, name, n_drones):
     task = Circle(n_drones=n_drones)
-    simulator = registry.load("simulator", simulator_name)()
+    simulator, trainer = trained(name, task)
     policy = make_policy(task, simulator.spec, simulator.action_space, jax.random.key(0))
-    settings = BPTT(n_worlds=n_worlds)
-    state = _optimizer(settings).init(eqx.filter(policy, eqx.is_inexact_array))
+    state = _optimizer(trainer).init(eqx.filter(policy, eqx.is_inexact_array))
 
     def epoch():
         return jax.block_until_ready(
-            _epoch(settings, task, simulator, policy, state, jax.random.key(1))[2]
+            _epoch(trainer, task, simulator, policy, state, jax.random.key(1))[2]
         )
 
     epoch()
-    row = benchmark.pedantic(epoch, rounds=5)
+    row = benchmark.pedantic(epoch, rounds=7)
     assert not row["skipped"]
+    found = profile(task, simulator, trainer)
+    benchmark.extra_info |= {
+        "limit_share": found.share,
+        "over_forward": found.ratio,
+        "megabytes": found.memory / 1e6,
+        "compile_s": found.compile_seconds,
+    }
+    with capsys.disabled():
+        print(
+            f"\n{name}, N = {n_drones}: epoch {1e3 * found.seconds['epoch']:.1f} ms, "
+            f"{100 * found.share:.0f} % of the limit, {found.ratio:.1f} times its forward part, "
+            f"{found.memory / 1e6:.3f} MB a drone and episode, compiled in "
+            f"{found.compile_seconds:.0f} s"
+        )
 
 
 @pytest.mark.parametrize("simulator_name", ["point_mass", "crazyflow"])
 def test_deployment_of_32_episodes(benchmark, simulator_name):
-    task = Circle(n_drones=12)
+    task = Circle(n_drones=18)
     simulator = registry.load("simulator", simulator_name)()
     policy = make_policy(task, simulator.spec, simulator.action_space, jax.random.key(0))
     controller = PolicyController(task, policy)
@@ -45,4 +72,4 @@ def test_deployment_of_32_episodes(benchmark, simulator_name):
     )
     jax.block_until_ready(fly(keys))
     rewards = benchmark.pedantic(lambda: jax.block_until_ready(fly(keys)), rounds=3)
-    assert rewards.shape == (32, task.horizon, 12)
+    assert rewards.shape == (32, task.horizon, 18)

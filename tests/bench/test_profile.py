@@ -1,0 +1,111 @@
+"""`bench profile`: the parts of an epoch, the simulator that a method trains in, bad input."""
+
+import time
+
+import jax.numpy as jnp
+import pytest
+
+from bench.cli import main
+from methods.bptt import BPTT
+from methods.contract import AbstractMethod, Setup
+from methods.hf_hotstart import HFHotStart
+from methods.hybrid import Hybrid
+from methods.policy import make_policy
+from methods.profile import (
+    NoTrainerError,
+    attainable,
+    profile,
+    shortest,
+    trained_in,
+)
+from methods.residual_effect import ResidualEffect
+from simulators.crazyflow import Crazyflow
+from simulators.point_mass import PointMass
+from tasks.circle import Circle
+
+TASK = Circle(n_drones=3, horizon=20)
+SETUP = Setup(TASK, PointMass(), Crazyflow())
+
+
+@pytest.fixture(scope="module")
+def low_fidelity():
+    return profile(TASK, PointMass(), BPTT(n_worlds=2))
+
+
+def test_parts_add_up_to_an_epoch(low_fidelity):
+    seconds = dict(low_fidelity.seconds)
+    epoch = seconds.pop("epoch")
+    assert set(seconds) == {"physics", "task", "policy", "backward"}
+    assert min(seconds.values()) >= 0.0
+    assert sum(seconds.values()) >= 0.99 * epoch
+    assert seconds["backward"] > 0.0
+    assert low_fidelity.ratio > 1.0
+    assert 0.0 < low_fidelity.share < 1.0
+    assert low_fidelity.n_worlds == 2
+    assert low_fidelity.memory > 4 * TASK.horizon  # at least one number a step
+
+
+def test_the_limit_counts_forward_and_backward_products_of_every_weight(key):
+    policy = make_policy(TASK, PointMass().spec, PointMass().action_space, key)
+    weights = TASK.obs_size * 128 + 128 * 128 + 128 * 3
+    flops, rate = attainable(policy, rows=6, steps=20)
+    assert flops == 6 * 6 * 20 * weights
+    assert rate > 0
+
+
+def test_a_method_is_profiled_where_it_trains():
+    assert isinstance(trained_in(HFHotStart(), SETUP), Crazyflow)
+    hybrid = trained_in(Hybrid(residual="affine", flights=2), SETUP)
+    assert isinstance(hybrid, PointMass)
+    assert [type(effect) for effect in hybrid.effects] == [ResidualEffect]
+
+
+def test_a_method_without_a_trainer_is_refused():
+    class Own(AbstractMethod):
+        version = "1"
+        parents = ()
+        simulator = "point_mass"
+
+        def train(self, setup, key, init=None):
+            raise AssertionError("never called")
+
+    with pytest.raises(NoTrainerError, match="no `trainer`"):
+        trained_in(Own(), SETUP)
+
+
+def test_the_shortest_of_several_calls_counts():
+    calls = []
+
+    def call():
+        calls.append(len(calls))
+        time.sleep(0.05 if len(calls) < 5 else 0.0)
+        return jnp.zeros(())
+
+    assert shortest(call) < 0.05
+    assert len(calls) > 3
+
+
+def test_the_command_prints_a_row_a_team_size(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    settings = ["--setting", "trainer.n_worlds=2"]
+    assert main(["profile", "lf_baseline", "spread", "--team-size", "2", *settings]) == 0
+    said = capsys.readouterr().out
+    for word in ("drones", "backward", "limit", "memory", "Ratio: an epoch over its forward part"):
+        assert word in said
+    assert any(line.split()[:2] == ["2", "2"] for line in said.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nix", "circle"], "No method is registered as 'nix'"),
+        (["lf_baseline", "nix"], "No task is registered as 'nix'"),
+        (["lf_baseline", "circle", "--team-size", "1"], "`n_drones` must be at least 2"),
+        (["lf_baseline", "circle", "--setting", "trainer.nix=3"], "has no key 'nix'"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(capsys, arguments, message):
+    assert main(["profile", *arguments]) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
