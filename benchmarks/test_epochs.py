@@ -52,7 +52,7 @@ def test_one_epoch_of_circle(benchmark, capsys, name, n_drones):
         "compile_s": found.compile_seconds,
     }
     with capsys.disabled():
-        print(
+        print(  # noqa: T201
             f"\n{name}, N = {n_drones}: epoch {1e3 * found.seconds['epoch']:.1f} ms, "
             f"{100 * found.share:.0f} % of the limit, {found.ratio:.1f} times its forward part, "
             f"{found.memory / 1e6:.3f} MB a drone and episode, compiled in "
