@@ -8,7 +8,8 @@ import equinox as eqx
 import jax
 import pytest
 
-from methods.bptt import BPTT, _epoch, _optimizer
+from methods.adjoint import buffers
+from methods.bptt import BPTT, optimizer, update
 from methods.contract import Setup
 from methods.hybrid import Hybrid
 from methods.policy import PolicyController, make_policy
@@ -34,12 +35,14 @@ def test_one_epoch_of_circle(benchmark, capsys, name, n_drones):
     task = Circle(n_drones=n_drones)
     simulator, trainer = trained(name, task)
     policy = make_policy(task, simulator.spec, simulator.action_space, jax.random.key(0))
-    state = _optimizer(trainer).init(eqx.filter(policy, eqx.is_inexact_array))
+    state = optimizer(trainer).init(eqx.filter(policy, eqx.is_inexact_array))
+
+    given = (trainer, task, simulator, policy, state, jax.random.key(1))
+    kept = [buffers(policy, task, trainer.worlds(n_drones))]
 
     def epoch():
-        return jax.block_until_ready(
-            _epoch(trainer, task, simulator, policy, state, jax.random.key(1))[2]
-        )
+        *found, kept[0] = update(given, kept[0])
+        return jax.block_until_ready(found[2])
 
     epoch()
     row = benchmark.pedantic(epoch, rounds=7)

@@ -27,12 +27,12 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from methods.adjoint import buffers, gradient
 from methods.checkpoint import next_place
 from methods.contract import Progress
-from methods.policy import Policy, PolicyController
+from methods.policy import Policy
 from simulators.contract import AbstractSimulator
 from tasks.contract import AbstractTask
-from tasks.rollout import Episode, episode
 
 LARGEST_SKIPPED_SHARE = 0.1
 """Share of left-out updates above which a run counts as diverged."""
@@ -88,12 +88,12 @@ class BPTT(eqx.Module):
         course = _Course(self, policy)
         if (kept := place.load()) is not None:
             course.restore(kept)
+        kept = buffers(policy, task, self.worlds(task.n_drones))
         while not course.over():
             epoch = len(course.history)
             epoch_key = jax.random.fold_in(key, epoch)
-            updated, opt_state, row = _epoch(
-                self, task, simulator, course.policy, course.opt_state, epoch_key
-            )
+            given = (self, task, simulator, course.policy, course.opt_state, epoch_key)
+            updated, opt_state, row, kept = update(given, kept)
             course.add(updated, opt_state, jax.tree.map(float, row))
             if place.due():
                 place.save(course.arrays())
@@ -116,7 +116,7 @@ class _Course:
     def __init__(self, settings: BPTT, policy: Policy) -> None:
         self.settings = settings
         self.policy = policy
-        self.opt_state = _optimizer(settings).init(eqx.filter(policy, eqx.is_inexact_array))
+        self.opt_state = optimizer(settings).init(eqx.filter(policy, eqx.is_inexact_array))
         self.history: list[dict[str, float]] = []
         self.best = -np.inf
         self.best_policy = policy
@@ -213,35 +213,30 @@ class Training:
 
 
 @functools.cache
-def _optimizer(settings: BPTT) -> optax.GradientTransformation:
+def optimizer(settings: BPTT) -> optax.GradientTransformation:
+    """Adam behind a clip of the gradient's global norm."""
     schedule = optax.cosine_decay_schedule(settings.lr, settings.epochs, settings.final_lr)
     return optax.chain(optax.clip_by_global_norm(settings.clip), optax.adam(schedule))
 
 
-@eqx.filter_jit
-def _epoch(
-    settings: BPTT,
-    task: AbstractTask,
-    simulator: AbstractSimulator,
-    policy: Policy,
-    opt_state: Any,
-    key: PRNGKeyArray,
-) -> tuple[Policy, Any, dict[str, Array]]:
-    """One update; the history's row describes the policy before it."""
+@eqx.filter_jit(donate="all-except-first")
+def update(
+    given: tuple[BPTT, AbstractTask, AbstractSimulator, Policy, Any, PRNGKeyArray],
+    kept: Any,
+) -> tuple[Policy, Any, dict[str, Array], Any]:
+    """Policy and optimiser's state after one epoch, its row, and the buffers of `kept`.
+
+    The history's row describes the policy before the update. `kept` comes from `buffers` and may
+    not be used again.
+    """
+    settings, task, simulator, policy, opt_state, key = given
     n_worlds = settings.worlds(task.n_drones)
-
-    def loss(policy: Policy) -> tuple[Array, Episode]:
-        controller = PolicyController(task, policy)
-        keys = jax.random.split(key, n_worlds)
-        fly = lambda k: episode(task, simulator, controller, k, settings.decay)  # noqa: E731
-        episodes = jax.vmap(fly)(keys)
-        return -jnp.sum(episodes.smooth_reward), episodes
-
-    (_, episodes), grads = eqx.filter_value_and_grad(loss, has_aux=True)(policy)
+    keys = jax.random.split(key, n_worlds)
+    episodes, grads, kept = gradient(task, simulator, policy, keys, settings.decay, kept)
     grads = jax.tree.map(lambda g: g / (n_worlds * task.horizon * task.n_drones), grads)
     norm = optax.tree.norm(grads)
     finite = jnp.isfinite(norm)
-    updates, new_state = _optimizer(settings).update(grads, opt_state)
+    updates, new_state = optimizer(settings).update(grads, opt_state)
     updated = eqx.apply_updates(policy, updates)
     keep = lambda new, old: jnp.where(finite, new, old) if eqx.is_array(new) else new  # noqa: E731
     row = {
@@ -252,4 +247,7 @@ def _epoch(
         "grad_norm": norm,
         "skipped": ~finite,
     }
-    return jax.tree.map(keep, updated, policy), jax.tree.map(keep, new_state, opt_state), row
+    policy, opt_state = (
+        jax.tree.map(keep, new, old) for new, old in ((updated, policy), (new_state, opt_state))
+    )
+    return policy, opt_state, row, kept

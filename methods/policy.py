@@ -27,6 +27,38 @@ class Policy(eqx.Module):
         """Actions in [-1, 1], from each drone's own row of `obs`."""
         return jax.vmap(self.net)(obs)
 
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Lengths of the observation and of what each layer gives."""
+        weights = [layer.weight for layer in self.net.layers]
+        return (weights[0].shape[1], *(weight.shape[0] for weight in weights))
+
+    def layers(self, obs: Float[Array, "rows obs"]) -> list[Array]:
+        """The observations and what each layer gives, the actions last."""
+        values = [obs]
+        for layer in self.net.layers:
+            assert layer.bias is not None  # as `make_policy` makes them
+            values.append(jnp.tanh(values[-1] @ layer.weight.T + layer.bias))
+        return values
+
+    def pull_back(
+        self, values: list[Array], cotangent: Float[Array, "rows 3"]
+    ) -> tuple[Float[Array, "rows obs"], "Policy"]:
+        """Derivatives of a loss by the observations and by the policy, from those by the actions.
+
+        `values` is what `layers` gave.
+        """
+        slopes = []
+        for i, layer in reversed(list(enumerate(self.net.layers))):
+            delta = cotangent * (1.0 - values[i + 1] ** 2)
+            slopes += [jnp.sum(delta, axis=0), delta.T @ values[i]]
+            cotangent = delta @ layer.weight
+        return cotangent, eqx.tree_at(
+            lambda policy: [x for layer in policy.net.layers for x in (layer.weight, layer.bias)],
+            eqx.filter(self, eqx.is_inexact_array),
+            slopes[::-1],
+        )
+
 
 def make_policy(
     task: AbstractTask, spec: VehicleSpec, space: ActionSpace, key: PRNGKeyArray

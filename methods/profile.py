@@ -4,9 +4,10 @@ Parts are differences between programs that do more and more of an epoch: fly a 
 (physics), observe and reward as well (task), act by the policy (policy), and differentiate and
 update (backward). Each is the shortest of several calls.
 
-The limit is what the policy's matrix products need: six operations for each weight, drone and step
-(two forward, four backward) at the rate that the same products, one after another and nothing
-else, reach in this process. Products that a program repeats do not count.
+The limit is what matrix products need: six operations for each weight of the policy, drone and step
+(two forward, four backward) and two for each weight of a frozen residual, at the rate that the
+policy's products, one after another and nothing else, reach in this process. Products that a
+program repeats do not count.
 """
 
 import dataclasses
@@ -19,12 +20,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from methods.bptt import BPTT, Training, _epoch, _optimizer
+from methods.adjoint import buffers
+from methods.bptt import BPTT, Training, optimizer, update
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import Policy, PolicyController, make_policy
 from simulators.contract import AbstractSimulator
+from simulators.effects.contract import FrozenEffect
 from tasks.contract import AbstractTask, TaskState
-from tasks.rollout import _start, episode
+from tasks.rollout import episode
+from tasks.rollout import start as begin
 
 ROUNDS = 7
 """Calls of which the shortest counts."""
@@ -48,9 +52,9 @@ class Profile:
     compile_seconds: float
     """Tracing and compiling an epoch [s]."""
     memory: float
-    """Temporary memory per drone and episode [byte]."""
+    """Memory beside the policy's, per drone and episode [byte]."""
     flops: float
-    """Operations that the policy's matrix products need."""
+    """Operations that the matrix products of policy and frozen residual need."""
     rate: float
     """Attainable rate of those products [1/s]."""
 
@@ -102,14 +106,17 @@ def trained_in(method: AbstractMethod, setup: Setup) -> AbstractSimulator:
 def profile(task: AbstractTask, simulator: AbstractSimulator, trainer: BPTT) -> Profile:
     """The parts of one epoch of `trainer`."""
     policy = make_policy(task, simulator.spec, simulator.action_space, _KEY)
-    state = _optimizer(trainer).init(eqx.filter(policy, eqx.is_inexact_array))
+    state = optimizer(trainer).init(eqx.filter(policy, eqx.is_inexact_array))
     n_worlds, n_drones = trainer.worlds(task.n_drones), task.n_drones
     keys = jax.random.split(_KEY, n_worlds)
+    given = (trainer, task, simulator, policy, state, _KEY)
+    room = [buffers(policy, task, n_worlds)]
     start = time.perf_counter()
-    lowered = _epoch.lower(trainer, task, simulator, policy, state, _KEY)  # pyright: ignore[reportFunctionMemberAccess]
+    lowered = update.lower(given, room[0])  # pyright: ignore[reportFunctionMemberAccess]
     compiled = lowered.compile()
     compile_seconds = time.perf_counter() - start
     memory = compiled.compiled.memory_analysis().temp_size_in_bytes
+    memory += sum(x.nbytes for x in room[0] or ())
     hover = jnp.zeros((n_drones, 3)).at[:, 2].set(simulator.action_space.hover(simulator.spec.mass))
 
     def still(state: TaskState) -> Float[Array, "drones 3"]:
@@ -117,11 +124,15 @@ def profile(task: AbstractTask, simulator: AbstractSimulator, trainer: BPTT) -> 
         return hover + 1e-9 * jnp.sum(task.observe(state), axis=-1, keepdims=True)
 
     def physics(key: Array) -> Any:
-        start, _ = _start(task, simulator, key)
-        return jax.lax.fori_loop(0, task.horizon, lambda _, s: simulator.step(s, hover), start)
+        first, _ = begin(task, simulator, key)
+        return jax.lax.fori_loop(0, task.horizon, lambda _, s: simulator.step(s, hover), first)
 
     def forward(policy: Policy, key: Array) -> Any:
         return episode(task, simulator, PolicyController(task, policy), key, trainer.decay)
+
+    def epoch() -> Any:
+        *found, room[0] = update(given, room[0])
+        return found
 
     def steps() -> dict[str, Callable[[], Any]]:
         fly = eqx.filter_jit(jax.vmap(physics))
@@ -131,11 +142,13 @@ def profile(task: AbstractTask, simulator: AbstractSimulator, trainer: BPTT) -> 
             "physics": lambda: fly(keys),
             "task": lambda: idle(keys),
             "policy": lambda: act(policy),
-            "epoch": lambda: _epoch(trainer, task, simulator, policy, state, _KEY),
+            "epoch": epoch,
         }
 
     whole = {name: shortest(call) for name, call in steps().items()}
-    flops, rate = attainable(policy, n_worlds * n_drones, task.horizon)
+    rows = n_worlds * n_drones
+    flops, rate = attainable(policy, rows, task.horizon)
+    flops += 2.0 * rows * task.horizon * frozen_weights(simulator)
     return Profile(
         n_drones=n_drones,
         n_worlds=n_worlds,
@@ -177,6 +190,12 @@ def attainable(policy: Policy, rows: int, steps: int) -> tuple[float, float]:
     chain = jax.jit(lambda start: jax.lax.fori_loop(0, steps, once, start))
     flops = 6.0 * rows * steps * sum(weight.size for weight in weights)
     return flops, flops / shortest(lambda: chain(start))
+
+
+def frozen_weights(simulator: AbstractSimulator) -> int:
+    """Weights of matrices in effects that nobody differentiates."""
+    frozen = [effect for effect in simulator.effects if isinstance(effect, FrozenEffect)]
+    return sum(x.size for x in jax.tree.leaves(frozen) if eqx.is_inexact_array(x) and x.ndim > 1)
 
 
 def shortest(call: Callable[[], Any]) -> float:

@@ -5,15 +5,13 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Float
 
 from methods.residuals.contract import AbstractResidualModel
-from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.effects.contract import FrozenEffect, Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.rotation import body_z, quat_to_rpy
 from simulators.vehicle import GRAVITY, Vehicle
-from tasks.rollout import RESIDUAL
 
 
 def features(flight: Flight, mass: float) -> Float[Array, "drones 12"]:
@@ -26,12 +24,11 @@ def features(flight: Flight, mass: float) -> Float[Array, "drones 12"]:
     return jnp.concatenate([flight.pos, flight.vel, quat_to_rpy(flight.quat), acc], axis=-1)
 
 
-class ResidualEffect(WrenchEffect):
+class ResidualEffect(FrozenEffect):
     """Adds the residual's acceleration at every step, as a stop-gradient constant.
 
     The gradient of the policy flows only through the nominal dynamics (paper, Sec. III-B, stage
-    4). The output is named, so that a checkpointed rollout keeps it instead of computing the
-    ensemble twice.
+    4). The last acceleration is remembered, so that a backward pass need not compute it again.
     """
 
     model: AbstractResidualModel
@@ -45,12 +42,38 @@ class ResidualEffect(WrenchEffect):
     order: ClassVar[int] = 100
     version: ClassVar[str] = "1"
 
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
+    def init(self, n_drones: int, dt: float) -> Float[Array, "drones 3"]:
+        return jnp.zeros((n_drones, 3))
 
     def wrench(
-        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
-    ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
+        self, memory: Float[Array, "drones 3"], flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[Float[Array, "drones 3"], Float[Array, "drones 3"], Float[Array, "drones 3"]]:
         acc = self.model(jax.lax.stop_gradient(features(flight, self.mass)))
-        acc = checkpoint_name(jax.lax.stop_gradient(acc), RESIDUAL)
-        return None, self.mass * acc, jnp.zeros_like(acc)
+        acc = jax.lax.stop_gradient(acc)
+        return acc, self.mass * acc, jnp.zeros_like(acc)
+
+    def repeated(self, memory: Float[Array, "drones 3"]) -> "RepeatedResidual":
+        return RepeatedResidual(jax.lax.stop_gradient(memory), self.mass)
+
+
+class RepeatedResidual(WrenchEffect):
+    """Adds accelerations that a residual gave before."""
+
+    acc: Float[Array, "drones 3"]
+    """The accelerations [m/s^2, world]."""
+    mass: float = eqx.field(static=True)
+    """Mass that the nominal simulator believes [kg]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {}
+    door: ClassVar[str] = "wrench"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 100
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> Float[Array, "drones 3"]:
+        return jnp.zeros((n_drones, 3))
+
+    def wrench(
+        self, memory: Float[Array, "drones 3"], flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[Float[Array, "drones 3"], Float[Array, "drones 3"], Float[Array, "drones 3"]]:
+        return self.acc, self.mass * self.acc, jnp.zeros_like(self.acc)

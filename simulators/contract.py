@@ -68,6 +68,13 @@ class AbstractSimulator(eqx.Module):
     ) -> Any:
         """The state with the chosen drones at `quat` and `ang_vel` [rad/s, body]."""
 
+    def repeating(self, after: Any) -> "AbstractSimulator":
+        """The simulator for a step that is known to end in `after`, to be differentiated.
+
+        Its frozen effects may do again what they did in that step instead of computing it.
+        """
+        return self
+
     def placed(
         self, state: Any, pos: Float[Array, "drones 3"], vel: Float[Array, "drones 3"]
     ) -> Any:

@@ -32,6 +32,7 @@ from simulators.contract import AbstractSimulator
 from simulators.effects import chain
 from simulators.effects.contract import (
     AbstractEffect,
+    FrozenEffect,
     PlantEffect,
     ResponseEffect,
     StateEffect,
@@ -149,6 +150,16 @@ class PointMass(AbstractSimulator):
             (rpy, lag, memory),
             is_leaf=lambda x: x is state.memory,
         )
+
+    def repeating(self, after: PointMassState) -> "PointMass":
+        """Frozen effects remember one integration step, so that a control step must be one."""
+        if not chain.has(self.effects, FrozenEffect) or self.dt < CONTROL_DT - 1e-9:
+            return self
+        effects = tuple(
+            effect.repeated(memory) if isinstance(effect, FrozenEffect) else effect
+            for effect, memory in zip(self.effects, after.memory, strict=True)
+        )
+        return eqx.tree_at(lambda s: s.effects, self, effects, is_leaf=lambda x: x is self.effects)
 
     def flight(self, state: PointMassState) -> Flight:
         return Flight(

@@ -35,21 +35,34 @@ Controller = Callable[[TaskState], Float[Array, "drones 3"]]
 
 COTANGENT_LIMIT = 500.0
 """Largest derivative of a drone's return by one number of the carried state."""
-RESIDUAL = "residual"
-"""Name of values that a rollout keeps for the backward pass instead of computing them again."""
 
 
 class Episode(eqx.Module):
     """One episode, sums over its steps; cheap enough for training."""
 
-    reward: Float[Array, ""]
+    reward: Float[Array, "*worlds"]
     """Return with the exact collision penalty, mean over drones."""
-    smooth_reward: Float[Array, ""]
+    smooth_reward: Float[Array, "*worlds"]
     """Return with the differentiable penalty, summed over drones: what training differentiates."""
-    crashes: Float[Array, ""]
+    crashes: Float[Array, "*worlds"]
     """Onsets of contact, summed over drones."""
-    contact_steps: Float[Array, ""]
+    contact_steps: Float[Array, "*worlds"]
     """Steps with any drone in contact."""
+
+    def with_step(
+        self,
+        reward: Float[Array, " drones"],
+        smooth: Float[Array, " drones"],
+        contact: Bool[Array, " drones"],
+        before: Bool[Array, " drones"],
+    ) -> "Episode":
+        """The sums with one more step; `before` is the contact one step earlier."""
+        return Episode(
+            reward=self.reward + jnp.mean(reward),
+            smooth_reward=self.smooth_reward + jnp.sum(smooth),
+            crashes=self.crashes + jnp.sum(contact & ~before),
+            contact_steps=self.contact_steps + jnp.any(contact),
+        )
 
 
 class Record(eqx.Module):
@@ -99,7 +112,7 @@ def episode(
     decay: float = 1.0,
 ) -> Episode:
     """One episode's sums, differentiable in the controller, checkpointed per control step."""
-    state, goal = _start(task, simulator, key)
+    state, goal = start(task, simulator, key)
 
     def step(carry: tuple, k: Array) -> tuple[tuple, None]:
         state, touched, sums = carry
@@ -109,20 +122,11 @@ def episode(
         flight = simulator.flight(state)
         reward, smooth = task.rewards(TaskState(flight, goal, k + 1))
         contact = in_contact(flight.pos, flight.t)
-        sums = Episode(
-            reward=sums.reward + jnp.mean(reward),
-            smooth_reward=sums.smooth_reward + jnp.sum(smooth),
-            crashes=sums.crashes + jnp.sum(contact & ~touched),
-            contact_steps=sums.contact_steps + jnp.any(contact),
-        )
-        return (state, contact, sums), None
+        return (state, contact, sums.with_step(reward, smooth, contact, touched)), None
 
-    keep = jax.checkpoint_policies.save_only_these_names(RESIDUAL)
     zero = jnp.zeros(())
-    start = (state, jnp.zeros(task.n_drones, bool), Episode(zero, zero, zero, zero))
-    (_, _, sums), _ = jax.lax.scan(
-        jax.checkpoint(step, policy=keep), start, jnp.arange(task.horizon)
-    )
+    begin = (state, jnp.zeros(task.n_drones, bool), Episode(zero, zero, zero, zero))
+    (_, _, sums), _ = jax.lax.scan(jax.checkpoint(step), begin, jnp.arange(task.horizon))
     return sums
 
 
@@ -133,7 +137,7 @@ def record(
     key: PRNGKeyArray,
 ) -> Record:
     """One episode with everything that happened in it."""
-    state, goal = _start(task, simulator, key)
+    state, goal = start(task, simulator, key)
 
     def step(state: Any, k: Array) -> tuple[Any, Record]:
         action = controller(TaskState(simulator.flight(state), goal, k))
@@ -151,7 +155,8 @@ def record(
     return jax.lax.scan(step, state, jnp.arange(task.horizon))[1]
 
 
-def _start(task: AbstractTask, simulator: AbstractSimulator, key: PRNGKeyArray) -> tuple[Any, Any]:
+def start(task: AbstractTask, simulator: AbstractSimulator, key: PRNGKeyArray) -> tuple[Any, Any]:
+    """The state and the goal at the start of an episode."""
     task_key, simulator_key = jax.random.split(key)
     pos, goal = task.reset(task_key)
     return simulator.reset(pos, simulator_key), goal

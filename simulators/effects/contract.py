@@ -118,6 +118,14 @@ class WrenchEffect(AbstractEffect):
         """Force [N] and torque [N m] at the centre of mass, world frame."""
 
 
+class FrozenEffect(WrenchEffect):
+    """A wrench that nobody differentiates, and that is expensive: its memory tells what it did."""
+
+    @abc.abstractmethod
+    def repeated(self, memory: Any) -> WrenchEffect:
+        """An effect that does again what led to `memory`."""
+
+
 class StateEffect(AbstractEffect):
     """An effect that restricts where a drone can be."""
 

@@ -1,0 +1,135 @@
+r"""The gradient of an epoch by its adjoint, written out, where `jax.grad` would repeat products.
+
+With the state s, the observation o(s), the policy's layers y_i and the step f, the backward sweep
+carries lambda, the derivative of the loss by the state, from the last step to the first:
+
+    (d/ds, d/da) = f's adjoint of (lambda, -1 for the smooth reward)
+    delta_i      = (d/dy_i) (1 - y_i^2),  d/dy_(i-1) = delta_i W_i,  dW_i += delta_i' y_(i-1)
+    lambda       = clip(share (d/ds + o's adjoint of d/do))
+
+and is what `jax.grad` of `tasks.rollout.episode` gives, up to rounding. Products of all worlds are
+one product. What the layers gave on the way forward is either kept in buffers that one epoch hands
+to the next (memory that is asked for anew costs as much as computing it), or computed again where
+`kept` is None. What a simulator's frozen effects did is not computed again (`repeating`).
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key
+
+from methods.policy import Policy
+from simulators.contract import AbstractSimulator
+from tasks.contact import in_contact
+from tasks.contract import AbstractTask, TaskState
+from tasks.rollout import COTANGENT_LIMIT, Episode, start
+
+LARGEST = 128e6
+"""Bytes of activations above which they are computed again; a choice."""
+
+
+def buffers(policy: Policy, task: AbstractTask, n_worlds: int) -> list[Array] | None:
+    """Room for what the layers give in an epoch; None where it does not pay.
+
+    One world is what training in an expensive simulator flies: there its steps cost, not products,
+    and memory is to stay small.
+    """
+    rows = n_worlds * task.n_drones
+    shapes = [(task.horizon, rows, size) for size in policy.sizes]
+    size = sum(4.0 * math.prod(shape) for shape in shapes)
+    if n_worlds == 1 or size > LARGEST:
+        return None
+    return [jnp.zeros(shape) for shape in shapes]
+
+
+def gradient(
+    task: AbstractTask,
+    simulator: AbstractSimulator,
+    policy: Policy,
+    keys: Key[Array, " worlds"],
+    decay: float,
+    kept: Sequence[Array] | None,
+) -> tuple[Episode, Policy, Sequence[Array] | None]:
+    """Episodes by world, the gradient of minus the sum of their smooth returns, and `kept` filled.
+
+    `decay` is the share of the gradient that a step passes back (`tasks/rollout.py`).
+    """
+    first, goal = jax.vmap(lambda key: start(task, simulator, key))(keys)
+    n_worlds, n_drones, steps = len(keys), task.n_drones, jnp.arange(task.horizon)
+
+    def observe(state: Any, k: Array) -> Float[Array, "rows obs"]:
+        see = lambda s, g: task.observe(TaskState(simulator.flight(s), g, k))  # noqa: E731
+        return jax.vmap(see)(state, goal).reshape(n_worlds * n_drones, -1)
+
+    def act(layers: Sequence[Array]) -> Float[Array, "worlds drones 3"]:
+        return layers[-1].reshape(n_worlds, n_drones, 3)
+
+    def forward(carry: tuple, k: Array) -> tuple[tuple, tuple]:
+        state, touched, sums, kept = carry
+        layers = policy.layers(observe(state, k))
+        if kept is not None:
+            kept = [room.at[k].set(values) for room, values in zip(kept, layers, strict=True)]
+        after = jax.vmap(simulator.step)(state, act(layers))
+        score = lambda s, g, t, e: _scored(task, simulator, s, g, k, t, e)  # noqa: E731
+        touched, sums = jax.vmap(score)(after, goal, touched, sums)
+        return (after, touched, sums, kept), (state, after)
+
+    zeros = jnp.zeros(n_worlds)
+    touched = jnp.zeros((n_worlds, n_drones), bool)
+    begin = (first, touched, Episode(zeros, zeros, zeros, zeros), kept)
+    (_, _, sums, kept), (states, afters) = jax.lax.scan(forward, begin, steps)
+
+    def backward(carry: tuple, row: tuple) -> tuple[tuple, None]:
+        costate, slopes = carry
+        k, state, after = row
+        live, fixed = eqx.partition(state, eqx.is_inexact_array)
+        layers = policy.layers(observe(state, k)) if kept is None else [room[k] for room in kept]
+
+        def advance(live: Any, action: Array) -> tuple[Any, Array]:
+            def one(state: Any, after: Any, goal: Any, action: Array) -> tuple[Any, Array]:
+                new = simulator.repeating(after).step(state, action)
+                seen = TaskState(simulator.flight(new), goal, k + 1)
+                return eqx.filter(new, eqx.is_inexact_array), jnp.sum(task.rewards(seen)[1])
+
+            new, smooth = jax.vmap(one)(eqx.combine(live, fixed), after, goal, action)
+            return new, jnp.sum(smooth)
+
+        _, pull_step = jax.vjp(advance, live, act(layers))
+        by_state, by_action = pull_step((costate, -jnp.ones(())))
+        by_obs, new = policy.pull_back(layers, by_action.reshape(-1, 3))
+        _, pull_obs = jax.vjp(lambda live: observe(eqx.combine(live, fixed), k), live)
+        costate = jax.tree.map(
+            lambda a, b: _passed_back(a + b, decay), by_state, pull_obs(by_obs)[0]
+        )
+        return (costate, jax.tree.map(jnp.add, slopes, new)), None
+
+    nothing = jax.tree.map(jnp.zeros_like, eqx.filter(first, eqx.is_inexact_array))
+    flat = jax.tree.map(jnp.zeros_like, eqx.filter(policy, eqx.is_inexact_array))
+    (_, slopes), _ = jax.lax.scan(backward, (nothing, flat), (steps, states, afters), reverse=True)
+    return sums, slopes, kept
+
+
+def _scored(
+    task: AbstractTask,
+    simulator: AbstractSimulator,
+    state: Any,
+    goal: Any,
+    k: Array,
+    touched: Array,
+    sums: Episode,
+) -> tuple[Array, Episode]:
+    """Contacts after action k, and the episode's sums with it."""
+    flight = simulator.flight(state)
+    reward, smooth = task.rewards(TaskState(flight, goal, k + 1))
+    contact = in_contact(flight.pos, flight.t)
+    return contact, sums.with_step(reward, smooth, contact, touched)
+
+
+def _passed_back(costate: Array, share: float) -> Array:
+    if share == 1.0:
+        return costate
+    return jnp.clip(share * costate, -COTANGENT_LIMIT, COTANGENT_LIMIT)

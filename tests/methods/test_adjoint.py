@@ -1,0 +1,140 @@
+"""The written-out gradient against `jax.grad` of an episode, for every kind of simulator."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flying import SIMULATORS, attached, x64
+
+from methods.adjoint import LARGEST, buffers, gradient
+from methods.policy import PolicyController, make_policy
+from methods.residual_effect import ResidualEffect, features
+from methods.residuals.contract import AbstractResidualModel
+from simulators.contract import with_effects
+from tasks.circle import Circle
+from tasks.figure8 import Figure8
+from tasks.pitchandexpand import PitchAndExpand
+from tasks.rollout import episode
+from tasks.spread import Spread
+
+KEY = jax.random.key(3)
+
+
+class Curved(AbstractResidualModel):
+    """A residual that depends on everything it sees."""
+
+    def __call__(self, features):
+        return 0.3 * jnp.sin(features[:, :3] + features[:, 3:6] - features[:, 9:])
+
+
+def simulators():
+    mass = SIMULATORS["point_mass"]().spec.mass
+    return {
+        "point_mass": SIMULATORS["point_mass"](),
+        "residual": with_effects(SIMULATORS["point_mass"](), [ResidualEffect(Curved(), mass)]),
+        "residual, finer steps": with_effects(
+            SIMULATORS["point_mass"](dt=0.005), [ResidualEffect(Curved(), mass)]
+        ),
+        "effects": attached(
+            SIMULATORS["point_mass"](),
+            attitude_loop={"natural_freq": 15.0, "damping": 1.1},
+            delay={"seconds": 0.03},
+            drag={"c": 0.5},
+        ),
+        "crazyflow": SIMULATORS["crazyflow"](),
+    }
+
+
+def both(task, simulator, decay, keep, n_worlds=2):
+    """Loss and gradient by `jax.grad` and by the adjoint."""
+    policy = make_policy(task, simulator.spec, simulator.action_space, KEY)
+    keys = jax.random.split(KEY, n_worlds)
+
+    def loss(policy):
+        controller = PolicyController(task, policy)
+        flown = jax.vmap(lambda key: episode(task, simulator, controller, key, decay))(keys)
+        return -jnp.sum(flown.smooth_reward), flown
+
+    (_, flown), expected = eqx.filter_jit(eqx.filter_value_and_grad(loss, has_aux=True))(policy)
+    kept = buffers(policy, task, n_worlds) if keep else None
+    found, slopes, _ = eqx.filter_jit(gradient)(task, simulator, policy, keys, decay, kept)
+    return flown, expected, found, slopes
+
+
+def assert_close(expected, found, tolerance):
+    for a, b in zip(jax.tree.leaves(expected), jax.tree.leaves(found), strict=True):
+        np.testing.assert_allclose(b, a, rtol=0, atol=tolerance * float(jnp.abs(a).max() + 1e-30))
+
+
+@pytest.mark.parametrize(
+    ("name", "keep"),
+    [
+        ("point_mass", True),
+        ("point_mass", False),
+        ("residual", True),
+        ("residual, finer steps", True),
+        ("effects", True),
+        ("crazyflow", False),
+    ],
+)
+def test_it_is_the_gradient_of_an_episode(name, keep):
+    task = Circle(n_drones=4, horizon=30)
+    flown, expected, found, slopes = both(task, simulators()[name], 0.98, keep)
+    assert_close(flown, found, 1e-5)
+    assert jax.tree.structure(expected) == jax.tree.structure(slopes)
+    assert_close(expected, slopes, 1e-5)
+
+
+@pytest.mark.parametrize(
+    ("task_class", "decay"), [(Circle, 1.0), (Figure8, 0.9), (PitchAndExpand, 0.9), (Spread, 0.9)]
+)
+def test_it_is_so_in_double_precision_for_every_task(task_class, decay):
+    with x64():
+        task = task_class(n_drones=3, horizon=25)
+        flown, expected, found, slopes = both(task, SIMULATORS["point_mass"](), decay, True)
+        assert_close(flown, found, 1e-10)
+        assert_close(expected, slopes, 1e-10)
+
+
+def test_a_frozen_residual_is_computed_once_a_step():
+    calls = []
+
+    class Counting(AbstractResidualModel):
+        def __call__(self, features):
+            jax.debug.callback(lambda: calls.append(1))
+            return jnp.zeros((len(features), 3))
+
+    simulator = SIMULATORS["point_mass"]()
+    simulator = with_effects(simulator, [ResidualEffect(Counting(), simulator.spec.mass)])
+    both_ways = eqx.filter_jit(gradient)
+    task = Circle(n_drones=3, horizon=7)
+    policy = make_policy(task, simulator.spec, simulator.action_space, KEY)
+    keys = jax.random.split(KEY, 1)
+    jax.block_until_ready(both_ways(task, simulator, policy, keys, 0.98, None)[1].net.layers)
+    jax.effects_barrier()
+    assert len(calls) == 7
+
+
+def test_room_is_kept_for_many_worlds_only_and_not_without_end():
+    simulator = SIMULATORS["point_mass"]()
+    for n_drones, n_worlds, keeps in ((12, 8, True), (12, 1, False), (300, 4, False)):
+        task = Circle(n_drones=n_drones)
+        policy = make_policy(task, simulator.spec, simulator.action_space, KEY)
+        room = buffers(policy, task, n_worlds)
+        assert (room is not None) == keeps
+        if room:
+            assert [x.shape[-1] for x in room] == [task.obs_size, 128, 128, 3]
+            assert sum(x.nbytes for x in room) <= LARGEST
+
+
+def test_features_see_the_memory_of_nobody():
+    """A residual's force does not depend on what it remembers."""
+    simulator = simulators()["residual"]
+    state = simulator.reset(jnp.zeros((2, 3)), KEY)
+    shaken = eqx.tree_at(lambda s: s.memory, state, (jnp.ones((2, 3)),))
+    action = jnp.zeros((2, 3))
+    np.testing.assert_array_equal(
+        simulator.step(state, action).vel, simulator.step(shaken, action).vel
+    )
+    assert features(simulator.flight(state), simulator.spec.mass).shape == (2, 12)
