@@ -157,7 +157,7 @@ def test_skipped_updates_reach_the_ledger_and_the_status():
 # --- Ending and choosing --------------------------------------------------------------------
 
 HOLD = Hold(n_drones=2, horizon=40, spacing=(3.0, 3.0))
-WILD = BPTT(epochs=40, lr=0.3, final_lr=1.0, n_worlds=1, smoothing=3, patience=None)
+WILD = BPTT(epochs=40, lr=1.0, final_lr=1.0, n_worlds=1, smoothing=3, patience=None)
 
 
 @pytest.fixture(scope="module")
