@@ -23,7 +23,7 @@ def test_every_advice_is_flown_in_both_directions_and_for_as_long_as_bland_fligh
 
 
 @pytest.mark.parametrize(
-    "path", {t.advised.path for t in TRIALS.values()}, ids=lambda p: p.__name__
+    "path", dict.fromkeys(t.advised.path for t in TRIALS.values()), ids=lambda p: p.__name__
 )
 def test_targets_start_at_rest_and_belong_together(path):
     target = path(T)
