@@ -9,7 +9,7 @@ LOOPS = 2_000_000
 operation; XLA's own default lets through only the smallest (`reports/performance.md`)."""
 OPTIONS = {
     "xla_cpu_multi_thread_eigen": "--xla_cpu_multi_thread_eigen=false",
-    "xla_cpu_small_while_loop_byte_threshold": (
+    "xla_backend_extra_options": (
         f"--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold={LOOPS}"
     ),
 }

@@ -40,8 +40,9 @@ def run_profile(
             found.append(_measured(method, task))
     console.print(table_of(found))
     console.print(
-        "Ratio: an epoch over its forward part. Limit: time that the policy's matrix products "
-        "alone take, at their rate here, over an epoch's. Memory: per drone and episode."
+        "Ratio: an epoch over its forward part. Limit: time that the matrix products of the "
+        "policy and of a frozen residual need at the rate of the policy's, over an epoch's. "
+        "Memory: per drone and episode."
     )
     return 0
 

@@ -56,7 +56,7 @@ def _mean_return(task: AbstractTask, keys: Key[Array, " episodes"]) -> Float[Arr
 def _standing(pos: Float[Array, "drones 3"], t: Float[Array, ""]) -> Flight:
     zero = jnp.zeros_like(pos)
     level = jnp.zeros((len(pos), 4)).at[:, 3].set(1.0)
-    return Flight(t=t, pos=pos, vel=zero, quat=level, ang_vel=zero, thrust=zero[:, 0])
+    return Flight(t=t, pos=pos, vel=zero, quat=level, ang_vel=zero, thrust=zero[:, 0], torque=zero)
 
 
 def write(path: Path) -> None:

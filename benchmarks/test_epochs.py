@@ -1,7 +1,8 @@
 """How long one training epoch takes, and how near it is to its limit. `make bench` runs it.
 
-The limit is the time that the policy's matrix products alone need (`methods/profile.py`), measured
-in the same process; beside it stand the time over that of the forward part and the memory.
+The limit is the time that the matrix products of the policy and of a frozen residual need at the
+rate of the policy's (`methods/profile.py`), measured in the same process; beside it stand the time
+over that of the forward part and the memory.
 """
 
 import equinox as eqx

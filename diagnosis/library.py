@@ -18,6 +18,10 @@ from simulators.effects.contract import AbstractEffect
 LEFT_OUT = ("floor",)
 """Effects that are no candidates: a floor is seen or not, it is not estimated from its slope."""
 
+NEVER_BLAMED = ("rotor_response", "rotor_torque")
+"""Effects that tell one airframe from another and do not come or go; reference flights may show
+them."""
+
 LOCAL = ("wind", "trim", "yaw_misalignment")
 """Effects along whose slopes every window may want something for itself (`verdict.structure`);
 attached always, so that what is left over is measured alike whatever is excluded."""
@@ -37,6 +41,7 @@ NEEDS_ATTITUDE_CMD = (
     "inertia",
     "roll_pitch_gains",
     "rotor_inertia",
+    "rotor_torque",
     "trim",
     "yaw_gains",
     "yaw_misalignment",
@@ -57,9 +62,10 @@ FAMILIES: Mapping[str, frozenset[str]] = {
             "inertia",
             "roll_pitch_gains",
             "rotor_inertia",
+            "rotor_torque",
             "yaw_gains",
         ),
-        ("thrust_lag", "motor_lag"),
+        ("thrust_lag", "motor_lag", "rotor_response"),
         ("trim", "center_of_mass"),
         ("battery", "voltage_sag"),
     )
@@ -193,6 +199,7 @@ def make_library(
     is still none of them.
     `voltage`: every flight is of one drone that logged its battery's voltage.
     """
+    exclude = {*exclude, *NEVER_BLAMED}
     effects, slots = {}, []
     for name, kind in sorted(registry.load_all("effect").items()):
         missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]

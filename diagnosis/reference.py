@@ -1,7 +1,7 @@
 r"""What separates the nominal simulator from reference flights, as knowledge for the next set.
 
 The whole library is fitted to the reference flights with a Gaussian prior on every parameter
-(a thirtieth of its allowed range), so that what these flights cannot tell stays near neutral. Three
+(a tenth of its allowed range), so that what these flights cannot tell stays near neutral. Three
 things carry over to the target flights: the vector itself, its precision, and the noise, which is
 enlarged per channel until the reference flights agree with their own fit. What no effect explains
 on both sets is thereby noise and not a finding. And parameters in which reference flights differ
@@ -23,7 +23,7 @@ from diagnosis.verdict import Floor, floor_of
 UNSHARED = ("gust", "attitude_loop", "mass")
 """Effects that are not fitted to the reference: the slopes of two say nothing at neutral, the third
 would run against its alias thrust_gain, which stands for it."""
-PRIOR = 0.03
+PRIOR = 0.1
 """Standard deviation of the prior over the allowed range; a choice."""
 STEPS = 25
 """Most Gauss-Newton steps."""

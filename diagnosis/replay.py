@@ -124,6 +124,7 @@ def _segment(
             quat=lane["quat"][0],
             ang_vel=jnp.zeros_like(lane["pos"][0]),
             thrust=cmds[0, 0, :, 3],
+            torque=jnp.zeros_like(lane["pos"][0]),
         )
         history = jnp.repeat(cmds[0, :1], 3, axis=0)
         state = simulator.restore(flight, history, jax.random.key(0))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from methods.residuals.contract import AbstractResidualModel
-from simulators.effects.contract import FrozenEffect, Parameter, WrenchEffect
+from simulators.effects.contract import FrozenEffect, Parameter
 from simulators.flight import Flight
 from simulators.rotation import body_z, quat_to_rpy
 from simulators.vehicle import GRAVITY, Vehicle
@@ -52,28 +52,15 @@ class ResidualEffect(FrozenEffect):
         acc = jax.lax.stop_gradient(acc)
         return acc, self.mass * acc, jnp.zeros_like(acc)
 
-    def repeated(self, memory: Float[Array, "drones 3"]) -> "RepeatedResidual":
-        return RepeatedResidual(jax.lax.stop_gradient(memory), self.mass)
+    def repeated(self, memory: Float[Array, "drones 3"]) -> "ResidualEffect":
+        return ResidualEffect(_Known(jax.lax.stop_gradient(memory)), self.mass)
 
 
-class RepeatedResidual(WrenchEffect):
-    """Adds accelerations that a residual gave before."""
+class _Known(AbstractResidualModel):
+    """A residual whose accelerations were computed before."""
 
     acc: Float[Array, "drones 3"]
     """The accelerations [m/s^2, world]."""
-    mass: float = eqx.field(static=True)
-    """Mass that the nominal simulator believes [kg]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {}
-    door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
-    order: ClassVar[int] = 100
-    version: ClassVar[str] = "1"
-
-    def init(self, n_drones: int, dt: float) -> Float[Array, "drones 3"]:
-        return jnp.zeros((n_drones, 3))
-
-    def wrench(
-        self, memory: Float[Array, "drones 3"], flight: Flight, vehicle: Vehicle, dt: float
-    ) -> tuple[Float[Array, "drones 3"], Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-        return self.acc, self.mass * self.acc, jnp.zeros_like(self.acc)
+    def __call__(self, features: Float[Array, "drones 12"]) -> Float[Array, "drones 3"]:
+        return self.acc

@@ -30,7 +30,7 @@ import io
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -42,9 +42,9 @@ from simulators.crazyflow_params import (
     SimData,
     hover_rotor_vel,
     opaque,
+    rotor_wrench,
     scaled_gains,
     scaled_params,
-    thrust_of,
 )
 from simulators.effects import chain
 from simulators.effects.contract import (
@@ -150,7 +150,7 @@ class Crazyflow(AbstractSimulator):
         repeats = round(CONTROL_DT * self.freq)
         memory = chain.init(self.effects, n_drones, dt)
         memory, cmds = chain.warm_up(self.effects, memory, flight, cmd_history, repeats, dt)
-        data = _template(self.spec.name, self.freq).data
+        data, _ = _template(self.spec.name, self.freq)
         targets = hover_rotor_vel(data, cmds[:, :, 3])
         _, vehicle = chain.plant(self.effects, memory, flight, self._vehicle(), dt)
         coef = scaled_params(data, vehicle).rotor_dyn_coef
@@ -217,31 +217,34 @@ class Crazyflow(AbstractSimulator):
         )
 
     def flight(self, state: CrazyflowState) -> Flight:
-        curve = _template(self.spec.name, self.freq).data.params.rpm2thrust
+        data, _ = _template(self.spec.name, self.freq)
+        thrust, torque = rotor_wrench(data.params, state.rotor_vel)
         flight = Flight(
             t=state.steps.astype(float) / self.freq,
             pos=state.pos,
             vel=state.vel,
             quat=state.quat,
             ang_vel=state.ang_vel,
-            thrust=thrust_of(curve, state.rotor_vel),
+            thrust=thrust,
+            torque=torque,
         )
         if not chain.has(self.effects, PlantEffect):
             return flight
         _, vehicle = chain.plant(
             self.effects, state.memory, flight, self._vehicle(), 1.0 / self.freq
         )
-        return eqx.tree_at(lambda f: f.thrust, flight, vehicle.thrust_gain * flight.thrust)
+        produced = (vehicle.thrust_gain * thrust, vehicle.thrust_gain * torque)
+        return eqx.tree_at(lambda f: (f.thrust, f.torque), flight, produced)
 
     def _vehicle(self) -> Vehicle:
         return self.spec.vehicle(drag=True)
 
     def _physics_step(self, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -> CrazyflowState:
-        template = _template(self.spec.name, self.freq)
+        template, pipeline = _template(self.spec.name, self.freq)
 
         def step(state: CrazyflowState, cmd: Array) -> CrazyflowState:
-            data = _pack(template.data, state, cmd)
-            for fn in self._pipeline(template.pipeline):
+            data = _pack(template, state, cmd)
+            for fn in self._pipeline(pipeline):
                 data = fn(data)
             return _unpack(data, state.steps + 1)
 
@@ -308,28 +311,25 @@ class Crazyflow(AbstractSimulator):
 
     def _now(self, data: SimData) -> Flight:
         states = data.states
+        thrust, torque = rotor_wrench(data.params, states.rotor_vel[0])
         return Flight(
             t=data.core.steps[0, 0].astype(float) / self.freq,
             pos=states.pos[0],
             vel=states.vel[0],
             quat=states.quat[0],
             ang_vel=states.ang_vel[0],
-            thrust=thrust_of(data.params.rpm2thrust, states.rotor_vel[0]),
+            thrust=thrust,
+            torque=torque,
         )
 
 
-class _Template(eqx.Module):
-    data: Any
-    pipeline: Any
-
-
-def _template(drone: str, freq: int) -> _Template:
+def _template(drone: str, freq: int) -> tuple[SimData, OrderedDict[str, Callable]]:
     """Constants and pipeline for one drone; states are put in by `_pack`."""
     return _templates(drone, freq, jax.dtypes.canonicalize_dtype(float).name)
 
 
 @functools.cache
-def _templates(drone: str, freq: int, dtype: str) -> _Template:
+def _templates(drone: str, freq: int, dtype: str) -> tuple[SimData, OrderedDict[str, Callable]]:
     # MuJoCo warns of an empty prefix in every scene of crazyflow, to Python and, without a handler
     # of its own, to a file in the working directory.
     handler = mujoco.get_mju_user_warning()  # pyright: ignore[reportAttributeAccessIssue]
@@ -353,7 +353,7 @@ def _templates(drone: str, freq: int, dtype: str) -> _Template:
             lambda x: jnp.asarray(x, dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
             sim.data,
         )
-        return _Template(data=data, pipeline=sim.step_pipeline.copy())
+        return data, sim.step_pipeline.copy()
 
 
 def _pack(data: SimData, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -> SimData:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.vehicle import AutopilotGains, Vehicle
+from simulators.vehicle import GRAVITY, AutopilotGains, Vehicle
 
 SimData = Any
 """crazyflow's structs are flax dataclasses, whose `replace` type checkers do not know."""
@@ -21,9 +21,23 @@ def scaled_params(data: SimData, vehicle: Vehicle) -> Any:
         J_inv=jnp.linalg.inv(vehicle.inertia),
         drag_matrix=-jnp.diag(vehicle.drag),
         rpm2thrust=params.rpm2thrust * vehicle.thrust_gain,
+        rpm2torque=params.rpm2torque * vehicle.rotor_torque_scale,
         prop_inertia=params.prop_inertia * vehicle.rotor_inertia_scale,
-        rotor_dyn_coef=params.rotor_dyn_coef / vehicle.motor_lag_scale,
+        rotor_dyn_coef=rotor_coef(data, vehicle),
     )
+
+
+def rotor_coef(data: SimData, vehicle: Vehicle) -> Float[Array, "*rotors 4"]:
+    """Linear [1/s] and quadratic coefficients of rotors that speed up, then of those slowing down.
+
+    What a quadratic coefficient loses, the linear one gains at the speed of hover.
+    """
+    coef = data.params.rotor_dyn_coef
+    hover = hover_rotor_vel(data, GRAVITY * data.params.mass[None])[0]
+    lost = (1.0 - vehicle.quadratic_lag_scale) * coef[..., 1::2]
+    law = jnp.stack([2.0 * hover * lost, -lost], axis=-1).reshape(coef.shape)
+    slower = vehicle.motor_lag_scale * jnp.stack([1.0, 1.0, *(vehicle.slowing_scale,) * 2])
+    return (coef + law) / slower
 
 
 def scaled_gains(data: SimData, gains: AutopilotGains) -> SimData:
@@ -50,12 +64,14 @@ def opaque(mass: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return jax.lax.optimization_barrier(mass)
 
 
-def thrust_of(
-    curve: Float[Array, "*rotors 3"], rotor_vel: Float[Array, "drones 4"]
-) -> Float[Array, " drones"]:
-    """Collective thrust [N] of rotor speeds [rev/min]."""
-    c0, c1, c2 = curve[..., 0], curve[..., 1], curve[..., 2]
-    return jnp.sum(c0 + c1 * rotor_vel + c2 * rotor_vel**2, axis=-1)
+def rotor_wrench(
+    params: Any, rotor_vel: Float[Array, "drones 4"]
+) -> tuple[Float[Array, " drones"], Float[Array, "drones 3"]]:
+    """Thrust [N] of rotor speeds [rev/min], and its torque about roll and pitch [N m, body]."""
+    c0, c1, c2 = (params.rpm2thrust[..., i] for i in range(3))
+    each = c0 + c1 * rotor_vel + c2 * rotor_vel**2
+    torque = params.L[..., None] * jnp.matmul(each, jnp.swapaxes(params.mixing_matrix, -1, -2))
+    return jnp.sum(each, axis=-1), torque * jnp.asarray([1.0, 1.0, 0.0])
 
 
 def hover_rotor_vel(

@@ -19,3 +19,6 @@ class Flight(eqx.Module):
     """Angular velocity, body frame [rad/s]; zero in a simulator without rotation."""
     thrust: Float[Array, " drones"]
     """Collective thrust as produced, not as commanded [N]."""
+    torque: Float[Array, "drones 3"]
+    """Torque by which the rotors' thrusts differ, about their centre, body frame [N m]; zero in a
+    simulator without rotation."""

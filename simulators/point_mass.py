@@ -169,6 +169,7 @@ class PointMass(AbstractSimulator):
             quat=rpy_to_quat(state.rpy),
             ang_vel=jnp.zeros_like(state.pos),
             thrust=state.thrust,
+            torque=jnp.zeros_like(state.pos),
         )
 
     def acceleration(

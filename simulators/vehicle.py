@@ -34,8 +34,15 @@ class Vehicle(eqx.Module):
     """Thrust that the rotors produce over the thrust they are believed to produce [-]."""
     motor_lag_scale: Float[Array, ""]
     """Time constants of the rotors over their nominal time constants [-]."""
+    slowing_scale: Float[Array, ""]
+    """Time constants of rotors that slow down over their nominal ones, besides [-]."""
+    quadratic_lag_scale: Float[Array, ""]
+    """Quadratic parts of the rotors' lag over their nominal ones, time constants in hover kept
+    [-]."""
     rotor_inertia_scale: Float[Array, ""]
     """Moments of inertia of the rotors over their nominal ones [-]."""
+    rotor_torque_scale: Float[Array, ""]
+    """Torques of the rotors about their axes over the nominal ones at the same speeds [-]."""
     drag: Float[Array, " 3"]
     """Linear drag along the body axes, positive against the motion [N s/m]."""
     arm: Float[Array, ""]
@@ -101,7 +108,10 @@ class VehicleSpec(eqx.Module):
             center_of_mass=jnp.zeros(3),
             thrust_gain=jnp.asarray(1.0),
             motor_lag_scale=jnp.asarray(1.0),
+            slowing_scale=jnp.asarray(1.0),
+            quadratic_lag_scale=jnp.asarray(1.0),
             rotor_inertia_scale=jnp.asarray(1.0),
+            rotor_torque_scale=jnp.asarray(1.0),
             drag=jnp.asarray(self.drag if drag else (0.0, 0.0, 0.0), float),
             arm=jnp.asarray(self.arm, float),
         )

@@ -52,6 +52,7 @@ def hover_flight(pos, vel=None):
         quat=level,
         ang_vel=jnp.zeros_like(pos),
         thrust=jnp.full(len(pos), HOVER),
+        torque=jnp.zeros_like(pos),
     )
 
 

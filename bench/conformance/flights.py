@@ -50,6 +50,7 @@ def hover_flight(simulator: AbstractSimulator, pos: Float[Array, "drones 3"]) ->
         quat=jnp.zeros((len(pos), 4), pos.dtype).at[:, 3].set(1.0),
         ang_vel=zeros,
         thrust=jnp.full(len(pos), hover_thrust(simulator), pos.dtype),
+        torque=zeros,
     )
 
 

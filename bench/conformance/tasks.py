@@ -68,6 +68,7 @@ def random_state(task: AbstractTask, key: PRNGKeyArray = KEY) -> TaskState:
         quat=rpy_to_quat(jax.random.uniform(keys[1], (n, 3), minval=-0.3, maxval=0.3)),
         ang_vel=jnp.zeros((n, 3)),
         thrust=jnp.full(n, 0.4),
+        torque=jnp.zeros((n, 3)),
     )
     return TaskState(flight, task.reset(keys[0])[1], jnp.asarray(100))
 

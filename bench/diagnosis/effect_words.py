@@ -128,6 +128,17 @@ EFFECTS = {
         "{} more rotor inertia than {base}",
         "{} less rotor inertia than {base}",
     ),
+    "rotor_torque": EffectWords(
+        "rotor torque",
+        "propellers of another drag",
+        "The rotors' torque for a given thrust is not the simulated one.",
+    ),
+    "rotor_response": EffectWords(
+        "rotor response",
+        "rotors that follow their commands by another law",
+        "Rotors slow down more slowly or faster than they speed up, in another proportion than the "
+        "simulated ones.",
+    ),
     "wind": EffectWords(
         "wind",
         "a steady wind push",
@@ -207,6 +218,9 @@ PARAMETERS = {
     ("thrust_gain", "e"): ParameterWords("relative change", 100.0, "%"),
     ("inertia", "e"): ParameterWords("relative change", 100.0, "%"),
     ("motor_lag", "scale"): ParameterWords("time constants, times nominal"),
+    ("rotor_torque", "e"): ParameterWords("relative change", 100.0, "%"),
+    ("rotor_response", "slowing"): ParameterWords("time constant of slowing down, times nominal"),
+    ("rotor_response", "quadratic"): ParameterWords("quadratic part of the lag, times nominal"),
     ("center_of_mass", "x"): ParameterWords("forward", 1000.0, "mm"),
     ("center_of_mass", "y"): ParameterWords("to the left", 1000.0, "mm"),
     ("battery", "rate"): ParameterWords("thrust lost", 6000.0, "% a minute"),

@@ -18,7 +18,8 @@ class CrazyflowReality(AbstractReality):
         n_drones = len(pos)
         still = jnp.zeros((n_drones, 3))
         level = jnp.zeros((n_drones, 4)).at[:, 3].set(1.0)
-        flight = Flight(jnp.asarray(0.0), pos, still, level, still, jnp.full(n_drones, HOVER))
+        thrust = jnp.full(n_drones, HOVER)
+        flight = Flight(jnp.asarray(0.0), pos, still, level, still, thrust, still)
         hover = jnp.zeros((25, n_drones, 4)).at[:, :, 3].set(HOVER)
         return with_effects(Crazyflow(), disturbance).restore(flight, hover, jax.random.key(0))
 

@@ -142,7 +142,10 @@ class PlantDisturbance(PlantEffect):
             center_of_mass=vehicle.center_of_mass,
             thrust_gain=vehicle.thrust_gain * left,
             motor_lag_scale=vehicle.motor_lag_scale * self.motor_slowness,
+            slowing_scale=vehicle.slowing_scale,
+            quadratic_lag_scale=vehicle.quadratic_lag_scale,
             rotor_inertia_scale=vehicle.rotor_inertia_scale,
+            rotor_torque_scale=vehicle.rotor_torque_scale,
             drag=vehicle.drag,
             arm=vehicle.arm,
         )
@@ -228,22 +231,31 @@ class WrenchDisturbance(WrenchEffect):
         near = self.ground_effect * (ROTOR_RADIUS / (4.0 * height)) ** 2
         climb = jnp.einsum("ni,ni->n", flight.vel, up)[:, None]
         across = flight.vel - climb * up
-        hover = vehicle.believed_mass * GRAVITY * vehicle.thrust_gain
-        spinning = jnp.sqrt(jnp.maximum(thrust, 1e-6) / hover)
         specific = specific + self.lift * jnp.sum(across**2, axis=1, keepdims=True) * up
-        specific -= spinning * (self.axial_drag * climb * up + self.lateral_drag * across)
-        force = vehicle.believed_mass * specific + near * thrust * up
+        braked, braking = self._rotors(flight, vehicle)
+        force = vehicle.believed_mass * specific + near * thrust * up + _turn(flight.quat, braked)
         # The autopilot's thrust acts at the geometric centre, off the centre of mass.
         lever = jnp.concatenate([self.offset, jnp.zeros(1)])
         pushed = jnp.zeros_like(flight.pos).at[:, 2].set(flight.thrust)
         torque = -jnp.cross(lever, pushed)
-        # Each rotor's own drag, four at (+-arm, +-arm): about x and y along, about z across.
-        braked = self.axial_drag * jnp.asarray([1.0, 1.0, 0.0])
-        braked += self.lateral_drag * jnp.asarray([0.0, 0.0, 2.0])
-        torque -= vehicle.believed_mass * spinning * vehicle.arm**2 * braked * flight.ang_vel
-        torque = _turn(flight.quat, torque)
+        torque = _turn(flight.quat, torque + braking)
         pull, cable, spin = self._sling(cable, spin, thrust * up + force, vehicle.mass, dt)
         return (air, cable, spin), force + pull, torque
+
+    def _rotors(self, flight: Flight, vehicle: Vehicle) -> tuple[Array, Array]:
+        """Force and torque, body frame, of drag at four rotors of their own velocity and speed."""
+        where = vehicle.arm * jnp.asarray([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
+        # Thrusts that sum up to the collective one and to the torque about roll and pitch.
+        x, y = where[:, 0], where[:, 1]
+        tilting = flight.torque[:, :1] * y - flight.torque[:, 1:2] * x
+        each = 0.25 * (flight.thrust[:, None] + tilting / vehicle.arm**2)
+        hover = 0.25 * vehicle.believed_mass * GRAVITY * vehicle.thrust_gain
+        spinning = jnp.sqrt(jnp.maximum(each, 1e-6) / hover)[:, :, None]
+        back = flight.quat * jnp.asarray([-1.0, -1.0, -1.0, 1.0])
+        air = _turn(back, flight.vel)[:, None] + jnp.cross(flight.ang_vel[:, None], where)
+        rates = jnp.stack([self.lateral_drag, self.lateral_drag, self.axial_drag]) + jnp.zeros(3)
+        drag = -0.25 * vehicle.believed_mass * spinning * rates * air
+        return jnp.sum(drag, axis=1), jnp.sum(jnp.cross(where, drag), axis=1)
 
     def _air(self, flight: Flight) -> Array:
         """Specific force of drag, wind, gust, periodic wind and downwash."""

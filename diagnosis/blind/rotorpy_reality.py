@@ -199,7 +199,10 @@ def _rest_of(wrench: WrenchDisturbance) -> WrenchDisturbance:
 
 def _flight(steps: Array, body: Float[Array, "drones 17"], k_eta: Array | float) -> Flight:
     thrust = k_eta * jnp.sum(body[:, 13:] ** 2, axis=1)
-    return Flight(steps * DT, body[:, :3], body[:, 3:6], body[:, 6:10], body[:, 10:13], thrust)
+    untold = jnp.zeros_like(body[:, :3])  # the drags that depend on it are RotorPy's own
+    return Flight(
+        steps * DT, body[:, :3], body[:, 3:6], body[:, 6:10], body[:, 10:13], thrust, untold
+    )
 
 
 def _rotor_speed_sum(airframe: dict[str, Any]) -> float:

@@ -43,6 +43,7 @@ def _flown(simulator, target, dither):
         quat=jnp.asarray([[0.0, 0.0, 0.0, 1.0]]),
         ang_vel=jnp.zeros((1, 3)),
         thrust=hover[:, 3],
+        torque=jnp.zeros((1, 3)),
     )
     tracker = PDTracker(mass=simulator.spec.mass)
     state = simulator.restore(flight, jnp.repeat(hover[None], 10, axis=0), jax.random.key(0))

@@ -9,7 +9,7 @@ from flying import SIMULATORS, attached, x64
 
 from methods.adjoint import LARGEST, buffers, gradient
 from methods.policy import PolicyController, make_policy
-from methods.residual_effect import ResidualEffect, features
+from methods.residual_effect import ResidualEffect
 from methods.residuals.contract import AbstractResidualModel
 from simulators.contract import with_effects
 from tasks.circle import Circle
@@ -128,8 +128,7 @@ def test_room_is_kept_for_many_worlds_only_and_not_without_end():
             assert sum(x.nbytes for x in room) <= LARGEST
 
 
-def test_features_see_the_memory_of_nobody():
-    """A residual's force does not depend on what it remembers."""
+def test_a_residual_does_not_depend_on_what_it_remembers():
     simulator = simulators()["residual"]
     state = simulator.reset(jnp.zeros((2, 3)), KEY)
     shaken = eqx.tree_at(lambda s: s.memory, state, (jnp.ones((2, 3)),))
@@ -137,4 +136,3 @@ def test_features_see_the_memory_of_nobody():
     np.testing.assert_array_equal(
         simulator.step(state, action).vel, simulator.step(shaken, action).vel
     )
-    assert features(simulator.flight(state), simulator.spec.mass).shape == (2, 12)

@@ -26,6 +26,7 @@ from flying import (
 )
 
 from simulators.crazyflow import _template
+from simulators.crazyflow_params import hover_rotor_vel
 from simulators.rotation import body_z, quat_to_rpy, rpy_to_quat
 
 STEPS, H, G = 50, 0.02, 9.81
@@ -104,7 +105,7 @@ def test_rotors_end_up_balancing_an_off_centre_mass():
         return made.step_cmd(state, LEVEL[0], 2.0)
 
     state = settled(hovering(made, positions(1)))
-    params = _template(SPEC.name, made.freq).data.params
+    params = _template(SPEC.name, made.freq)[0].params
     curve = np.squeeze(np.asarray(params.rpm2thrust))
     thrusts = np.polyval(curve[::-1], np.asarray(state.rotor_vel[0], np.float64))
     mixed = np.squeeze(np.asarray(params.mixing_matrix)) @ (thrusts * np.squeeze(params.L))
@@ -127,6 +128,40 @@ def test_motor_lag_stretches_the_rotors_response_in_time(scale, target):
     nominal = SIMULATORS["crazyflow"]()
     ratio = half_time(attached(nominal, motor_lag={"scale": scale})) / half_time(nominal)
     assert ratio == pytest.approx(scale, rel=0.03)
+
+
+@pytest.mark.parametrize(("target", "coef"), [(0.8, 2), (1.2, 0)])
+def test_rotors_without_a_quadratic_part_follow_exponentially(target, coef):
+    """Explicit Euler of W' = (W_cmd - W) / tau, tau twice that of hover where they slow down."""
+    made = attached(SIMULATORS["crazyflow"](), rotor_response={"slowing": 2.0, "quadratic": 0.0})
+    state = hovering(made, positions(1))
+    cmd = jnp.asarray([[0.0, 0.0, 0.0, target * HOVER]])
+    step = eqx.filter_jit(lambda s: made.step_cmd(s, cmd, 0.002))
+    data, _ = _template(SPEC.name, made.freq)
+    start = state.rotor_vel[0, 0]
+    end = hover_rotor_vel(data, jnp.asarray([[target * HOVER]]))[0, 0, 0]
+    linear, square = data.params.rotor_dyn_coef[0, coef : coef + 2]
+    rate = linear + 2.0 * square * start
+    rate = rate / 2.0 if coef else rate
+    for n in range(1, 60):
+        state = step(state)
+        left = (1.0 - 0.002 * rate) ** n
+        np.testing.assert_allclose(state.rotor_vel[0], end + left * (start - end), rtol=2e-5)
+
+
+def test_rotors_that_swing_lose_or_gain_thrust_by_the_law_they_follow():
+    """Swings of 20 % around hover: nominal rotors, up faster than down, gain; slower up, lose."""
+    swings = jnp.where(jnp.arange(600) // 10 % 2, 1.2, 0.8)[:, None, None] * hold(
+        [0.0, 0.0, 0.0, HOVER], 600
+    )
+
+    def mean(**effects):
+        made = attached(SIMULATORS["crazyflow"](), **effects)
+        thrust = fly(made, hovering(made, positions(1)), swings, 0.002).thrust[100:, 0]
+        return float(thrust.mean() / HOVER)
+
+    fast_up, fast_down = (mean(rotor_response={"slowing": s}) for s in (2.0, 0.5))
+    assert fast_down < mean() - 0.005 < mean() + 0.005 < fast_up
 
 
 @both
@@ -353,6 +388,21 @@ def test_rotors_that_speed_up_turn_the_drone_by_their_inertia(e):
     ]
     assert float(rates[0]) > 1e-3
     assert float(rates[1]) == pytest.approx((1.0 + e) * float(rates[0]), rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("e", [-0.5, 0.0, 2.0])
+def test_rotors_that_turn_at_different_speeds_turn_the_drone_by_their_torque(e):
+    """First step from rotors of which one pair is faster, without what their speeding up does."""
+    rates = []
+    for torque in (0.0, e):
+        effects = {"rotor_inertia": {"e": -1.0}, "rotor_torque": {"e": torque}}
+        made = attached(SIMULATORS["crazyflow"](), **effects)
+        state = hovering(made, positions(1))
+        faster = state.rotor_vel * jnp.asarray([[1.05, 1.0, 1.05, 1.0]])
+        state = eqx.tree_at(lambda s: s.rotor_vel, state, faster)
+        rates.append(float(made.step_cmd(state, LEVEL[0], 0.002).ang_vel[0, 2]))
+    assert abs(rates[0]) > 1e-3
+    assert rates[1] == pytest.approx((1.0 + e) * rates[0], rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,8 @@ from flying import (
     restore,
 )
 
-from simulators.rotation import rpy_to_quat
+from simulators.effects.rotor_drag import RotorDrag
+from simulators.rotation import rotate, rpy_to_quat
 
 STEPS = 50
 T = 0.02 * np.arange(1, STEPS + 1)
@@ -76,6 +77,40 @@ def test_rotor_drag_damps_rotation(axis, braked):
     spec = made.spec
     expected = -spec.mass * spec.arm**2 * braked / spec.inertia[axis] * DT["crazyflow"]
     np.testing.assert_allclose(rates[0] - rates[1], expected, rtol=0.03)
+
+
+def test_rotors_that_thrust_more_are_braked_more():
+    """Four rotors summed one by one, two of which turn 3 % faster than they would in hover."""
+    made, spec = SIMULATORS["crazyflow"](), SIMULATORS["crazyflow"]().spec
+    arm, quat, gain = spec.arm, rpy_to_quat(jnp.asarray([[0.2, -0.3, 0.4]])), 0.9
+    where = arm * np.asarray([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
+    speed = 1.1 * np.asarray([1.03, 1.0, 0.97, 1.01])
+    each = gain * HOVER / 4.0 * speed**2
+    turn = np.asarray(rotate(jnp.repeat(quat, 3, axis=0), jnp.eye(3))).T
+    vel, ang_vel = np.asarray([1.0, -0.5, 2.0]), np.asarray([2.0, -1.0, 0.5])
+    air = turn.T @ vel + np.cross(ang_vel, where)
+    braked = -spec.mass / 4.0 * speed[:, None] * air * [0.4, 0.4, 1.7]
+    flight = eqx.tree_at(
+        lambda f: (f.vel, f.quat, f.ang_vel, f.thrust, f.torque),
+        hover_flight(positions(1)),
+        tuple(
+            jnp.asarray(x)[None]
+            for x in (
+                vel,
+                quat[0],
+                ang_vel,
+                each.sum(),
+                np.cross(where, each[:, None] * [0, 0, 1]).sum(0),
+            )
+        ),
+    )
+    vehicle = eqx.tree_at(lambda v: v.thrust_gain, made.spec.vehicle(drag=True), gain)
+    effect = RotorDrag(axial=1.7, lateral=0.4)
+    _, force, torque = effect.wrench(None, flight, vehicle, 0.002)
+    moment = np.cross(where, braked).sum(0)
+    near = 5e-3 * np.linalg.norm(braked.sum(0)), 5e-3 * np.linalg.norm(moment)
+    np.testing.assert_allclose(force[0], turn @ braked.sum(0), atol=near[0])
+    np.testing.assert_allclose(turn.T @ torque[0], moment, atol=near[1])
 
 
 @both

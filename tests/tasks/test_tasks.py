@@ -33,6 +33,7 @@ def random_state(task, key=KEY):
         quat=rpy_to_quat(rpy),
         ang_vel=jnp.zeros((n, 3)),
         thrust=jnp.full(n, 0.4),
+        torque=jnp.zeros((n, 3)),
     )
     return TaskState(flight, task.reset(keys[0])[1], jnp.asarray(100))
 

@@ -13,6 +13,7 @@ from diagnosis.blind.disturbances import (
     PlantDisturbance,
     WrenchDisturbance,
 )
+from simulators.effects.rotor_drag import RotorDrag
 from simulators.flight import Flight
 from simulators.vehicle import GRAVITY, VEHICLES
 
@@ -21,12 +22,15 @@ VEHICLE = VEHICLES["cf21B_500"].vehicle(drag=True)
 HOVER = VEHICLE.mass * GRAVITY
 
 
-def flight(pos=((0.0, 0.0, 1.0),), vel=None, quat=(0.0, 0.0, 0.0, 1.0), thrust=0.4, t=0.0):
+def flight(
+    pos=((0.0, 0.0, 1.0),), vel=None, quat=(0.0, 0.0, 0.0, 1.0), thrust=0.4, t=0.0, torque=None
+):
     pos = jnp.asarray(pos)
     vel = jnp.zeros_like(pos) if vel is None else jnp.asarray(vel)
     quats = jnp.broadcast_to(jnp.asarray(quat), (len(pos), 4))
     still = jnp.zeros_like(pos)
-    return Flight(jnp.asarray(t), pos, vel, quats, still, jnp.full(len(pos), thrust))
+    turning = still if torque is None else jnp.asarray(torque)
+    return Flight(jnp.asarray(t), pos, vel, quats, still, jnp.full(len(pos), thrust), turning)
 
 
 def respond(effect, cmds):
@@ -141,6 +145,24 @@ def test_rotors_drag_and_lift():
     force, _ = push(WrenchDisturbance(lift=0.12), now)
     across = vel @ vel - climb**2
     np.testing.assert_allclose(force[0] / VEHICLE.mass, 0.12 * across * up, rtol=1e-5)
+
+
+def test_rotors_that_thrust_more_are_braked_more():
+    """What the library's effect, linear in the differences, says of the same flight."""
+    drags = WrenchDisturbance(axial_drag=1.7, lateral_drag=0.4)
+    effect = RotorDrag(axial=1.7, lateral=0.4)
+    vel, quat, torque = [[1.0, -0.5, 2.0]], (0.1, -0.2, 0.3, 0.927), [[4e-4, -3e-4, 0.0]]
+    quat = tuple(np.asarray(quat) / np.linalg.norm(quat))
+    level, turning = (flight(vel=vel, quat=quat, torque=t) for t in (None, torque))
+    gained = [
+        np.asarray(of(turning)) - np.asarray(of(level))
+        for of in (
+            lambda now: push(drags, now)[1],
+            lambda now: effect.wrench(None, now, VEHICLE, DT)[2],
+        )
+    ]
+    assert np.abs(gained[0]).max() > 3e-5
+    np.testing.assert_allclose(gained[0], gained[1], atol=0.02 * np.abs(gained[0]).max())
 
 
 def test_thrust_turns_a_vehicle_around_its_centre_of_mass():

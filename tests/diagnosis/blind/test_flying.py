@@ -34,7 +34,7 @@ def replay(pos, steps, cmds):
     """Truth after each control step under logged commands, held for `steps` physics steps."""
     simulator = Crazyflow()
     still, level = jnp.zeros((1, 3)), jnp.asarray([[0.0, 0.0, 0.0, 1.0]])
-    start = Flight(jnp.asarray(0.0), pos, still, level, still, jnp.asarray([HOVER]))
+    start = Flight(jnp.asarray(0.0), pos, still, level, still, jnp.asarray([HOVER]), still)
     hover = jnp.zeros((25, 1, 4)).at[:, :, 3].set(HOVER)
 
     def held(state, now):

@@ -1,0 +1,63 @@
+"""Rotor response: how rotors slow down, and how much of their lag is quadratic in the speed."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.contract import Parameter, PlantEffect
+from simulators.flight import Flight
+from simulators.vehicle import Vehicle
+
+
+class RotorResponse(PlantEffect):
+    """Rotors that follow commands by another law. Source: crazyflow's four rotor coefficients.
+
+    A law that is not linear in the thrust, or differs between speeding up and slowing down, shifts
+    the mean thrust wherever a thrust or attitude command swings, and the more, the less thrust.
+    """
+
+    slowing: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=1.0)
+    """Time constant of slowing down over its nominal value, beside `motor_lag` [-]."""
+    quadratic: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=1.0)
+    """Quadratic part of the lag over its nominal value, the time constants in hover kept [-]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "slowing": Parameter(
+            unit="-",
+            low=0.3,
+            high=3.0,
+            neutral=1.0,
+            factor=True,
+            source="slowing down takes 1.09 (cf21B) and 0.78 (L250) times as long as speeding up "
+            "in crazyflow 0.4.0; the bounds are those of `motor_lag`",
+        ),
+        "quadratic": Parameter(
+            unit="-",
+            low=0.0,
+            high=2.0,
+            neutral=1.0,
+            source="0 is a lag that is linear in the speed, as in RotorPy 2.1; the upper bound is "
+            "a guess",
+        ),
+    }
+    door: ClassVar[str] = "plant"
+    needs: ClassVar[tuple[str, ...]] = ("rotation",)
+    order: ClassVar[int] = 7
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def plant(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Vehicle]:
+        return None, eqx.tree_at(
+            lambda v: (v.slowing_scale, v.quadratic_lag_scale),
+            vehicle,
+            (
+                vehicle.slowing_scale * self.slowing,
+                vehicle.quadratic_lag_scale * self.quadratic,
+            ),
+        )
