@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from diagnosis import gap, shrinkage
 from diagnosis.advice import next_flight
-from diagnosis.library import LEFT_OUT, NEEDS_ATTITUDE_CMD, NEEDS_VOLTAGE, Library
+from diagnosis.library import LEFT_OUT, NEEDS_ATTITUDE_CMD, NEEDS_VOLTAGE, NEVER_BLAMED, Library
 from diagnosis.logs import FlightLog, FlightSet
 from diagnosis.noise import CHANNELS
 from diagnosis.search import Problem
@@ -192,6 +192,8 @@ def _not_observable(study: "Study", exclude: Collection[str]) -> list[dict[str, 
             why = "excluded by request, or cannot be told from what was"
         elif missing:
             why = f"simulator '{simulator.name}' has no door '{missing[0]}'"
+        elif name in NEVER_BLAMED:
+            why = "it tells one airframe from another; reference flights may show it"
         elif name in LEFT_OUT:
             why = "a floor is seen or not; it has no slope to follow"
         elif name in NEEDS_VOLTAGE:

@@ -296,10 +296,8 @@ class Crazyflow(AbstractSimulator):
         vehicle = self._vehicle() if vehicle is None else vehicle
         flight = self._now(data)
         memory, force, torque = chain.wrench(self.effects, memory, flight, vehicle, 1.0 / self.freq)
-        # Thrust acts at the geometric centre, which lies at minus the offset seen from the
-        # centre of mass: torque = -offset x thrust, turned into the world frame.
         up = jnp.zeros_like(flight.pos).at[:, 2].set(flight.thrust)
-        torque = torque + rotate(flight.quat, jnp.cross(-vehicle.center_of_mass, up))
+        torque = torque + vehicle.at_center(flight.quat, rotate(flight.quat, up))
         states = data.states.replace(force=force[None], torque=torque[None])
         return data.replace(states=states, plugins={"effects": (memory, vehicle)})
 

@@ -8,6 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from simulators.rotation import rotate
+
 GRAVITY = 9.81
 """Gravitational acceleration [m/s^2], crazyflow's value."""
 
@@ -47,6 +49,12 @@ class Vehicle(eqx.Module):
     """Linear drag along the body axes, positive against the motion [N s/m]."""
     arm: Float[Array, ""]
     """Distance of each rotor from the roll and from the pitch axis [m]."""
+
+    def at_center(
+        self, quat: Float[Array, "drones 4"], force: Float[Array, "drones 3"]
+    ) -> Float[Array, "drones 3"]:
+        """Torque [N m] of a force [N] amid the rotors about the centre of mass, world frame."""
+        return jnp.cross(rotate(quat, jnp.broadcast_to(-self.center_of_mass, force.shape)), force)
 
 
 class AutopilotGains(eqx.Module):

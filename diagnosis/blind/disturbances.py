@@ -231,13 +231,13 @@ class WrenchDisturbance(WrenchEffect):
         near = self.ground_effect * (ROTOR_RADIUS / (4.0 * height)) ** 2
         climb = jnp.einsum("ni,ni->n", flight.vel, up)[:, None]
         across = flight.vel - climb * up
-        specific = specific + self.lift * jnp.sum(across**2, axis=1, keepdims=True) * up
-        braked, braking = self._rotors(flight, vehicle)
-        force = vehicle.believed_mass * specific + near * thrust * up + _turn(flight.quat, braked)
-        # The autopilot's thrust acts at the geometric centre, off the centre of mass.
+        lift = vehicle.believed_mass * self.lift * jnp.sum(across**2, axis=1)
+        pushed, braking = self._rotors(flight, vehicle)
+        pushed = pushed.at[:, 2].add(lift)
+        force = vehicle.believed_mass * specific + near * thrust * up + _turn(flight.quat, pushed)
+        # All that acts on rotors acts at the geometric centre, off the centre of mass.
         lever = jnp.concatenate([self.offset, jnp.zeros(1)])
-        pushed = jnp.zeros_like(flight.pos).at[:, 2].set(flight.thrust)
-        torque = -jnp.cross(lever, pushed)
+        torque = -jnp.cross(lever, pushed.at[:, 2].add(flight.thrust))
         torque = _turn(flight.quat, torque + braking)
         pull, cable, spin = self._sling(cable, spin, thrust * up + force, vehicle.mass, dt)
         return (air, cable, spin), force + pull, torque

@@ -6,7 +6,8 @@
 It grows with rotor speed, s = sqrt(T / (gain m g)) for the thrust T of rotors of that gain, one in
 hover; linear drag of the body (`drag`) does not. By the torque tau rotors turn the drone, and those
 that thrust more turn faster and are braked more: a climb along b weakens the grip on the attitude,
-by 13 % at 1.5 m/s and k_a = 1.7. A simulator without rotation ignores the torque.
+by 13 % at 1.5 m/s and k_a = 1.7. f acts amid the rotors, off a centre of mass that lies elsewhere,
+whose own motion by w is left out. A simulator without rotation ignores the torque.
 
 | symbol | name | unit |
 |---|---|---|
@@ -68,5 +69,6 @@ class RotorDrag(WrenchEffect):
             2.0 * vehicle.thrust_gain * GRAVITY * speed
         )
         force, torque = mass * speed * force, mass * speed * torque + differing
+        torque = torque + vehicle.at_center(flight.quat, force)
         braked = [jnp.where(turning[:, None], -x, 0.0) for x in (force, torque)]
         return None, braked[0], braked[1]

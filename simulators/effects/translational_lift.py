@@ -1,4 +1,4 @@
-"""Translational lift: f = k m |v across b|^2 b along the rotor axis b."""
+"""Translational lift: f = k m |v across b|^2 b along the rotor axis b, amid the rotors."""
 
 from typing import ClassVar
 
@@ -30,7 +30,7 @@ class TranslationalLift(WrenchEffect):
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 8
-    version: ClassVar[str] = "2"
+    version: ClassVar[str] = "3"
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -41,4 +41,5 @@ class TranslationalLift(WrenchEffect):
         up = body_z(flight.quat)
         across = flight.vel - along(up, flight.vel)
         squared = jnp.sum(across**2, axis=-1, keepdims=True)
-        return None, self.k * vehicle.believed_mass * squared * up, jnp.zeros_like(flight.vel)
+        force = self.k * vehicle.believed_mass * squared * up
+        return None, force, vehicle.at_center(flight.quat, force)

@@ -20,7 +20,9 @@ from flying import (
 )
 
 from simulators.effects.rotor_drag import RotorDrag
+from simulators.effects.translational_lift import TranslationalLift
 from simulators.rotation import rotate, rpy_to_quat
+from simulators.vehicle import GRAVITY
 
 STEPS = 50
 T = 0.02 * np.arange(1, STEPS + 1)
@@ -125,3 +127,21 @@ def test_translational_lift_grows_with_the_square_of_forward_speed(name):
             for s in (made, SIMULATORS[name]())
         ]
         np.testing.assert_allclose(lift[0] - lift[1], [k * forward**2 * dt, 0.0], rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "vel", "force"),
+    [
+        ("translational_lift", {"k": 0.2}, [2.0, 0.0, 0.0], [0.0, 0.0, 0.8]),
+        ("rotor_drag", {"axial": 1.0, "lateral": 0.5}, [2.0, 0.0, 1.0], [-1.0, 0.0, -1.0]),
+    ],
+)
+def test_air_on_the_rotors_acts_amid_them(effect, values, vel, force):
+    """Torque of the force that a level drone feels about a centre of mass at (2, 3) mm."""
+    made, mass = RotorDrag if effect == "rotor_drag" else TranslationalLift, HOVER / GRAVITY
+    vehicle = SIMULATORS["crazyflow"]().spec.vehicle(drag=True)
+    vehicle = eqx.tree_at(lambda v: v.center_of_mass, vehicle, jnp.asarray([2e-3, 3e-3, 0.0]))
+    flight = hover_flight(positions(1), jnp.asarray([vel]))
+    _, pushed, torque = made(**values).wrench(None, flight, vehicle, 0.002)
+    np.testing.assert_allclose(pushed[0] / mass, force, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(torque[0], np.cross([-2e-3, -3e-3, 0.0], pushed[0]), rtol=1e-4)

@@ -171,6 +171,15 @@ def test_thrust_turns_a_vehicle_around_its_centre_of_mass():
     np.testing.assert_allclose(torque[0], [0.0, 0.0008, 0.0], atol=1e-9)
 
 
+def test_what_pushes_rotors_turns_a_vehicle_around_its_centre_of_mass():
+    """Lift of 0.5 m/s^2 and lateral drag of 0.6 m/s^2 of a drone at 2 m/s, 2 mm off its centre."""
+    effect = WrenchDisturbance(offset=jnp.asarray([0.002, 0.0]), lift=0.125, lateral_drag=0.3)
+    mass = float(VEHICLE.mass)
+    _, torque = push(effect, flight(vel=[[0.0, 2.0, 0.0]], thrust=HOVER))
+    expected = [0.0, 0.002 * mass * (GRAVITY + 0.5), 0.002 * mass * 0.6]
+    np.testing.assert_allclose(torque[0], expected, rtol=1e-4)
+
+
 def test_turbulence_has_its_size_and_correlation_time():
     effect = WrenchDisturbance(turbulence=0.8, turbulence_time=0.3, seed=4)
 
