@@ -94,6 +94,8 @@ REGIMES: Mapping[str, str] = {
     "battery": "one flight of several minutes",
     "voltage_sag": "two flights of a minute, one from a full and one from a half-empty battery",
     "motor_lag": "thrust steps of 30 % every 0.4 s",
+    "gyro_compensation": "circles at 2 m/s under yaw sweeps of 1 rad/s",
+    "rotor_arm": "attitude steps of 0.3 rad every 0.4 s",
     "rotor_torque": "yaw steps of 0.5 rad every second",
     "rotor_response": "thrust steps of 30 % every 0.4 s",
     "inertia": "attitude steps of 0.3 rad every 0.4 s",

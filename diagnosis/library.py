@@ -18,7 +18,7 @@ from simulators.effects.contract import AbstractEffect
 LEFT_OUT = ("floor",)
 """Effects that are no candidates: a floor is seen or not, it is not estimated from its slope."""
 
-NEVER_BLAMED = ("rotor_response", "rotor_torque")
+NEVER_BLAMED = ("gyro_compensation", "rotor_arm", "rotor_response", "rotor_torque")
 """Effects that tell one airframe from another and do not come or go; reference flights may show
 them."""
 
@@ -38,8 +38,10 @@ NEEDS_ATTITUDE_CMD = (
     "attitude_loop",
     "center_of_mass",
     "delay",
+    "gyro_compensation",
     "inertia",
     "roll_pitch_gains",
+    "rotor_arm",
     "rotor_inertia",
     "rotor_torque",
     "trim",
@@ -61,6 +63,7 @@ FAMILIES: Mapping[str, frozenset[str]] = {
             "motor_lag",
             "inertia",
             "roll_pitch_gains",
+            "rotor_arm",
             "rotor_inertia",
             "rotor_torque",
             "yaw_gains",

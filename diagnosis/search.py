@@ -12,23 +12,22 @@ The log evidence of a set (Laplace's approximation, parameters uniform within th
 with phi >= 1 the dispersion between flights (`dispersion`), which makes flights, not samples, the
 unit of replication.
 
-With a reference, what the nominal simulator lacks on both sets is a shared vector s with a
-Gaussian precision S from the reference flights. It is eliminated from every solve to first order,
-so that only effects are searched for in the simulator; the sets that end on top are flown with it
-(`Problem.polish`). What differs between reference flights may differ here, too (`loosened`).
+With a reference, what the nominal simulator lacks on both sets is eliminated to first order
+(`reduced.py`); the sets that end on top are flown with it (`Problem.polish`). What differs between
+reference flights may differ here, too (`loosened`).
 """
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.equations import bounded_step, loosened, moved, scale_of, scaled, switched
+from diagnosis.equations import loosened, switched
 from diagnosis.fit import Fit, Set
-from diagnosis.library import Library
 from diagnosis.likelihood import Likelihood, Normal
+from diagnosis.reduced import QUIET, Equations
 from diagnosis.segments import WINDOW
 
 START = {
@@ -36,8 +35,8 @@ START = {
     "gust": {"onset": 0.0},
 }
 """Where a fit starts whose slope at neutral vanishes; gust's onset is found by scanning."""
-QUIET = 3
-"""Windows before the earliest onset: a gust that blows from the start is a wind."""
+LARGEST = 3
+"""Most effects of a set."""
 REFITS = 4
 """Most sets of one size that are refitted."""
 NEAR = 0.2
@@ -57,14 +56,12 @@ HOPELESS = 50.0
 """Log evidence [nats] below that of another set at which a refit ends early."""
 ACROSS = 0.1
 """How near an onset must be to the edge of a window for the window beside to be tried [s]."""
-FIRM = 1e6
-"""Precision of an effect that may not shift over what the reference says of it."""
 WORTH = 3.0
 """Gain [nats] that another effect must promise to be tried; a choice below every threshold."""
 
 
-class Problem:
-    """Target flights, the nominal (or reference) vector, and what is known of it."""
+class Problem(Equations):
+    """Fits of candidate sets."""
 
     def __init__(
         self,
@@ -73,58 +70,13 @@ class Problem:
         precision: Float[np.ndarray, "params params"] | None = None,
         spread: Float[np.ndarray, " params"] | None = None,
     ) -> None:
-        self.likelihood, self.phi = likelihood, 1.0
-        self.library: Library = likelihood.replay.library
-        self.precision = None if precision is None else self._pinned(precision)
-        self.base = self.library.neutral if base is None else base
-        self.spread = np.zeros(len(self.base)) if spread is None else spread
-        self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
+        super().__init__(likelihood, base, precision, spread)
         self.fits: dict[Set, Fit] = {}
         self.known: dict[Set, Fit] = {}
-
-    def _pinned(self, precision: Float[np.ndarray, "params params"]) -> np.ndarray:
-        """`precision` with which effects that may not be blamed do not shift either."""
-        pinned, withheld = precision.copy(), self.free(self.library.withheld)
-        pinned[withheld, withheld] *= FIRM
-        return pinned
 
     def renew(self) -> None:
         """Forgets all fits but where they ended: the likelihood was settled anew."""
         self.known, self.fits = self.fits, {}
-
-    def free(self, effects: Iterable[str]) -> list[int]:
-        """Entries of the vector that a set sets free."""
-        return [i for name in sorted(effects) for i in self.library.indices(name)]
-
-    def made(
-        self,
-        effects: Set,
-        vector: np.ndarray,
-        shared: np.ndarray | None = None,
-        whole: bool = True,
-    ) -> Fit:
-        """The fit of a set at `vector`, the rest of the shared shift taken to first order.
-
-        Unless `whole`, the normal equations need not be along more than the set's parameters.
-        """
-        shared, ahead = np.zeros(len(vector)) if shared is None else shared, np.zeros(len(vector))
-        if self.precision is None:
-            normal = self.likelihood.normal(vector, None if whole else self.free(effects))
-            return Fit(effects, vector, normal, shared, ahead, 0.0)
-        normal = loosened(self.likelihood.normal(vector), self.spread)
-        H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
-        if np.isfinite(H).all():
-            ahead = self._ahead(H + self.precision, g - self.precision @ shared, vector)
-        shift = shared + ahead
-        penalty = float(shift @ self.precision @ shift)
-        return Fit(effects, vector, moved(normal, ahead), shared, ahead, penalty)
-
-    def _ahead(self, H: np.ndarray, g: np.ndarray, vector: np.ndarray) -> np.ndarray:
-        """Solution of H x = g that keeps `vector` + x within the bounds of all parameters."""
-        low, high = self.library.low - vector, self.library.high - vector
-        free = np.linalg.solve(H, g)
-        inside = bool(np.all((free >= low) & (free <= high)))
-        return free if inside else bounded_step(H, g, low, high)
 
     def nominal(self) -> Fit:
         """The base vector without any effect, from which candidates are screened."""
@@ -223,54 +175,6 @@ class Problem:
         gust = self.library.indices("gust")
         return loosened(switched(normal.of(normal.dof > 0), gust, onset), self.spread)
 
-    def _place(self, effect: str, parameter: str) -> int:
-        slots = self.library.slots
-        return next(i for i in self.library.indices(effect) if slots[i].parameter == parameter)
-
-    def _within(self, vector: np.ndarray, free: list[int]) -> np.ndarray:
-        vector = vector.copy()
-        vector[free] = np.clip(vector[free], *self._bounds(free))
-        return vector
-
-    def _bounds(self, free: list[int]) -> tuple[np.ndarray, np.ndarray]:
-        low, high = self.library.low.copy(), self.library.high
-        if "gust" in self.library.effects:
-            low[self._place("gust", "onset")] = self.earliest
-        return low[free], high[free]
-
-    def _bounded(
-        self, normal: Normal, fit: Fit, free: list[int]
-    ) -> tuple[Float[np.ndarray, " free"], float]:
-        """Linear step within the bounds, and the fall in chi-square that it promises."""
-        H, g = self.reduced(normal, fit, free)
-        if not free or not np.isfinite(H).all():
-            return np.zeros(len(free)), 0.0
-        low, high = self._bounds(free)
-        step = bounded_step(H, g, low - fit.vector[free], high - fit.vector[free])
-        return step, float(2 * g @ step - step @ H @ step)
-
-    def solve(
-        self, normal: Normal, fit: Fit, free: list[int]
-    ) -> tuple[Float[np.ndarray, " free"], float]:
-        """Linear step of the free parameters, and the fall in chi-square that it promises."""
-        H, g = self.reduced(normal, fit, free)
-        if not free:
-            return np.zeros(0), 0.0
-        step = np.linalg.lstsq(*scaled(H, g), rcond=1e-9)[0] / scale_of(H)
-        return step, float(2 * g @ step - step @ H @ step)
-
-    def reduced(
-        self, normal: Normal, fit: Fit, free: list[int]
-    ) -> tuple[Float[np.ndarray, "free free"], Float[np.ndarray, " free"]]:
-        """Normal equations of the free parameters, the shared shift eliminated."""
-        H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
-        inner, right = H[np.ix_(free, free)], g[free]
-        if self.precision is None:
-            return inner, right
-        known = H + self.precision
-        pull = np.linalg.solve(known, np.column_stack([H[:, free], g - self.precision @ fit.shift]))
-        return inner - H[free] @ pull[:, :-1], right - H[free] @ pull[:, -1]
-
     def _descended(self, fit: Fit, free: list[int]) -> Fit:
         best = max((self.log_evidence(other) for other in self.fits.values()), default=-np.inf)
         for left in reversed(range(STEPS)):
@@ -295,22 +199,6 @@ class Problem:
                 return tried
         return None
 
-    def log_evidence(self, fit: Fit) -> float:
-        """Laplace's log evidence [nats]; of parameters that cannot be flown minus infinity."""
-        free = self.free(fit.effects)
-        H, _ = self.reduced(fit.normal, fit, free)
-        if not np.isfinite(H).all():
-            return -np.inf
-        return -0.5 * fit.objective / self.phi - self.occam(H, free)
-
-    def occam(self, H: Float[np.ndarray, "free free"], free: list[int]) -> float:
-        """What the parameters cost: ln of prior range over posterior width [nats]."""
-        if not free:
-            return 0.0
-        width = (self.library.high - self.library.low)[free]
-        sizes = np.linalg.slogdet(H / self.phi + np.diag(2 * np.pi / width**2))[1]
-        return float(np.sum(np.log(width / np.sqrt(2 * np.pi))) + 0.5 * sizes)
-
     def promised(self, near: Fit, effects: Set) -> float:
         """Log evidence that the linear screening at `near` promises a set [nats]."""
         free, normal = self.free(effects), near.normal
@@ -320,7 +208,7 @@ class Problem:
         H, _ = self.reduced(normal, near, free)
         return -0.5 * (near.objective - gain) / self.phi - self.occam(H, free)
 
-    def search(self, largest: int = 3) -> list[Fit]:
+    def search(self, largest: int = LARGEST) -> list[Fit]:
         """Fits of every set that came near the top, best evidence first.
 
         After `renew`, sets that had come near the top are fitted again, and grown from there.
@@ -345,11 +233,31 @@ class Problem:
         return sorted(self.fits.values(), key=self.log_evidence, reverse=True)
 
     def polish_best(self) -> None:
-        """Polishes the set on top, and the next one if that takes its place."""
+        """Polishes the set on top, and the next one if that takes its place.
+
+        Where that changed much, what the set left before says little of what it leaves now, and
+        larger ones are tried from there.
+        """
         polished: set[Set] = set()
-        while (best := self.ranked()[0].effects) not in polished:
-            polished.add(best)
-            self.polish(best)
+        while (best := self.ranked()[0]).effects not in polished:
+            polished.add(best.effects)
+            fit = self.polish(best.effects)
+            if (
+                self.log_evidence(fit) - self.log_evidence(best) > AGAIN
+                and len(fit.effects) < LARGEST
+            ):
+                self._outgrow(fit)
+
+    def _outgrow(self, fit: Fit) -> None:
+        """Refits sets with one effect more than `fit` from there, the better fit is kept."""
+        before = {effects: self.fits[effects] for effects in self.fits if fit.effects < effects}
+        for effects in before:
+            del self.fits[effects]
+        for _ in self._grow([fit]):
+            pass
+        for effects, old in before.items():
+            new = self.fits.setdefault(effects, old)
+            self.fits[effects] = max(old, new, key=self.log_evidence)
 
     def _prune(self) -> None:
         """Refits the best set without each of its effects, as long as that is better.
@@ -359,14 +267,20 @@ class Problem:
         while True:
             best = self.ranked()[0]
             for name in best.effects:
-                less = best.effects - {name}
-                if less not in self.fits and self._worth(best, name) < NEEDED:
-                    vector = best.vector.copy()
-                    gone = self.library.indices(name)
-                    vector[gone] = self.base[gone] + best.shared[gone]
-                    self.refit(less, self.made(less, vector, best.shared))
+                self._spare(best, name)
             if best is self.ranked()[0]:
                 return
+
+    def _spare(self, best: Fit, name: str) -> None:
+        """Fits `best` without an effect that brings little, unless that was done as well."""
+        less, worth = best.effects - {name}, self._worth(best, name)
+        old, near = self.fits.get(less), self.log_evidence(best) - worth - AGAIN
+        if worth < NEEDED and (old is None or self.log_evidence(old) < near):
+            vector, gone = best.vector.copy(), self.library.indices(name)
+            vector[gone] = self.base[gone] + best.shared[gone]
+            fit = self._descended(self.made(less, vector, best.shared), self.free(less))
+            fit = self.made(less, fit.vector, fit.shared)
+            self.fits[less] = max(old or fit, fit, key=self.log_evidence)
 
     def _worth(self, fit: Fit, name: str) -> float:
         """What leaving out an effect of `fit` would cost in log evidence [nats], to first order."""

@@ -1,8 +1,8 @@
 r"""From fitted candidate sets to an answer: effects, aliases, none beyond noise, or unexplained.
 
 The posterior of a set is its evidence times a prior that every effect costs `EFFECT_COST` nats,
-flattened by `TEMPERATURE`; beside a reference an effect must also explain a least part of the gap
-(`WORTHY`). Whether the best set explains the flights is asked afterwards, of
+flattened by `TEMPERATURE`; beside a reference that is not followed an effect must also explain a
+least part of the gap (`WORTHY`). Whether the best set explains the flights is asked afterwards, of
 the data alone: every window may have its own force and tilt, and if windows use that freedom more
 than noise would (`structure`), something is left that no candidate explains.
 
@@ -43,10 +43,10 @@ flight had at most 1.04 on development cases and 1.14 on the cases that were cou
 MUCH = 0.2
 """Share of the gap that no effect may leave beyond `SLIGHT`; the right set left at most 0.05."""
 WORTHY = 0.002
-"""Share of the gap that an effect must explain to be named beside a reference: what a change does
-to a reality that the simulator is not, is known no better than that. False second effects explained
-up to 0.0005 on development cases in RotorPy, true ones 0.006 or more but for a downwash beside an
-offset of the centre of mass (0.0004)."""
+"""Share of the gap that an effect must explain to be named where reference flights are not followed
+(`Floor.unlike`): what a change does there is known no better. False second effects explained up to
+0.0005 on development cases in RotorPy when it was not, true ones 0.006 or more but for a downwash
+beside an offset of the centre of mass (0.0004 to 0.001)."""
 CLOSE = 0.025
 """What stands there in the place of `UNEXPLAINED_SHARE`; the right set left up to 0.023 on
 development cases in RotorPy with a structure above `STRUCTURE`."""
@@ -63,6 +63,14 @@ class Floor:
     """That of all reference flights."""
     scatter: float = 0.0
     """Standard deviation between reference flights, beyond noise."""
+
+    @property
+    def unlike(self) -> float:
+        """How far undisturbed flights are from being followed: 0 if they are, 1 from `SLIGHT` on.
+
+        What a change does to such a reality is known no better than the reality itself.
+        """
+        return float(np.clip((self.value - 1.0) / (SLIGHT - 1.0), 0.0, 1.0))
 
 
 FOLLOWED = Floor()
@@ -129,7 +137,7 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
     share = (left.value - floor.value) / max(found - floor.value, 1e-9)
     share = float(np.clip(share, 0.0, 1.0)) if found > floor.value else 0.0
     kind = "effect" if chosen.effects else "none"
-    tolerated = UNEXPLAINED_SHARE if floor is FOLLOWED else CLOSE
+    tolerated = UNEXPLAINED_SHARE + floor.unlike * (CLOSE - UNEXPLAINED_SHARE)
     clear = left.exceeds(STRUCTURE, floor) and share > tolerated
     if clear or (left.exceeds(SLIGHT, floor) and share > MUCH):
         kind = "unexplained"
@@ -149,10 +157,8 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
 
 def _cost(problem: Problem, fits: Sequence[Fit], floor: Floor) -> float:
     """What an effect costs [nats]."""
-    if floor is FOLLOWED:
-        return EFFECT_COST
     gap = problem.nominal().objective - min(fit.objective for fit in fits)
-    return EFFECT_COST + WORTHY * 0.5 * max(gap, 0.0) / problem.phi
+    return EFFECT_COST + floor.unlike * WORTHY * 0.5 * max(gap, 0.0) / problem.phi
 
 
 def _posterior(problem: Problem, fits: Sequence[Fit], cost: float) -> list[Ranked]:

@@ -30,7 +30,7 @@ import io
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -218,23 +218,15 @@ class Crazyflow(AbstractSimulator):
 
     def flight(self, state: CrazyflowState) -> Flight:
         data, _ = _template(self.spec.name, self.freq)
-        thrust, torque = rotor_wrench(data.params, state.rotor_vel)
-        flight = Flight(
-            t=state.steps.astype(float) / self.freq,
-            pos=state.pos,
-            vel=state.vel,
-            quat=state.quat,
-            ang_vel=state.ang_vel,
-            thrust=thrust,
-            torque=torque,
-        )
+        flight = self._seen(state.steps, state, data.params)
         if not chain.has(self.effects, PlantEffect):
             return flight
         _, vehicle = chain.plant(
             self.effects, state.memory, flight, self._vehicle(), 1.0 / self.freq
         )
-        produced = (vehicle.thrust_gain * thrust, vehicle.thrust_gain * torque)
-        return eqx.tree_at(lambda f: (f.thrust, f.torque), flight, produced)
+        thrust = vehicle.thrust_gain * flight.thrust
+        torque = vehicle.thrust_gain * vehicle.arm_scale * flight.torque
+        return eqx.tree_at(lambda f: (f.thrust, f.torque), flight, (thrust, torque))
 
     def _vehicle(self) -> Vehicle:
         return self.spec.vehicle(drag=True)
@@ -308,14 +300,17 @@ class Crazyflow(AbstractSimulator):
         return data.replace(states=states, plugins={"effects": (memory, vehicle)})
 
     def _now(self, data: SimData) -> Flight:
-        states = data.states
-        thrust, torque = rotor_wrench(data.params, states.rotor_vel[0])
+        states = jax.tree.map(lambda x: x[0], data.states)
+        return self._seen(data.core.steps[0, 0], states, data.params)
+
+    def _seen(self, steps: Int[Array, ""], states: Any, params: Any) -> Flight:
+        thrust, torque = rotor_wrench(params, states.rotor_vel)
         return Flight(
-            t=data.core.steps[0, 0].astype(float) / self.freq,
-            pos=states.pos[0],
-            vel=states.vel[0],
-            quat=states.quat[0],
-            ang_vel=states.ang_vel[0],
+            t=steps.astype(float) / self.freq,
+            pos=states.pos,
+            vel=states.vel,
+            quat=states.quat,
+            ang_vel=states.ang_vel,
             thrust=thrust,
             torque=torque,
         )

@@ -21,6 +21,7 @@ def scaled_params(data: SimData, vehicle: Vehicle) -> Any:
         J_inv=jnp.linalg.inv(vehicle.inertia),
         drag_matrix=-jnp.diag(vehicle.drag),
         rpm2thrust=params.rpm2thrust * vehicle.thrust_gain,
+        L=params.L * vehicle.arm_scale,
         rpm2torque=params.rpm2torque * vehicle.rotor_torque_scale,
         prop_inertia=params.prop_inertia * vehicle.rotor_inertia_scale,
         rotor_dyn_coef=rotor_coef(data, vehicle),

@@ -48,7 +48,9 @@ class Vehicle(eqx.Module):
     drag: Float[Array, " 3"]
     """Linear drag along the body axes, positive against the motion [N s/m]."""
     arm: Float[Array, ""]
-    """Distance of each rotor from the roll and from the pitch axis [m]."""
+    """Nominal distance of each rotor from the roll and from the pitch axis [m]."""
+    arm_scale: Float[Array, ""]
+    """That distance over its nominal value [-]."""
 
     def at_center(
         self, quat: Float[Array, "drones 4"], force: Float[Array, "drones 3"]
@@ -122,6 +124,7 @@ class VehicleSpec(eqx.Module):
             rotor_torque_scale=jnp.asarray(1.0),
             drag=jnp.asarray(self.drag if drag else (0.0, 0.0, 0.0), float),
             arm=jnp.asarray(self.arm, float),
+            arm_scale=jnp.asarray(1.0),
         )
 
 

@@ -17,10 +17,12 @@ with the floor is a crash but not part of the penalty: "per-collision penalty [.
 spatial overlap" (paper, Sec. IV-B).
 """
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from simulators.vehicle import COLLISION_RADIUS
+from tasks import sweep
 
 CONTACT_DISTANCE = 2.0 * COLLISION_RADIUS
 """Distance between centres below which two drones are in contact [m]."""
@@ -28,21 +30,36 @@ GRACE = 0.5
 """Time after a reset in which contact with the floor does not count [s]; paper, Sec. V."""
 PENALTY = 1.0
 """Penalty per step and agent in contact, in units of reward; a choice, see above."""
+MANY = 64
+"""Team size from which on close pairs are found by sweeps (`tasks/sweep.py`)."""
 _MARGIN = 0.2
 
 
 def distances(pos: Float[Array, "drones 3"]) -> Float[Array, "drones drones"]:
     """Distances between all pairs [m], infinite on the diagonal, smooth at zero."""
     squared = jnp.sum((pos[:, None] - pos[None]) ** 2, axis=-1)
-    return jnp.sqrt(squared + 1e-6) + jnp.diag(jnp.full(len(pos), jnp.inf))
+    return _length(squared) + jnp.diag(jnp.full(len(pos), jnp.inf))
+
+
+def nearest(pos: Float[Array, "drones 3"], k: int) -> Int[Array, "drones k"]:
+    """Indices of the `k` nearest others of each drone, the nearest first."""
+    if len(pos) >= MANY and k:
+        return sweep.nearest(pos, k)
+    squared = jnp.sum((pos[None] - pos[:, None]) ** 2, axis=-1)
+    far = jnp.where(jnp.eye(len(pos), dtype=bool), jnp.inf, squared)
+    return jax.lax.top_k(-far, k)[1]
 
 
 def in_contact(pos: Float[Array, "drones 3"], t: Float[Array, ""]) -> Bool[Array, " drones"]:
     """Which drones touch another or, after the grace time, the floor; `t` since reset [s]."""
+    # A time that is summed up in single precision may pass GRACE by rounding alone.
+    floor = (pos[:, 2] <= 0.0) & (t > GRACE + 1e-3)
+    if len(pos) >= MANY:
+        touching = lambda squared: (squared < CONTACT_DISTANCE**2).astype(pos.dtype)  # noqa: E731
+        return (sweep.summed(pos, CONTACT_DISTANCE, touching) > 0.0) | floor
     squared = jnp.sum((pos[:, None] - pos[None]) ** 2, axis=-1)
     near = (squared < CONTACT_DISTANCE**2) & ~jnp.eye(len(pos), dtype=bool)
-    # A time that is summed up in single precision may pass GRACE by rounding alone.
-    return jnp.any(near, axis=-1) | ((pos[:, 2] <= 0.0) & (t > GRACE + 1e-3))
+    return jnp.any(near, axis=-1) | floor
 
 
 def onsets(contact: Bool[Array, "*n time drones"]) -> Bool[Array, "*n time drones"]:
@@ -51,14 +68,55 @@ def onsets(contact: Bool[Array, "*n time drones"]) -> Bool[Array, "*n time drone
     return contact & ~before
 
 
-def penalty(distance: Float[Array, "drones drones"]) -> Float[Array, " drones"]:
+def penalty(pos: Float[Array, "drones 3"]) -> Float[Array, " drones"]:
     """The exact penalty of one step, at least 0; no gradient."""
-    return PENALTY * jnp.sum(distance < CONTACT_DISTANCE, axis=-1).astype(distance.dtype)
+    if len(pos) >= MANY:
+        return sweep.summed(jax.lax.stop_gradient(pos), CONTACT_DISTANCE, _exact)
+    touching = distances(pos) < CONTACT_DISTANCE
+    return PENALTY * jnp.sum(touching, axis=-1).astype(pos.dtype)
 
 
-def soft_penalty(distance: Float[Array, "drones drones"]) -> Float[Array, " drones"]:
+def soft_penalty(pos: Float[Array, "drones 3"]) -> Float[Array, " drones"]:
     """The differentiable surrogate of one step, at least 0."""
+    if len(pos) >= MANY:
+        return _swept_surrogate(pos)
+    return jnp.sum(surrogate(distances(pos)), axis=-1)
+
+
+def surrogate(distance: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """What one other drone at a distance [m] takes off the reward that is trained on."""
     inside = (CONTACT_DISTANCE + _MARGIN - distance) / _MARGIN
     # Infinite distances (the diagonal) are put at the border, where value and slope are zero.
     inside = jnp.maximum(jnp.where(jnp.isfinite(distance), inside, 0.0), 0.0)
-    return PENALTY * jnp.sum(jnp.where(inside < 1.0, 0.5 * inside**2, inside - 0.5), axis=-1)
+    return PENALTY * jnp.where(inside < 1.0, 0.5 * inside**2, inside - 0.5)
+
+
+def _length(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    return jnp.sqrt(squared + 1e-6)
+
+
+def _exact(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    return PENALTY * (_length(squared) < CONTACT_DISTANCE).astype(squared.dtype)
+
+
+def _soft(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    return surrogate(_length(squared))
+
+
+@jax.custom_vjp
+def _swept_surrogate(pos: Float[Array, "drones 3"]) -> Float[Array, " drones"]:
+    return sweep.summed(pos, CONTACT_DISTANCE + _MARGIN, _soft)
+
+
+def _swept_fwd(pos: Array) -> tuple[Array, Array]:
+    return _swept_surrogate(pos), pos
+
+
+def _swept_bwd(pos: Array, cotangent: Array) -> tuple[Array]:
+    def slope(squared: Array) -> Array:
+        return jax.jvp(_soft, (squared,), (jnp.ones_like(squared),))[1]
+
+    return (sweep.pulled(pos, cotangent, CONTACT_DISTANCE + _MARGIN, slope),)
+
+
+_swept_surrogate.defvjp(_swept_fwd, _swept_bwd)

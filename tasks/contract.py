@@ -118,19 +118,17 @@ class AbstractTask(eqx.Module):
         target = self.target(state)
         vel_error = norm(target.vel - state.flight.vel)
         reward = self.task_reward(norm(target.offset), vel_error)
-        distance = contact.distances(state.flight.pos)
-        return reward - contact.penalty(distance), reward - contact.soft_penalty(distance)
+        pos = state.flight.pos
+        return reward - contact.penalty(pos), reward - contact.soft_penalty(pos)
 
     def _neighbors(self, flight: Flight) -> Float[Array, "drones features"]:
         n, k = self.n_drones, min(self.n_neighbors, self.n_drones - 1)
-        offset = flight.pos[None] - flight.pos[:, None]
-        squared = jnp.sum(offset**2, axis=-1)
-        far = jnp.where(jnp.eye(n, dtype=bool), jnp.inf, jax.lax.stop_gradient(squared))
-        _, index = jax.lax.top_k(-far, k)
-        rows = jnp.arange(n)[:, None]
-        relative = jnp.concatenate([offset, flight.vel[None] - flight.vel[:, None]], axis=-1)
-        seen = relative[rows, index] / (0.25 + squared[rows, index])[..., None]
-        return jnp.pad(seen.reshape(n, 6 * k), ((0, 0), (0, 6 * (self.n_neighbors - k))))
+        index = contact.nearest(jax.lax.stop_gradient(flight.pos), k)
+        state = jnp.concatenate([flight.pos, flight.vel], axis=-1)
+        relative = state[index] - state[:, None]
+        squared = jnp.sum(relative[..., :3] ** 2, axis=-1, keepdims=True)
+        seen = (relative / (0.25 + squared)).reshape(n, 6 * k)
+        return jnp.pad(seen, ((0, 0), (0, 6 * (self.n_neighbors - k))))
 
 
 def norm(x: Float[Array, "*n axes"]) -> Float[Array, "*n"]:

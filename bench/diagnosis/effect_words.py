@@ -128,6 +128,16 @@ EFFECTS = {
         "{} more rotor inertia than {base}",
         "{} less rotor inertia than {base}",
     ),
+    "gyro_compensation": EffectWords(
+        "gyro compensation",
+        "an autopilot that cancels gyroscopic torques",
+        "Rolling while yawing does not pitch the drone as far as in the simulator.",
+    ),
+    "rotor_arm": EffectWords(
+        "rotor arm",
+        "rotors nearer or further out",
+        "Thrusts that differ turn the drone more or less than in the simulator.",
+    ),
     "rotor_torque": EffectWords(
         "rotor torque",
         "propellers of another drag",
@@ -218,6 +228,8 @@ PARAMETERS = {
     ("thrust_gain", "e"): ParameterWords("relative change", 100.0, "%"),
     ("inertia", "e"): ParameterWords("relative change", 100.0, "%"),
     ("motor_lag", "scale"): ParameterWords("time constants, times nominal"),
+    ("gyro_compensation", "share"): ParameterWords("share that is cancelled", 100.0, "%"),
+    ("rotor_arm", "e"): ParameterWords("relative change", 100.0, "%"),
     ("rotor_torque", "e"): ParameterWords("relative change", 100.0, "%"),
     ("rotor_response", "slowing"): ParameterWords("time constant of slowing down, times nominal"),
     ("rotor_response", "quadratic"): ParameterWords("quadratic part of the lag, times nominal"),

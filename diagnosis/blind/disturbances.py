@@ -148,6 +148,7 @@ class PlantDisturbance(PlantEffect):
             rotor_torque_scale=vehicle.rotor_torque_scale,
             drag=vehicle.drag,
             arm=vehicle.arm,
+            arm_scale=vehicle.arm_scale,
         )
 
 

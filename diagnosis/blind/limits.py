@@ -33,7 +33,8 @@ from diagnosis.blind.references import N_KINDS
 from diagnosis.decidable import truth_fit
 from diagnosis.fit import Set
 from diagnosis.library import LOCAL
-from diagnosis.search import QUIET, Problem
+from diagnosis.reduced import QUIET
+from diagnosis.search import Problem
 from diagnosis.segments import WINDOW
 from diagnosis.shrinkage import split
 

@@ -59,7 +59,9 @@ class RotorDrag(WrenchEffect):
         lift = flight.thrust / (vehicle.thrust_gain * mass * GRAVITY)
         speed = jnp.sqrt(jnp.where(turning, lift, 1.0))[:, None]
         force = self.axial * climb + self.lateral * (flight.vel - climb)
-        torque = vehicle.arm**2 * (self.axial * (turn - yaw) + 2.0 * self.lateral * yaw)
+        torque = (vehicle.arm * vehicle.arm_scale) ** 2 * (
+            self.axial * (turn - yaw) + 2.0 * self.lateral * yaw
+        )
         # Rotor i is braked by m k / 4 (s + ds_i) of its velocity, where its thrust exceeds the
         # others' mean by dF_i = gain m g / 2 s ds_i, and dF_i sums up to the torque.
         own = rotate(flight.quat, flight.torque)

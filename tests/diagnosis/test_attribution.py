@@ -235,7 +235,7 @@ def test_a_start_fades_with_the_drag_of_the_vector(replay):
     assert not library.braking(library.neutral, np.ones((1, 3))).any()
 
 
-def test_beside_a_reference_a_second_effect_must_be_worth_its_name(replay):
+def test_beside_a_reference_that_is_not_followed_a_second_effect_must_be_worth_its_name(replay):
     """A wind that explains a thousandth of the gap counts beside the simulator alone."""
     flights = point_mass_set(Drag(c=1.0), Wind(x=0.02), seed=3).flights
     problem, fits = attribute(make_likelihood(replay, flights, SIGMA), len(flights))
@@ -243,7 +243,8 @@ def test_beside_a_reference_a_second_effect_must_be_worth_its_name(replay):
     both, one = by_set[frozenset({"drag", "wind"})], by_set[frozenset({"drag"})]
     assert (one - both) / (problem.nominal().objective - both) < WORTHY
     assert judge(problem, fits).chosen.effects == {"drag", "wind"}
-    assert judge(problem, fits, Floor(1.05)).chosen.effects == {"drag"}
+    assert judge(problem, fits, Floor(1.3)).chosen.effects == {"drag"}
+    assert [Floor(x).unlike for x in (1.0, 1.3)] == [0.0, 1.0]
 
 
 def test_flights_with_bad_windows_after_a_gap_distrust_only_those(replay):

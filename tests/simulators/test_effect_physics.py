@@ -390,6 +390,37 @@ def test_rotors_that_speed_up_turn_the_drone_by_their_inertia(e):
     assert float(rates[1]) == pytest.approx((1.0 + e) * float(rates[0]), rel=1e-3, abs=1e-6)
 
 
+@pytest.mark.parametrize("e", [-0.3, 0.0, 0.5])
+def test_rotors_further_out_turn_the_drone_more(e):
+    """First step from rotors of which the two on one side are faster."""
+    rates = []
+    for arm in (0.0, e):
+        made = attached(SIMULATORS["crazyflow"](), rotor_arm={"e": arm})
+        state = hovering(made, positions(1))
+        faster = state.rotor_vel * jnp.asarray([[1.05, 1.05, 1.0, 1.0]])
+        state = eqx.tree_at(lambda s: s.rotor_vel, state, faster)
+        assert float(made.flight(state).torque[0, 0]) != 0.0
+        rates.append(float(made.step_cmd(state, LEVEL[0], 0.002).ang_vel[0, 0]))
+    assert abs(rates[0]) > 1e-2
+    assert rates[1] == pytest.approx((1.0 + e) * rates[0], rel=1e-3)
+
+
+def test_gyro_compensation_takes_away_what_turning_about_two_axes_does():
+    """Its part of the first step is J^-1 (w x J w) dt, and it leaves w as it is without torques."""
+    turning = jnp.asarray([[3.0, -2.0, 4.0]])
+    inertia = np.asarray(SPEC.vehicle(drag=True).inertia)
+    expected = np.linalg.solve(inertia, np.cross(turning[0], inertia @ turning[0])) * 0.002
+    rates = []
+    for share in (0.0, 0.5, 1.0):
+        made = attached(SIMULATORS["crazyflow"](), gyro_compensation={"share": share})
+        state = hovering(made, positions(1))
+        state = eqx.tree_at(lambda s: (s.ang_vel, s.prev_ang_vel), state, (turning, turning))
+        rates.append(np.asarray(made.step_cmd(state, LEVEL[0], 0.002).ang_vel[0]))
+    assert np.abs(expected).min() > 1e-4
+    np.testing.assert_allclose(rates[1] - rates[0], 0.5 * expected, rtol=0.01, atol=1e-6)
+    np.testing.assert_allclose(rates[2] - rates[0], expected, rtol=0.01, atol=1e-6)
+
+
 @pytest.mark.parametrize("e", [-0.5, 0.0, 2.0])
 def test_rotors_that_turn_at_different_speeds_turn_the_drone_by_their_torque(e):
     """First step from rotors of which one pair is faster, without what their speeding up does."""

@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 
 from tasks import contact
-from tasks.contact import GRACE, PENALTY, distances, in_contact, penalty, soft_penalty
+from tasks.contact import (
+    GRACE,
+    PENALTY,
+    distances,
+    in_contact,
+    nearest,
+    penalty,
+    soft_penalty,
+    surrogate,
+)
+from tasks.contract import spawn_grid
 
 INNER, OUTER = contact.CONTACT_DISTANCE, contact.CONTACT_DISTANCE + contact._MARGIN
 """Where the surrogate turns from a line into a parabola, and where it ends [m]."""
@@ -20,14 +30,14 @@ def pair(distance, z=1.0):
 
 def soft(distance):
     """The surrogate of one drone with one neighbour at a distance."""
-    return soft_penalty(jnp.asarray([[jnp.inf, distance], [distance, jnp.inf]]))[0]
+    return surrogate(jnp.asarray(distance))
 
 
 @pytest.mark.parametrize(("distance", "touching"), [(0.05, True), (0.299, True), (0.301, False)])
 def test_two_drones_touch_below_0_30_m(distance, touching):
     assert in_contact(pair(distance), jnp.asarray(0.0)).tolist() == [touching, touching, False]
     expected = [PENALTY * touching, PENALTY * touching, 0.0]
-    assert penalty(distances(pair(distance))).tolist() == expected
+    assert penalty(pair(distance)).tolist() == expected
 
 
 @pytest.mark.parametrize(
@@ -46,13 +56,13 @@ def test_the_floor_counts_after_the_grace_time(z, t, touching):
 
 
 def test_the_floor_is_not_part_of_the_penalty():
-    assert not penalty(distances(pair(1.0, z=-0.1))).any()
+    assert not penalty(pair(1.0, z=-0.1)).any()
 
 
 def test_the_penalty_counts_every_other_drone_in_contact():
     """A row 0.2 m apart: the middle one touches two, its neighbours one each."""
     row = jnp.asarray([[0.0, 0.0, 1.0], [0.2, 0.0, 1.0], [0.4, 0.0, 1.0]])
-    assert penalty(distances(row)).tolist() == [PENALTY, 2 * PENALTY, PENALTY]
+    assert penalty(row).tolist() == [PENALTY, 2 * PENALTY, PENALTY]
 
 
 def test_distances_are_euclidean_and_infinite_to_oneself():
@@ -91,8 +101,51 @@ def test_the_surrogate_falls_with_distance_and_its_slope_is_bounded():
 
 def test_the_surrogate_pushes_drones_apart_even_when_they_coincide():
     """The gradient is finite at zero distance and separates any two that are not exact copies."""
-    slope = jax.grad(lambda p: soft_penalty(distances(p)).sum())
+    slope = jax.grad(lambda p: soft_penalty(p).sum())
     assert jnp.isfinite(slope(pair(0.0))).all()
     pushed = -slope(pair(0.1))
     assert pushed[0, 0] < 0 < pushed[1, 0]
     assert not pushed[2].any()
+
+
+def formation(n, kind, key=0):
+    """A large team: on its spawn grid, on a ring, between both, or in a heap."""
+    keys = jax.random.split(jax.random.key(key), 2)
+    grid = spawn_grid(n, keys[0])
+    angle = 2.0 * jnp.pi * jnp.arange(n) / n
+    ring = 0.05 * n * jnp.stack([jnp.cos(angle), jnp.sin(angle), 0.0 * angle], axis=-1)
+    shaken = 0.1 * jax.random.normal(keys[1], (n, 3))
+    places = {"grid": grid, "ring": ring, "between": 0.5 * (grid + ring), "heap": 0.0 * grid}
+    return places[kind] + shaken * (4.0 if kind == "heap" else 1.0)
+
+
+@pytest.mark.parametrize("kind", ["grid", "ring", "between", "heap"])
+@pytest.mark.parametrize("n", [contact.MANY, 150])
+def test_sweeps_find_what_all_pairs_show(monkeypatch, n, kind):
+    pos, t = jnp.stack([formation(n, kind, key) for key in (0, 1)]), jnp.zeros(())
+
+    def seen(pos):
+        weight = jnp.cos(jnp.arange(n))
+        slope = jax.grad(lambda p: jnp.sum(weight * soft_penalty(p)))(pos)
+        return nearest(pos, 3), in_contact(pos, t), penalty(pos), soft_penalty(pos), slope
+
+    swept = jax.jit(jax.vmap(seen))(pos)
+    monkeypatch.setattr(contact, "MANY", n + 1)
+    paired = jax.jit(jax.vmap(lambda pos: seen(pos)))(pos)
+    for one, other in zip(swept[:3], paired[:3], strict=True):
+        np.testing.assert_array_equal(one, other)
+    for one, other in zip(swept[3:], paired[3:], strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4)
+    assert np.abs(swept[4]).max() > 0.0
+
+
+def test_a_sweep_looks_as_far_as_it_must():
+    """One drone far from all others, and coinciding ones."""
+    pos = formation(contact.MANY, "ring").at[0].set(jnp.asarray([500.0, 0.0, 0.0]))
+    pos = pos.at[2].set(pos[1])
+    apart = np.linalg.norm(np.asarray(pos)[:, None] - np.asarray(pos)[None], axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    found = np.take_along_axis(apart, np.asarray(nearest(pos, 3)), axis=1)
+    np.testing.assert_allclose(found, np.sort(apart, axis=1)[:, :3], rtol=1e-5)
+    assert penalty(pos)[1:3].tolist() == [PENALTY, PENALTY]
+    assert jnp.isfinite(jax.grad(lambda p: soft_penalty(p).sum())(pos)).all()

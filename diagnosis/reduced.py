@@ -1,0 +1,144 @@
+r"""Normal equations of candidate sets, with what the reference flights share eliminated.
+
+With a reference, what the nominal simulator lacks on both sets is a shared vector s with a
+Gaussian precision S from the reference flights. It is eliminated from every solve to first order,
+so that only effects are searched for in the simulator.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Float
+
+from diagnosis.equations import bounded_step, loosened, moved, scale_of, scaled
+from diagnosis.fit import Fit, Set
+from diagnosis.library import Library
+from diagnosis.likelihood import Likelihood, Normal
+from diagnosis.segments import WINDOW
+
+QUIET = 3
+"""Windows before the earliest onset: a gust that blows from the start is a wind."""
+FIRM = 1e6
+"""Precision of an effect that may not shift over what the reference says of it."""
+
+
+class Equations:
+    """Target flights, the nominal (or reference) vector, and what is known of it."""
+
+    def __init__(
+        self,
+        likelihood: Likelihood,
+        base: Float[np.ndarray, " params"] | None = None,
+        precision: Float[np.ndarray, "params params"] | None = None,
+        spread: Float[np.ndarray, " params"] | None = None,
+    ) -> None:
+        self.likelihood, self.phi = likelihood, 1.0
+        self.library: Library = likelihood.replay.library
+        self.precision = None if precision is None else self._pinned(precision)
+        self.base = self.library.neutral if base is None else base
+        self.spread = np.zeros(len(self.base)) if spread is None else spread
+        self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
+
+    def _pinned(self, precision: Float[np.ndarray, "params params"]) -> np.ndarray:
+        """`precision` with which effects that may not be blamed do not shift either."""
+        pinned, withheld = precision.copy(), self.free(self.library.withheld)
+        pinned[withheld, withheld] *= FIRM
+        return pinned
+
+    def free(self, effects: Iterable[str]) -> list[int]:
+        """Entries of the vector that a set sets free."""
+        return [i for name in sorted(effects) for i in self.library.indices(name)]
+
+    def made(
+        self,
+        effects: Set,
+        vector: np.ndarray,
+        shared: np.ndarray | None = None,
+        whole: bool = True,
+    ) -> Fit:
+        """The fit of a set at `vector`, the rest of the shared shift taken to first order.
+
+        Unless `whole`, the normal equations need not be along more than the set's parameters.
+        """
+        shared, ahead = np.zeros(len(vector)) if shared is None else shared, np.zeros(len(vector))
+        if self.precision is None:
+            normal = self.likelihood.normal(vector, None if whole else self.free(effects))
+            return Fit(effects, vector, normal, shared, ahead, 0.0)
+        normal = loosened(self.likelihood.normal(vector), self.spread)
+        H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
+        if np.isfinite(H).all():
+            ahead = self._ahead(H + self.precision, g - self.precision @ shared, vector)
+        shift = shared + ahead
+        penalty = float(shift @ self.precision @ shift)
+        return Fit(effects, vector, moved(normal, ahead), shared, ahead, penalty)
+
+    def _ahead(self, H: np.ndarray, g: np.ndarray, vector: np.ndarray) -> np.ndarray:
+        """Solution of H x = g that keeps `vector` + x within the bounds of all parameters."""
+        low, high = self.library.low - vector, self.library.high - vector
+        free = np.linalg.solve(H, g)
+        inside = bool(np.all((free >= low) & (free <= high)))
+        return free if inside else bounded_step(H, g, low, high)
+
+    def _place(self, effect: str, parameter: str) -> int:
+        slots = self.library.slots
+        return next(i for i in self.library.indices(effect) if slots[i].parameter == parameter)
+
+    def _within(self, vector: np.ndarray, free: list[int]) -> np.ndarray:
+        vector = vector.copy()
+        vector[free] = np.clip(vector[free], *self._bounds(free))
+        return vector
+
+    def _bounds(self, free: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        low, high = self.library.low.copy(), self.library.high
+        if "gust" in self.library.effects:
+            low[self._place("gust", "onset")] = self.earliest
+        return low[free], high[free]
+
+    def _bounded(
+        self, normal: Normal, fit: Fit, free: list[int]
+    ) -> tuple[Float[np.ndarray, " free"], float]:
+        """Linear step within the bounds, and the fall in chi-square that it promises."""
+        H, g = self.reduced(normal, fit, free)
+        if not free or not np.isfinite(H).all():
+            return np.zeros(len(free)), 0.0
+        low, high = self._bounds(free)
+        step = bounded_step(H, g, low - fit.vector[free], high - fit.vector[free])
+        return step, float(2 * g @ step - step @ H @ step)
+
+    def solve(
+        self, normal: Normal, fit: Fit, free: list[int]
+    ) -> tuple[Float[np.ndarray, " free"], float]:
+        """Linear step of the free parameters, and the fall in chi-square that it promises."""
+        H, g = self.reduced(normal, fit, free)
+        if not free:
+            return np.zeros(0), 0.0
+        step = np.linalg.lstsq(*scaled(H, g), rcond=1e-9)[0] / scale_of(H)
+        return step, float(2 * g @ step - step @ H @ step)
+
+    def reduced(
+        self, normal: Normal, fit: Fit, free: list[int]
+    ) -> tuple[Float[np.ndarray, "free free"], Float[np.ndarray, " free"]]:
+        """Normal equations of the free parameters, the shared shift eliminated."""
+        H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
+        inner, right = H[np.ix_(free, free)], g[free]
+        if self.precision is None:
+            return inner, right
+        known = H + self.precision
+        pull = np.linalg.solve(known, np.column_stack([H[:, free], g - self.precision @ fit.shift]))
+        return inner - H[free] @ pull[:, :-1], right - H[free] @ pull[:, -1]
+
+    def log_evidence(self, fit: Fit) -> float:
+        """Laplace's log evidence [nats]; of parameters that cannot be flown minus infinity."""
+        free = self.free(fit.effects)
+        H, _ = self.reduced(fit.normal, fit, free)
+        if not np.isfinite(H).all():
+            return -np.inf
+        return -0.5 * fit.objective / self.phi - self.occam(H, free)
+
+    def occam(self, H: Float[np.ndarray, "free free"], free: list[int]) -> float:
+        """What the parameters cost: ln of prior range over posterior width [nats]."""
+        if not free:
+            return 0.0
+        width = (self.library.high - self.library.low)[free]
+        sizes = np.linalg.slogdet(H / self.phi + np.diag(2 * np.pi / width**2))[1]
+        return float(np.sum(np.log(width / np.sqrt(2 * np.pi))) + 0.5 * sizes)
