@@ -1,0 +1,67 @@
+"""What a step of one drone costs in teams of 3 to 1,000, and what of it is looking for others.
+
+`make bench` prints a line a team size; `reports/performance.md` has the table and the figure.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+
+from methods.adjoint import buffers
+from methods.bptt import BPTT, optimizer, update
+from methods.policy import PolicyController, make_policy
+from simulators import registry
+from tasks.rollout import record
+from tasks.spread import Spread
+
+TEAMS = (3, 18, 63, 64, 100, 300, 1000)
+STEPS = 100
+"""Control steps of an episode."""
+
+
+def given(name, n_drones):
+    task, simulator = Spread(n_drones=n_drones, horizon=STEPS), registry.load("simulator", name)()
+    return task, simulator, make_policy(task, simulator.spec, simulator.action_space, KEY)
+
+
+KEY = jax.random.key(0)
+
+
+@pytest.mark.parametrize("n_drones", TEAMS)
+@pytest.mark.parametrize("name", ["point_mass", "crazyflow"])
+def test_a_training_epoch_per_drone_and_step(benchmark, name, n_drones):
+    task, simulator, policy = given(name, n_drones)
+    trainer = BPTT() if name == "point_mass" else BPTT(n_worlds=1)
+    state = optimizer(trainer).init(eqx.filter(policy, eqx.is_inexact_array))
+    worlds = trainer.worlds(n_drones)
+    kept = [buffers(policy, task, worlds)]
+    arguments = (trainer, task, simulator, policy, state, KEY)
+
+    def epoch():
+        *found, kept[0] = update(arguments, kept[0])
+        return jax.block_until_ready(found[2])
+
+    assert not epoch()["skipped"]
+    benchmark.pedantic(epoch, rounds=5)
+    _per_step(benchmark, n_drones * worlds)
+
+
+@pytest.mark.parametrize("n_drones", TEAMS)
+@pytest.mark.parametrize("name", ["point_mass", "crazyflow"])
+def test_deployment_per_drone_and_step(benchmark, name, n_drones):
+    task, simulator, policy = given(name, n_drones)
+    keys = jax.random.split(KEY, max(1, 64 // n_drones))
+    controller = PolicyController(task, policy)
+    fly = eqx.filter_jit(
+        lambda keys: jax.vmap(lambda key: record(task, simulator, controller, key))(keys).reward
+    )
+    rewards = benchmark.pedantic(
+        lambda: jax.block_until_ready(fly(keys)), rounds=5, warmup_rounds=1
+    )
+    assert jnp.isfinite(rewards).all()
+    _per_step(benchmark, n_drones * len(keys))
+
+
+def _per_step(benchmark, drones):
+    benchmark.extra_info["us_per_drone_step"] = 1e6 * benchmark.stats.stats.min / (drones * STEPS)
