@@ -32,14 +32,14 @@ from jaxtyping import Bool, Float, Int
 
 from diagnosis.replay import Prediction, Replay
 from diagnosis.segments import WINDOW, Segments
+from diagnosis.whitening import Turns, make_turns, projected, residual, unit
 
 KEPT = 2**29
 """Bytes of replays that are kept, so that scoring a fit does not fly it again; two at least."""
 NARROW = 8
 """Directions of a replay along some parameters only; all of them cost several times as much."""
-TURN = np.asarray([0.02] * 3 + [0.5] * 3)
-"""Errors of a fitted attitude [rad] and angular velocity [rad/s] with a drone in any motion; wide,
-so that a window says of its own start what it can."""
+SLOPES = 2**28
+"""Most bytes of slopes that are kept for replays along few parameters."""
 FEWEST_NODES = 5
 """A drone's window with fewer nodes is left out: its start alone takes two per axis."""
 
@@ -122,42 +122,55 @@ class Likelihood:
         self.trusted: Bool[np.ndarray, " windows"] | None = None
         self._replays: dict[tuple, tuple[dict, dict]] = {}
         self._settled = np.array(replay.library.neutral, float)
-        self._turns: dict[tuple[int, int], _Turns] = {}
+        self._turns: dict[tuple[int, int], Turns] = {}
+        self._slopes: dict[tuple[int, int], np.ndarray] = {}
 
     def normal(
-        self, vector: Float[np.ndarray, " params"], along: Sequence[int] | None = None
+        self,
+        vector: Float[np.ndarray, " params"],
+        along: Sequence[int] | None = None,
+        others: bool = False,
     ) -> Normal:
         """Normal equations at `vector` of the windows that are trusted.
 
-        Along all parameters, or at least along those at `along`; the others' entries may be zero.
+        Along all parameters, or at least along those at `along`. The entries of others may be zero,
+        or, if `others`, have the slopes of the last replay along all parameters.
         """
-        equations, _ = self._replayed(vector, along)
+        equations, _ = self._replayed(vector, along, others)
         whole = Normal(vector=np.array(vector, float), **equations)
         counted = whole.dof > 0 if self.trusted is None else self.trusted
         return whole if counted.all() else whole.of(counted)
 
     def _replayed(
-        self, vectors: Float[np.ndarray, "*flights params"], along: Sequence[int] | None = None
+        self,
+        vectors: Float[np.ndarray, "*flights params"],
+        along: Sequence[int] | None = None,
+        others: bool = False,
     ) -> tuple[dict, dict]:
         """Equations and tracks of all windows; the last few replays are kept."""
         vectors = np.asarray(vectors, float)
         if not self._turns and not np.array_equal(vectors, self._settled):
             self._replayed(self._settled)
-        if along is not None and len(along) > NARROW:
+        if along is not None and (len(along) > NARROW or (others and not self._slopes)):
             along = None
         same = vectors.tobytes() + self.sigma.tobytes()
-        key = (same, along if along is None else tuple(along))
-        found = self._replays.get((same, None)) or self._replays.get(key)
+        key = (same, along if along is None else tuple(along), others and along is not None)
+        found = self._replays.get((same, None, False)) or self._replays.get(key)
         if found is None:
-            found = self._fly(vectors, along)
+            found = self._fly(vectors, along, others)
             self._forget(_bytes(found))
             self._replays[key] = found
         return found
 
     def _fly(
-        self, vectors: Float[np.ndarray, "*flights params"], along: Sequence[int] | None
+        self,
+        vectors: Float[np.ndarray, "*flights params"],
+        along: Sequence[int] | None,
+        others: bool,
     ) -> tuple[dict, dict]:
         """Equations along all parameters or those at `along`, and tracks."""
+        if along is None:
+            self._slopes.clear()
         equations, tracks = [], []
         chosen_params = range(self.n_params) if along is None else along
         directions = np.zeros((self.n_params if along is None else NARROW, self.n_params))
@@ -168,10 +181,34 @@ class Likelihood:
                 at = (i, chosen.start)
                 if at not in self._turns:
                     self._turns[at] = self._turned(group, chosen, prediction)
-                found = self._equations(group, chosen, prediction, self._turns[at])
-                equations.append(found if along is None else self._spread(found, along))
+                r, J = self.whitened(group, chosen, prediction, self._turns[at])
+                if along is None:
+                    self._keep(at, J)
+                elif others:
+                    J = np.concatenate([J[: len(along)], self._slopes[at]])
+                    J = J[self._merged(along)]
+                found = self._equations(group, chosen, r, J, self._turns[at])
+                if along is not None and not others:
+                    found = self._spread(found, along)
+                equations.append(found)
                 tracks.append(self._tracks(group, chosen, prediction))
         return _joined(equations), _joined(tracks)
+
+    def _keep(self, at: tuple[int, int], slopes: np.ndarray) -> None:
+        """Remembers the slopes of a batch; none at all if they are too many or not finite."""
+        slopes = slopes.astype(np.float32)
+        kept = sum(x.nbytes for x in self._slopes.values()) + slopes.nbytes
+        first = at == (0, 0)
+        if (first or self._slopes) and kept <= SLOPES and np.isfinite(slopes).all():
+            self._slopes[at] = slopes
+        else:
+            self._slopes.clear()
+
+    def _merged(self, along: Sequence[int]) -> Int[np.ndarray, " params"]:
+        """Where each parameter's slope stands among those at `along`, followed by those of all."""
+        places = len(along) + np.arange(self.n_params)
+        places[list(along)] = np.arange(len(along))
+        return places
 
     def _spread(
         self, equations: dict[str, np.ndarray], along: Sequence[int]
@@ -199,6 +236,7 @@ class Likelihood:
         """
         self._settled, self.trusted = np.array(vector, float), None
         self._turns.clear()
+        self._slopes.clear()
         self._replays.clear()
         normal = self.normal(vector)
         z = (normal.c - normal.dof) / np.sqrt(2.0 * normal.dof)
@@ -216,9 +254,8 @@ class Likelihood:
     # Parameters at which a simulation blows up give NaN, which no comparison prefers.
     @np.errstate(invalid="ignore", over="ignore")
     def _equations(
-        self, group: Segments, chosen: slice, prediction: Prediction, turns: "_Turns"
+        self, group: Segments, chosen: slice, r: np.ndarray, J: np.ndarray, turns: Turns
     ) -> dict[str, np.ndarray]:
-        r, J = self.whitened(group, chosen, prediction, turns)
         n_windows = r.shape[0] * r.shape[1]
         flat = r.reshape(n_windows, -1)
         J = np.moveaxis(J.reshape(len(J), n_windows, -1), 0, 1)
@@ -287,24 +324,24 @@ class Likelihood:
         return valid & (valid.sum(axis=3, keepdims=True) >= FEWEST_NODES)
 
     def whitened(
-        self, group: Segments, chosen: slice, prediction: Prediction, turns: "_Turns"
+        self, group: Segments, chosen: slice, prediction: Prediction, turns: Turns
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
         """Whitened residual and derivative without what the start of each window may explain."""
         scale = self._scale(group, chosen)
         r = residual(group.row[chosen, 1:], prediction.value) * scale
         basis = self._starts(group, chosen)
-        r = _projected(r[None], basis)
-        J = _projected(prediction.slope.astype(float) * scale, basis)
+        r = projected(r[None], basis)
+        J = projected(prediction.slope.astype(float) * scale, basis)
         return turns.taken(r)[0], turns.taken(J)
 
     def _scale(self, group: Segments, chosen: slice) -> Float[np.ndarray, "..."]:
         return self._valid(group, chosen)[..., None] / self.sigma
 
-    def _turned(self, group: Segments, chosen: slice, prediction: Prediction) -> "_Turns":
+    def _turned(self, group: Segments, chosen: slice, prediction: Prediction) -> Turns:
         A = prediction.turn.astype(float) * self._scale(group, chosen)
-        A = _projected(A, self._starts(group, chosen))
+        A = projected(A, self._starts(group, chosen))
         turned = group.fresh[chosen, 1:] | group.fresh[chosen, :-1]
-        return _turns(A[:, turned], turned)
+        return make_turns(A[:, turned], turned)
 
     def _starts(self, group: Segments, chosen: slice) -> Float[np.ndarray, "..."]:
         """Orthonormal basis of what the start can change: axes ..., axis, position/velocity, 2."""
@@ -322,9 +359,9 @@ class Likelihood:
             np.stack([on * reach / at_pos, on * fade / at_vel]),
         ]
         design = np.stack(columns)  # 2, pos/vel, segments, windows, drones, nodes, axes
-        first = _unit(design[0])
+        first = unit(design[0])
         second = design[1] - first * np.sum(first * design[1], axis=(0, 4), keepdims=True)
-        return np.stack([first, _unit(second)])
+        return np.stack([first, unit(second)])
 
 
 def _bytes(found: tuple[dict, dict]) -> int:
@@ -333,62 +370,3 @@ def _bytes(found: tuple[dict, dict]) -> int:
 
 def _joined(parts: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-
-
-def _unit(x: np.ndarray) -> np.ndarray:
-    """`x` with length one over (position/velocity, nodes), or zero where it vanishes."""
-    norm = np.sqrt(np.sum(x**2, axis=(0, 4), keepdims=True))
-    return np.divide(x, norm, out=np.zeros_like(x), where=norm > 0)
-
-
-def _projected(x: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """`x` (leading, segments, windows, drones, nodes, 9) without its part along `basis`."""
-    pos, vel = x[..., :3], x[..., 3:6]
-    for unit in basis:
-        along = np.sum(unit[0] * pos + unit[1] * vel, axis=-2, keepdims=True)
-        pos, vel = pos - along * unit[0], vel - along * unit[1]
-    return np.concatenate([pos, vel, x[..., 6:]], axis=-1)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Turns:
-    """What errors of measured attitudes take from a batch of windows."""
-
-    turned: Bool[np.ndarray, "segments windows drones"]
-    """Where a measured attitude still shows."""
-    along: Float[np.ndarray, "lines numbers 6"]
-    """Orthonormal directions of those windows."""
-    less: Float[np.ndarray, "lines 6"]
-    """Share that each direction loses."""
-    spent: Float[np.ndarray, "segments windows drones"]
-    """How many numbers that takes of each window."""
-
-    def taken(self, x: Float[np.ndarray, "k segments windows drones nodes 9"]) -> np.ndarray:
-        """`x`, in place, multiplied by (I + A TURN^2 A')^(-1/2)."""
-        lines = x[:, self.turned]
-        flat = np.moveaxis(lines, 0, -1).reshape(*self.along.shape[:2], len(x))
-        flat = flat - self.along @ (self.less[..., None] * (self.along.swapaxes(1, 2) @ flat))
-        x[:, self.turned] = np.moveaxis(flat.reshape(*lines.shape[1:], len(x)), -1, 0)
-        return x
-
-
-def _turns(A: Float[np.ndarray, "6 lines nodes 9"], turned: Bool[np.ndarray, "..."]) -> _Turns:
-    columns = np.moveaxis(A, 0, -1)
-    columns = columns.reshape(len(columns), A.shape[2] * A.shape[3], len(A)) * TURN
-    # A window that cannot be flown at that vector may be at another: its attitude is believed.
-    columns = np.where(np.isfinite(columns).all(axis=(1, 2), keepdims=True), columns, 0.0)
-    squares, vectors = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
-    squares = np.clip(squares, 1e-12, None)
-    along = columns @ (vectors / np.sqrt(squares)[:, None, :])
-    spent = np.zeros(turned.shape)
-    spent[turned] = np.sum(squares / (1.0 + squares), axis=1)
-    return _Turns(turned, along, 1.0 - 1.0 / np.sqrt(1.0 + squares), spent)
-
-
-def residual(
-    row: Float[np.ndarray, "*n 9"], value: Float[np.ndarray, "*n 9"]
-) -> Float[np.ndarray, "*n 9"]:
-    """Measured minus predicted, angles within +-pi."""
-    difference = row - np.asarray(value, float)
-    angles = (difference[..., 6:] + np.pi) % (2 * np.pi) - np.pi
-    return np.concatenate([difference[..., :6], angles], axis=-1)

@@ -106,15 +106,23 @@ class Problem(Equations):
             starts = [] if near.effects == effects else self._starts(effects, near)
             # A linear step may end where nothing is better; what it started from is never worse.
             fits = [
-                self.made(effects, start, near.shared, whole=False)
-                for start in (*starts, near.vector)
+                self.made(effects, start, near.shared, whole=i == 0 and self.precision is not None)
+                for i, start in enumerate((*starts, near.vector))
             ]
             best = min(fits, key=lambda fit: fit.objective)
             best = self._descended(best, self.free(effects))
             if "gust" in effects:
                 best = min(best, self._across(best), key=lambda fit: fit.objective)
-            self.fits[effects] = self.made(effects, best.vector, best.shared)
+            self.fits[effects] = self._whole(best)
         return self.fits[effects]
+
+    def _whole(self, fit: Fit) -> Fit:
+        """`fit` along all parameters, taken further if that changes what it is worth."""
+        found = self.made(fit.effects, fit.vector, fit.shared)
+        if abs(found.objective - fit.objective) < self.phi:
+            return found
+        further = self._descended(found, self.free(fit.effects))
+        return self.made(fit.effects, further.vector, further.shared)
 
     def _across(self, fit: Fit) -> Fit:
         """The fit whose gust begins on the other side of the nearest edge between windows.
@@ -279,7 +287,7 @@ class Problem(Equations):
             vector, gone = best.vector.copy(), self.library.indices(name)
             vector[gone] = self.base[gone] + best.shared[gone]
             fit = self._descended(self.made(less, vector, best.shared), self.free(less))
-            fit = self.made(less, fit.vector, fit.shared)
+            fit = self._whole(fit)
             self.fits[less] = max(old or fit, fit, key=self.log_evidence)
 
     def _worth(self, fit: Fit, name: str) -> float:

@@ -1,0 +1,70 @@
+"""Whitened residuals without what the start of a window, which nobody knows, may explain."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+TURN = np.asarray([0.02] * 3 + [0.5] * 3)
+"""Errors of a fitted attitude [rad] and angular velocity [rad/s] with a drone in any motion; wide,
+so that a window says of its own start what it can."""
+
+
+def unit(x: np.ndarray) -> np.ndarray:
+    """`x` with length one over (position/velocity, nodes), or zero where it vanishes."""
+    norm = np.sqrt(np.sum(x**2, axis=(0, 4), keepdims=True))
+    return np.divide(x, norm, out=np.zeros_like(x), where=norm > 0)
+
+
+def projected(x: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """`x` (leading, segments, windows, drones, nodes, 9) without its part along `basis`."""
+    pos, vel = x[..., :3], x[..., 3:6]
+    for unit in basis:
+        along = np.sum(unit[0] * pos + unit[1] * vel, axis=-2, keepdims=True)
+        pos, vel = pos - along * unit[0], vel - along * unit[1]
+    return np.concatenate([pos, vel, x[..., 6:]], axis=-1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Turns:
+    """What errors of measured attitudes take from a batch of windows."""
+
+    turned: Bool[np.ndarray, "segments windows drones"]
+    """Where a measured attitude still shows."""
+    along: Float[np.ndarray, "lines numbers 6"]
+    """Orthonormal directions of those windows."""
+    less: Float[np.ndarray, "lines 6"]
+    """Share that each direction loses."""
+    spent: Float[np.ndarray, "segments windows drones"]
+    """How many numbers that takes of each window."""
+
+    def taken(self, x: Float[np.ndarray, "k segments windows drones nodes 9"]) -> np.ndarray:
+        """`x`, in place, multiplied by (I + A TURN^2 A')^(-1/2)."""
+        lines = x[:, self.turned]
+        flat = np.moveaxis(lines, 0, -1).reshape(*self.along.shape[:2], len(x))
+        flat = flat - self.along @ (self.less[..., None] * (self.along.swapaxes(1, 2) @ flat))
+        x[:, self.turned] = np.moveaxis(flat.reshape(*lines.shape[1:], len(x)), -1, 0)
+        return x
+
+
+def make_turns(A: Float[np.ndarray, "6 lines nodes 9"], turned: Bool[np.ndarray, "..."]) -> Turns:
+    """What errors of the attitude take from the windows at which `turned`, along slopes `A`."""
+    columns = np.moveaxis(A, 0, -1)
+    columns = columns.reshape(len(columns), A.shape[2] * A.shape[3], len(A)) * TURN
+    # A window that cannot be flown at that vector may be at another: its attitude is believed.
+    columns = np.where(np.isfinite(columns).all(axis=(1, 2), keepdims=True), columns, 0.0)
+    squares, vectors = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
+    squares = np.clip(squares, 1e-12, None)
+    along = columns @ (vectors / np.sqrt(squares)[:, None, :])
+    spent = np.zeros(turned.shape)
+    spent[turned] = np.sum(squares / (1.0 + squares), axis=1)
+    return Turns(turned, along, 1.0 - 1.0 / np.sqrt(1.0 + squares), spent)
+
+
+def residual(
+    row: Float[np.ndarray, "*n 9"], value: Float[np.ndarray, "*n 9"]
+) -> Float[np.ndarray, "*n 9"]:
+    """Measured minus predicted, angles within +-pi."""
+    difference = row - np.asarray(value, float)
+    angles = (difference[..., 6:] + np.pi) % (2 * np.pi) - np.pi
+    return np.concatenate([difference[..., :6], angles], axis=-1)
