@@ -196,7 +196,8 @@ class Likelihood:
 
     def _keep(self, at: tuple[int, int], slopes: np.ndarray) -> None:
         """Remembers the slopes of a batch; none at all if they are too many or not finite."""
-        slopes = slopes.astype(np.float32)
+        with np.errstate(over="ignore", invalid="ignore"):
+            slopes = slopes.astype(np.float32)
         kept = sum(x.nbytes for x in self._slopes.values()) + slopes.nbytes
         first = at == (0, 0)
         if (first or self._slopes) and kept <= SLOPES and np.isfinite(slopes).all():
@@ -331,7 +332,8 @@ class Likelihood:
         r = residual(group.row[chosen, 1:], prediction.value) * scale
         basis = self._starts(group, chosen)
         r = projected(r[None], basis)
-        J = projected(prediction.slope.astype(float) * scale, basis)
+        with np.errstate(over="ignore", invalid="ignore"):  # beyond the end of a log
+            J = projected(prediction.slope.astype(float) * scale, basis)
         return turns.taken(r)[0], turns.taken(J)
 
     def _scale(self, group: Segments, chosen: slice) -> Float[np.ndarray, "..."]:

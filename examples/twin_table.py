@@ -66,6 +66,7 @@ def hover(simulator: AbstractSimulator, speed: float) -> Flight:
         quat=jnp.asarray([[0.0, 0.0, 0.0, 1.0]]),
         ang_vel=jnp.zeros((1, 3)),
         thrust=jnp.asarray([simulator.spec.mass * GRAVITY]),
+        torque=jnp.zeros((1, 3)),
     )
 
 

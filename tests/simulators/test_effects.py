@@ -66,8 +66,9 @@ INTERIOR = {
     "yaw_gains": {"stiffness": 0.3, "integral": 0.5, "damping": 0.2},
     "yaw_misalignment": {"angle": 0.2},
 }
-# Weights an integral that takes minutes to fill, far longer than these flights last.
-SLOW = {("yaw_gains", "integral"): 1e-3}
+# Weights an integral that takes minutes to fill, far longer than these flights last; the gyroscopic
+# torque of four rotors that turn in pairs against each other nearly cancels.
+SLOW = {("yaw_gains", "integral"): 1e-3, ("gyro_compensation", "share"): 1e-1}
 # Without effect at the neutral value by nature: while a gust has no force, its onset does not
 # matter, and so on; the loop's neutral frequency is infinite (see the test of 1 / frequency).
 SILENT = {

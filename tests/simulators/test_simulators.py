@@ -49,6 +49,7 @@ def test_a_flight_has_one_row_per_drone(name, n_drones):
         "quat": (n_drones, 4),
         "ang_vel": (n_drones, 3),
         "thrust": (n_drones,),
+        "torque": (n_drones, 3),
     }
 
 
