@@ -32,7 +32,9 @@ lint: $(READY)
 
 bench: $(READY)
 	@echo "Measuring speed, one benchmark after another."
-	@$(BIN)/python -m pytest benchmarks --benchmark-only
+	@mkdir -p .benchmarks
+	@$(BIN)/python -m pytest benchmarks --benchmark-only --benchmark-json .benchmarks/last.json
+	@$(BIN)/python -m benchmarks.tables .benchmarks/last.json
 
 clean:
 	@echo "Removing .venv, caches and the results of the quick suite."

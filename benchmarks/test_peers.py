@@ -142,7 +142,7 @@ def test_a_scan_written_the_obvious_way(benchmark, simulator_name, n_drones):
 @pytest.mark.parametrize("n_drones", TEAMS)
 def test_pytorch_point_mass(benchmark, n_drones):
     torch = pytest.importorskip("torch", reason="PyTorch is not installed")
-    from torch_circle import epoch_of, loss_of
+    from benchmarks.torch_circle import epoch_of, loss_of
 
     task, simulator, policy, _ = given("point mass", n_drones)
     n_worlds = TRAINER.worlds(n_drones)

@@ -254,6 +254,7 @@ def limits(problem: Problem, fit: Fit, sigmas: float = 5.0) -> list[tuple[int, f
         if hidden or i in chosen or fit.normal.H[:, i, i].sum() <= 0:
             continue
         H, _ = problem.reduced(fit.normal, fit, [*chosen, i])
-        variance = np.linalg.pinv(H)[-1, -1]
-        found.append((i, float(sigmas * np.sqrt(problem.phi * variance))))
+        variance = np.linalg.pinv(H, hermitian=True)[-1, -1]
+        if variance > 0.0:  # rounding may leave less where two parameters are one to a reference
+            found.append((i, float(sigmas * np.sqrt(problem.phi * variance))))
     return found
