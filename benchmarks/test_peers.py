@@ -7,8 +7,6 @@ fitted `so_rpy` stepped once a control step) and who differentiates it: `methods
 style of DiffPhysDrone (Zhang et al., 2024: a point mass stepped in eager mode, gradients decayed).
 """
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -33,6 +31,10 @@ KEY = jax.random.key(0)
 TRAINER = BPTT(decay=1.0)
 """Without gradient decay, so that the plain scan does the same."""
 TEAMS = (3, 12, 18)
+
+
+SO_RPY = parametrize(dynamics, Drone.cf21B_500, xp=jnp)
+"""Derivatives of (pos, quat, vel, ang_vel) under roll, pitch, yaw [rad] and thrust [N]."""
 
 
 class SecondOrder(eqx.Module):
@@ -60,17 +62,12 @@ class SecondOrder(eqx.Module):
         """Semi-implicit Euler, as the point mass; the quaternion is normalised."""
         pos, quat, vel, ang_vel = state
         cmd = self.action_space.to_cmd(action)
-        _, _, acc, ang_acc = _so_rpy()(pos, quat, vel, ang_vel, cmd)
+        _, _, acc, ang_acc = SO_RPY(pos, quat, vel, ang_vel, cmd)
         vel, ang_vel = vel + CONTROL_DT * acc, ang_vel + CONTROL_DT * ang_acc
-        _, turn, _, _ = _so_rpy()(pos, quat, vel, ang_vel, cmd)
+        _, turn, _, _ = SO_RPY(pos, quat, vel, ang_vel, cmd)
         quat = quat + CONTROL_DT * turn
         quat = quat / jnp.linalg.norm(quat, axis=-1, keepdims=True)
         return pos + CONTROL_DT * vel, quat, vel, ang_vel
-
-
-@functools.cache
-def _so_rpy():
-    return parametrize(dynamics, Drone.cf21B_500, xp=jnp)
 
 
 SIMULATORS = {"point mass": PointMass, "so_rpy": SecondOrder}
@@ -93,7 +90,7 @@ def plain_loss(policy, task, simulator, keys):
     return -jnp.mean(jax.vmap(fly)(keys))
 
 
-@eqx.filter_jit(donate="all")
+@eqx.filter_jit
 def plain_update(policy, state, task, simulator, keys):
     """One epoch as it is written without a second thought."""
     loss, slopes = eqx.filter_value_and_grad(plain_loss)(policy, task, simulator, keys)
