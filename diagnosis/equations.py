@@ -32,6 +32,7 @@ def bounded_step(
     high: Float[np.ndarray, " free"],
 ) -> Float[np.ndarray, " free"]:
     """The step that solves H step = g as well as `low` and `high` allow; zero is allowed."""
+    least, most = np.minimum(low, 0.0), np.maximum(high, 0.0)
     scale = scale_of(H)
     values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
     kept = values > 1e-9 * max(values.max(), 1e-9)
@@ -39,8 +40,8 @@ def bounded_step(
         return np.zeros(len(g))
     root = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
     target = vectors[:, kept].T @ (g / scale) / np.sqrt(values[kept])
-    low, high = scale * np.minimum(low, 0.0) - 1e-12, scale * np.maximum(high, 0.0) + 1e-12
-    return np.asarray(lsq_linear(root, target, (low, high)).x) / scale
+    room = (scale * least - 1e-12, scale * most + 1e-12)
+    return np.clip(np.asarray(lsq_linear(root, target, room).x) / scale, least, most)
 
 
 def scale_of(H: np.ndarray) -> np.ndarray:

@@ -166,14 +166,21 @@ class Problem(Equations):
             onset = self.onset(near, effects)
             fresh[self._place("gust", "onset")] = onset
             normal = self._switched(normal, onset)
-        free = self.free(effects)
-        fresh = self._within(fresh, free)
+        fresh, free = self._within(fresh, self.free(effects)), self._felt(effects, near)
         fresh[free] += self._bounded(normal, dataclasses.replace(near, vector=fresh), free)[0]
         return fresh
 
+    def _felt(self, effects: Set, near: Fit) -> list[int]:
+        """Entries that a linear step from `near` may move: the onset of no gust has no slope.
+
+        Rounding leaves one that is next to nothing, of which a linear step would make any time.
+        """
+        silent = {self._place("gust", "onset")} if "gust" in effects - near.effects else set()
+        return [i for i in self.free(effects) if i not in silent]
+
     def onset(self, near: Fit, effects: Set) -> float:
         """The time [s] at which a gust would begin to explain most."""
-        free = self.free(effects)
+        free = self._felt(effects, near)
         times = np.unique(near.normal.t)[QUIET:]
         gains = [self.solve(self._switched(near.normal, t), near, free)[1] for t in times[:-1]]
         return float(times[int(np.argmax(gains))]) if gains else 0.0
@@ -212,7 +219,7 @@ class Problem(Equations):
         free, normal = self.free(effects), near.normal
         if "gust" in effects - near.effects:
             normal = self._switched(normal, self.onset(near, effects))
-        _, gain = self.solve(normal, near, free)
+        _, gain = self.solve(normal, near, self._felt(effects, near))
         H, _ = self.reduced(normal, near, free)
         return -0.5 * (near.objective - gain) / self.phi - self.occam(H, free)
 

@@ -53,6 +53,13 @@ def test_a_step_of_nothing_observed_is_zero():
     assert not bounded_step(np.zeros((2, 2)), np.zeros(2), -np.ones(2), np.ones(2)).any()
 
 
+def test_a_step_along_what_is_hardly_observed_stays_within_its_bounds():
+    H, g, high = np.diag([2.0, 1e-50]), np.asarray([1.0, 1e-20]), np.asarray([1.0, 3.0])
+    step = bounded_step(H, g, -np.ones(2), high)
+    assert (step <= high).all()
+    assert step[0] == pytest.approx(0.5)
+
+
 @pytest.mark.parametrize(
     ("neutral", "factor", "base", "value", "vector"),
     [
