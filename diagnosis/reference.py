@@ -29,6 +29,9 @@ PRIOR = 0.1
 LOOSE = 0.5
 """The same for effects that only reference flights may show (`NEVER_BLAMED`): to keep them near
 neutral moves others away from it. With 0.1, a share of 1 that RotorPy has was found as 0.86."""
+UNSEEN = 1e12
+"""Times as precise as the prior is what the reference says nothing of, such as the downwash among
+drones that flew alone: what later flights show of it is a change."""
 STEPS = 25
 """Most Gauss-Newton steps."""
 
@@ -102,7 +105,9 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     spread = spread_between(normal, np.isin(_effects(library), UNSHARED, invert=True))
     normal = loosened(normal, spread)
     phi = dispersion(normal, n_flights)
-    precision = normal.H.sum(axis=0) + phi * np.diag(prior)
+    H = normal.H.sum(axis=0)
+    unseen = np.diag(H) < phi * prior
+    precision = H + phi * np.diag(np.where(unseen, UNSEEN * prior, prior))
     return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread)
 
 
@@ -114,7 +119,7 @@ def _prior(library: Library) -> Float[np.ndarray, " params"]:
     """Prior precision of every parameter; very large where it is not shared."""
     share = np.where(np.isin(_effects(library), NEVER_BLAMED), LOOSE, PRIOR)
     precision = 1.0 / (share * (library.high - library.low)) ** 2
-    precision[np.isin(_effects(library), UNSHARED)] *= 1e12
+    precision[np.isin(_effects(library), UNSHARED)] *= UNSEEN
     return precision
 
 
