@@ -208,6 +208,23 @@ def test_a_reference_takes_out_what_both_sets_share(replay):
     assert any(shared["name"] == "drag" for shared in base.shared(replay.library))
 
 
+def test_a_gust_is_found_beside_a_reference(replay):
+    old = point_mass_set(Drag(c=0.5), seed=1).flights
+    new = point_mass_set(Drag(c=0.5), Gust(x=0.3, y=0.8, onset=4.42), seed=2).flights
+    base = fit_reference(make_likelihood(replay, old, SIGMA))
+    problem, fits = attribute(make_likelihood(replay, new, base.enlarged * SIGMA), len(new), base)
+    assert judge(problem, fits, base.floor).chosen.effects == {"gust"}
+
+
+def test_what_a_reference_does_not_show_is_not_shared_with_it(replay):
+    """Drones that flew alone say nothing of downwash, which is therefore a change if it is seen."""
+    flights = point_mass_set(Drag(c=0.5), seed=1).flights
+    base, library = fit_reference(make_likelihood(replay, flights, SIGMA)), replay.library
+    error = np.sqrt(base.phi / np.diag(base.precision)) / (library.high - library.low)
+    assert (error[library.indices("downwash")] < 1e-6).all()
+    assert (error[library.indices("wind")] > 1e-6).all()
+
+
 def test_an_excluded_effect_describes_the_reference_but_no_change():
     library = make_library(PointMass(dt=0.005), with_aliases({"drag"}), referenced=True)
     replay, at = make_replay(library, 0.005), library.indices("drag")
