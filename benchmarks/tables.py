@@ -15,6 +15,9 @@ import matplotlib.pyplot as plt
 import pandas as pd
 import seaborn
 
+from bench.blind.canvas import STYLE, saved
+from bench.figures import COLORS
+
 TABLE = Path("results/performance/benchmarks.csv")
 FIGURE = Path("reports/performance/scale.png")
 LABELS = {
@@ -52,7 +55,7 @@ def draw_scale(table: pd.DataFrame, path: Path) -> bool:
         team_size=shown["n_drones"].astype(int),
         simulator=shown["name"].str.replace("_", " "),
     )
-    with plt.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
+    with plt.rc_context(STYLE):
         grid = seaborn.relplot(
             shown,
             x="team_size",
@@ -63,7 +66,7 @@ def draw_scale(table: pd.DataFrame, path: Path) -> bool:
             kind="line",
             markers=True,
             dashes=False,
-            palette=["#0072B2", "#D55E00"][: shown["simulator"].nunique()],
+            palette=COLORS[: shown["simulator"].nunique()],
             height=2.8,
             aspect=1.3,
         )
@@ -73,9 +76,7 @@ def draw_scale(table: pd.DataFrame, path: Path) -> bool:
         if grid.legend is not None:
             grid.legend.set_title("")
         path.parent.mkdir(parents=True, exist_ok=True)
-        grid.savefig(path, dpi=110)
-        plt.close(grid.figure)
-    return True
+        return saved(grid.figure, path)
 
 
 if __name__ == "__main__":

@@ -5,13 +5,12 @@ rate of the policy's (`methods/profile.py`), measured in the same process; besid
 over that of the forward part and the memory.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import pytest
 
-from methods.adjoint import buffers
-from methods.bptt import BPTT, optimizer, update
+from benchmarks.training import epoch_of
+from methods.bptt import BPTT
 from methods.contract import Setup
 from methods.hybrid import Hybrid
 from methods.policy import PolicyController, make_policy
@@ -37,17 +36,9 @@ def test_one_epoch_of_circle(benchmark, capsys, name, n_drones):
     task = Circle(n_drones=n_drones)
     simulator, trainer = trained(name, task)
     policy = make_policy(task, simulator.spec, simulator.action_space, jax.random.key(0))
-    state = optimizer(trainer).init(eqx.filter(policy, eqx.is_inexact_array))
-
-    given = (trainer, task, simulator, policy, state, jax.random.key(1))
-    kept = [buffers(policy, task, trainer.worlds(n_drones))]
-
-    def epoch():
-        *found, kept[0] = update(given, kept[0])
-        return jax.block_until_ready(found[2])
-
-    epoch()
-    row = benchmark.pedantic(epoch, rounds=7)
+    row = benchmark.pedantic(
+        epoch_of(trainer, task, simulator, policy, jax.random.key(1)), rounds=7
+    )
     assert not row["skipped"]
     found = profile(task, simulator, trainer)
     benchmark.extra_info |= {
@@ -75,20 +66,21 @@ def test_deployment_of_32_episodes(benchmark, simulator_name, what):
     keys = jax.random.split(jax.random.key(1), 32)
 
     def episode(key):
-        return record(task, simulator, controller, key).reward
+        return record(task, simulator, controller, key)
 
-    def physics(key):
-        """The same steps under one action; positions, so that nothing falls away."""
-        hover = jnp.zeros((18, 3)).at[:, 2].set(simulator.action_space.hover(simulator.spec.mass))
+    def physics(key, actions):
+        """The same steps under the same actions."""
 
-        def step(state, _):
-            state = simulator.step(state, hover)
-            return state, simulator.flight(state).pos[:, 2]
+        def step(state, action):
+            state = simulator.step(state, action)
+            return state, simulator.flight(state).pos
 
-        return jax.lax.scan(step, start(task, simulator, key)[0], length=task.horizon)[1]
+        return jax.lax.scan(step, start(task, simulator, key)[0], actions)[1]
 
-    flown = jax.jit(jax.vmap(episode if what == "episodes" else physics))
-    jax.block_until_ready(flown(keys))
-    found = benchmark.pedantic(lambda: jax.block_until_ready(flown(keys)), rounds=5)
-    assert found.shape == (32, task.horizon, 18)
+    episodes = jax.jit(jax.vmap(lambda key: episode(key).reward))
+    actions = jax.jit(jax.vmap(lambda key: episode(key).action))(keys)
+    flown = jax.jit(jax.vmap(physics))
+    call = (lambda: episodes(keys)) if what == "episodes" else (lambda: flown(keys, actions))
+    found = benchmark.pedantic(lambda: jax.block_until_ready(call()), rounds=7, warmup_rounds=1)
+    assert found.shape[:3] == (32, task.horizon, 18)
     assert jnp.isfinite(found).all()

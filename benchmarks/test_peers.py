@@ -17,8 +17,8 @@ from crazyflow.dynamics.core import parametrize
 from crazyflow.dynamics.so_rpy import dynamics
 from jaxtyping import Array, Float
 
-from methods.adjoint import buffers
-from methods.bptt import BPTT, optimizer, update
+from benchmarks.training import epoch_of
+from methods.bptt import BPTT, optimizer
 from methods.policy import make_policy
 from simulators.flight import Flight
 from simulators.point_mass import PointMass
@@ -99,24 +99,16 @@ def plain_update(policy, state, task, simulator, keys):
 
 
 def given(simulator_name, n_drones):
-    """Task, simulator, fresh policy and optimiser's state."""
+    """Task, simulator and fresh policy."""
     task, simulator = Circle(n_drones=n_drones), SIMULATORS[simulator_name]()
-    policy = make_policy(task, simulator.spec, simulator.action_space, KEY)
-    state = optimizer(TRAINER).init(eqx.filter(policy, eqx.is_inexact_array))
-    return task, simulator, policy, state
+    return task, simulator, make_policy(task, simulator.spec, simulator.action_space, KEY)
 
 
 @pytest.mark.parametrize("n_drones", TEAMS)
 @pytest.mark.parametrize("simulator_name", SIMULATORS)
 def test_our_epoch(benchmark, simulator_name, n_drones):
-    task, simulator, policy, state = given(simulator_name, n_drones)
-    kept = [buffers(policy, task, TRAINER.worlds(n_drones))]
-
-    def epoch():
-        *_, row, kept[0] = update((TRAINER, task, simulator, policy, state, KEY), kept[0])
-        return jax.block_until_ready(row)
-
-    assert not epoch()["skipped"]
+    task, simulator, policy = given(simulator_name, n_drones)
+    epoch = epoch_of(TRAINER, task, simulator, policy, KEY)
     _agrees(epoch(), task, simulator, policy)
     benchmark.pedantic(epoch, rounds=7)
 
@@ -124,7 +116,8 @@ def test_our_epoch(benchmark, simulator_name, n_drones):
 @pytest.mark.parametrize("n_drones", TEAMS)
 @pytest.mark.parametrize("simulator_name", SIMULATORS)
 def test_a_scan_written_the_obvious_way(benchmark, simulator_name, n_drones):
-    task, simulator, policy, state = given(simulator_name, n_drones)
+    task, simulator, policy = given(simulator_name, n_drones)
+    state = optimizer(TRAINER).init(eqx.filter(policy, eqx.is_inexact_array))
     keys = jax.random.split(KEY, TRAINER.worlds(n_drones))
     carried = [(policy, state)]
 
@@ -139,16 +132,17 @@ def test_a_scan_written_the_obvious_way(benchmark, simulator_name, n_drones):
 @pytest.mark.parametrize("n_drones", TEAMS)
 def test_pytorch_point_mass(benchmark, n_drones):
     torch = pytest.importorskip("torch", reason="PyTorch is not installed")
-    from benchmarks.torch_circle import epoch_of, loss_of
+    from benchmarks import torch_circle
 
-    task, simulator, policy, _ = given("point mass", n_drones)
+    task, simulator, policy = given("point mass", n_drones)
     n_worlds = TRAINER.worlds(n_drones)
     keys = jax.random.split(KEY, n_worlds)
     spawn = jax.vmap(lambda key: start(task, simulator, key)[0].pos)(keys)
     ours = plain_loss(policy, task, simulator, keys)
     torch.set_num_threads(1)
-    assert float(loss_of(task, simulator, policy, spawn)) == pytest.approx(float(ours), rel=1e-4)
-    epoch = epoch_of(task, simulator, policy, spawn, TRAINER.lr)
+    theirs = torch_circle.loss_of(task, simulator, policy, spawn)
+    assert theirs.item() == pytest.approx(float(ours), rel=1e-4)
+    epoch = torch_circle.epoch_of(task, simulator, policy, spawn, TRAINER.lr)
     epoch()
     benchmark.pedantic(epoch, rounds=3)
 

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from methods.adjoint import buffers
-from methods.bptt import BPTT, optimizer, update
+from benchmarks.training import epoch_of
+from methods.bptt import BPTT
 from methods.policy import PolicyController, make_policy
 from simulators import registry
 from tasks.rollout import record
@@ -33,18 +33,8 @@ KEY = jax.random.key(0)
 def test_a_training_epoch_per_drone_and_step(benchmark, name, n_drones):
     task, simulator, policy = given(name, n_drones)
     trainer = BPTT() if name == "point_mass" else BPTT(n_worlds=1)
-    state = optimizer(trainer).init(eqx.filter(policy, eqx.is_inexact_array))
-    worlds = trainer.worlds(n_drones)
-    kept = [buffers(policy, task, worlds)]
-    arguments = (trainer, task, simulator, policy, state, KEY)
-
-    def epoch():
-        *found, kept[0] = update(arguments, kept[0])
-        return jax.block_until_ready(found[2])
-
-    assert not epoch()["skipped"]
-    benchmark.pedantic(epoch, rounds=5)
-    _per_step(benchmark, n_drones * worlds)
+    benchmark.pedantic(epoch_of(trainer, task, simulator, policy, KEY), rounds=5)
+    _per_step(benchmark, n_drones * trainer.worlds(n_drones))
 
 
 @pytest.mark.parametrize("n_drones", TEAMS)

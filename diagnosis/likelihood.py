@@ -162,6 +162,8 @@ class Likelihood:
             self._replays[key] = found
         return found
 
+    # Parameters at which a simulation blows up give NaN, which no comparison prefers.
+    @np.errstate(invalid="ignore", over="ignore")
     def _fly(
         self,
         vectors: Float[np.ndarray, "*flights params"],
@@ -196,8 +198,7 @@ class Likelihood:
 
     def _keep(self, at: tuple[int, int], slopes: np.ndarray) -> None:
         """Remembers the slopes of a batch; none at all if they are too many or not finite."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            slopes = slopes.astype(np.float32)
+        slopes = slopes.astype(np.float32)
         kept = sum(x.nbytes for x in self._slopes.values()) + slopes.nbytes
         first = at == (0, 0)
         if (first or self._slopes) and kept <= SLOPES and np.isfinite(slopes).all():
@@ -252,8 +253,6 @@ class Likelihood:
         count = self._valid(group, slice(None)).sum(axis=3)
         return np.sum(9 * count - 6 * (count > 0), axis=2).reshape(-1).astype(float)
 
-    # Parameters at which a simulation blows up give NaN, which no comparison prefers.
-    @np.errstate(invalid="ignore", over="ignore")
     def _equations(
         self, group: Segments, chosen: slice, r: np.ndarray, J: np.ndarray, turns: Turns
     ) -> dict[str, np.ndarray]:
@@ -332,8 +331,7 @@ class Likelihood:
         r = residual(group.row[chosen, 1:], prediction.value) * scale
         basis = self._starts(group, chosen)
         r = projected(r[None], basis)
-        with np.errstate(over="ignore", invalid="ignore"):  # beyond the end of a log
-            J = projected(prediction.slope.astype(float) * scale, basis)
+        J = projected(prediction.slope.astype(float) * scale, basis)
         return turns.taken(r)[0], turns.taken(J)
 
     def _scale(self, group: Segments, chosen: slice) -> Float[np.ndarray, "..."]:

@@ -62,11 +62,11 @@ class Equations:
         a reference shares has the slopes of the last fit that was whole.
         """
         shared, ahead = np.zeros(len(vector)) if shared is None else shared, np.zeros(len(vector))
-        if self.precision is None:
-            normal = self.likelihood.normal(vector, None if whole else self.free(effects))
-            return Fit(effects, vector, normal, shared, ahead, 0.0)
         along = None if whole else self.free(effects)
-        normal = loosened(self.likelihood.normal(vector, along, others=True), self.spread)
+        normal = self.likelihood.normal(vector, along, others=self.precision is not None)
+        if self.precision is None:
+            return Fit(effects, vector, normal, shared, ahead, 0.0)
+        normal = loosened(normal, self.spread)
         H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
         if np.isfinite(H).all():
             ahead = self._ahead(H + self.precision, g - self.precision @ shared, vector)

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from diagnosis.equations import bounded_step, dispersion, loosened, spread_between
 from diagnosis.library import NEVER_BLAMED, Library
@@ -30,8 +30,8 @@ LOOSE = 0.5
 """The same for effects that only reference flights may show (`NEVER_BLAMED`): to keep them near
 neutral moves others away from it. With 0.1, a share of 1 that RotorPy has was found as 0.86."""
 UNSEEN = 1e12
-"""Times as precise as the prior is what the reference says nothing of, such as the downwash among
-drones that flew alone: what later flights show of it is a change."""
+"""Times as precise as the prior is what is not fitted to the reference, or is not seen in it, such
+as the downwash among drones that flew alone: what later flights show of it is a change."""
 STEPS = 25
 """Most Gauss-Newton steps."""
 
@@ -106,8 +106,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     normal = loosened(normal, spread)
     phi = dispersion(normal, n_flights)
     H = normal.H.sum(axis=0)
-    unseen = np.diag(H) < phi * prior
-    precision = H + phi * np.diag(np.where(unseen, UNSEEN * prior, prior))
+    precision = H + phi * np.diag(_prior(library, np.diag(H) < phi * prior))
     return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread)
 
 
@@ -115,11 +114,13 @@ def _effects(library: Library) -> list[str]:
     return [slot.effect for slot in library.slots]
 
 
-def _prior(library: Library) -> Float[np.ndarray, " params"]:
-    """Prior precision of every parameter; very large where it is not shared."""
+def _prior(
+    library: Library, unseen: Bool[np.ndarray, " params"] | bool = False
+) -> Float[np.ndarray, " params"]:
+    """Prior precision of every parameter; very large where it is not shared or `unseen`."""
     share = np.where(np.isin(_effects(library), NEVER_BLAMED), LOOSE, PRIOR)
     precision = 1.0 / (share * (library.high - library.low)) ** 2
-    precision[np.isin(_effects(library), UNSHARED)] *= UNSEEN
+    precision[np.isin(_effects(library), UNSHARED) | unseen] *= UNSEEN
     return precision
 
 

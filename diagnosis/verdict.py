@@ -255,6 +255,6 @@ def limits(problem: Problem, fit: Fit, sigmas: float = 5.0) -> list[tuple[int, f
             continue
         H, _ = problem.reduced(fit.normal, fit, [*chosen, i])
         variance = np.linalg.pinv(H, hermitian=True)[-1, -1]
-        if variance > 0.0:  # rounding may leave less where two parameters are one to a reference
+        if variance > 0.0:  # by rounding, less than nothing may be left of what is hardly seen
             found.append((i, float(sigmas * np.sqrt(problem.phi * variance))))
     return found

@@ -37,29 +37,21 @@ _MARGIN = 0.2
 
 def distances(pos: Float[Array, "drones 3"]) -> Float[Array, "drones drones"]:
     """Distances between all pairs [m], infinite on the diagonal, smooth at zero."""
-    squared = jnp.sum((pos[:, None] - pos[None]) ** 2, axis=-1)
-    return _length(squared) + jnp.diag(jnp.full(len(pos), jnp.inf))
+    return _length(_squared(pos))
 
 
 def nearest(pos: Float[Array, "drones 3"], k: int) -> Int[Array, "drones k"]:
     """Indices of the `k` nearest others of each drone, the nearest first."""
     if len(pos) >= MANY and k:
         return sweep.nearest(pos, k)
-    squared = jnp.sum((pos[None] - pos[:, None]) ** 2, axis=-1)
-    far = jnp.where(jnp.eye(len(pos), dtype=bool), jnp.inf, squared)
-    return jax.lax.top_k(-far, k)[1]
+    return jax.lax.top_k(-_squared(pos), k)[1]
 
 
 def in_contact(pos: Float[Array, "drones 3"], t: Float[Array, ""]) -> Bool[Array, " drones"]:
     """Which drones touch another or, after the grace time, the floor; `t` since reset [s]."""
     # A time that is summed up in single precision may pass GRACE by rounding alone.
     floor = (pos[:, 2] <= 0.0) & (t > GRACE + 1e-3)
-    if len(pos) >= MANY:
-        touching = lambda squared: (squared < CONTACT_DISTANCE**2).astype(pos.dtype)  # noqa: E731
-        return (sweep.summed(pos, CONTACT_DISTANCE, touching) > 0.0) | floor
-    squared = jnp.sum((pos[:, None] - pos[None]) ** 2, axis=-1)
-    near = (squared < CONTACT_DISTANCE**2) & ~jnp.eye(len(pos), dtype=bool)
-    return jnp.any(near, axis=-1) | floor
+    return (_summed(pos, CONTACT_DISTANCE, _touching) > 0.0) | floor
 
 
 def onsets(contact: Bool[Array, "*n time drones"]) -> Bool[Array, "*n time drones"]:
@@ -70,17 +62,12 @@ def onsets(contact: Bool[Array, "*n time drones"]) -> Bool[Array, "*n time drone
 
 def penalty(pos: Float[Array, "drones 3"]) -> Float[Array, " drones"]:
     """The exact penalty of one step, at least 0; no gradient."""
-    if len(pos) >= MANY:
-        return sweep.summed(jax.lax.stop_gradient(pos), CONTACT_DISTANCE, _exact)
-    touching = distances(pos) < CONTACT_DISTANCE
-    return PENALTY * jnp.sum(touching, axis=-1).astype(pos.dtype)
+    return _summed(jax.lax.stop_gradient(pos), CONTACT_DISTANCE, _exact)
 
 
 def soft_penalty(pos: Float[Array, "drones 3"]) -> Float[Array, " drones"]:
     """The differentiable surrogate of one step, at least 0."""
-    if len(pos) >= MANY:
-        return _swept_surrogate(pos)
-    return jnp.sum(surrogate(distances(pos)), axis=-1)
+    return _swept_surrogate(pos) if len(pos) >= MANY else jnp.sum(_soft(_squared(pos)), axis=-1)
 
 
 def surrogate(distance: Float[Array, "*n"]) -> Float[Array, "*n"]:
@@ -91,8 +78,27 @@ def surrogate(distance: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return PENALTY * jnp.where(inside < 1.0, 0.5 * inside**2, inside - 0.5)
 
 
+def _squared(pos: Float[Array, "drones 3"]) -> Float[Array, "drones drones"]:
+    """Squared distances between all pairs [m^2], infinite on the diagonal."""
+    squared = jnp.sum((pos[:, None] - pos[None]) ** 2, axis=-1)
+    return jnp.where(jnp.eye(len(pos), dtype=bool), jnp.inf, squared)
+
+
+def _summed(
+    pos: Float[Array, "drones 3"], reach: float, term: sweep.Pair
+) -> Float[Array, " drones"]:
+    """Sum of `term` over the others within `reach` [m]; without a gradient in large teams."""
+    if len(pos) >= MANY:
+        return sweep.summed(pos, reach, term)
+    return jnp.sum(term(_squared(pos)), axis=-1)
+
+
 def _length(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return jnp.sqrt(squared + 1e-6)
+
+
+def _touching(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    return (squared < CONTACT_DISTANCE**2).astype(squared.dtype)
 
 
 def _exact(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:

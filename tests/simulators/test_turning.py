@@ -1,0 +1,102 @@
+"""What turns a drone: gains of the autopilot, rotors and their arms, gyroscopic torques."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flying import HOVER, SIMULATORS, SPEC, attached, fly, hold, hovering, positions
+
+from simulators.rotation import quat_to_rpy
+
+LEVEL = hold([0.0, 0.0, 0.0, HOVER], 1)
+
+
+def _turning(axis, angle, **effects):
+    """Roll, pitch or yaw [rad] after a small step of its command at hover."""
+    made = attached(SIMULATORS["crazyflow"](), **effects)
+    cmd = [0.0, 0.0, 0.0, HOVER]
+    cmd[axis] = angle
+    return quat_to_rpy(fly(made, hovering(made, positions(1)), hold(cmd, 25)).quat)[:, 0, axis]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_gains_that_grow_with_the_inertia_turn_a_drone_as_before(axis):
+    """J w' = torque: (1 + e) on both sides; with the inertia alone the response overshoots."""
+    e, angle = 0.5, 0.02
+    gains = {"stiffness": e, "damping": e, "acceleration": e}
+    nominal = _turning(axis, angle)
+    scaled = _turning(axis, angle, inertia={"e": e}, roll_pitch_gains=gains)
+    alone = _turning(axis, angle, inertia={"e": e})
+    np.testing.assert_allclose(scaled, nominal, atol=0.01 * angle)
+    assert np.abs(alone - nominal).max() > 0.03 * angle
+
+
+def test_yaw_gains_that_grow_with_the_inertia_turn_a_drone_as_before():
+    e, angle = 0.5, 0.02
+    gains = {"stiffness": e, "integral": e, "damping": e}
+    nominal = _turning(2, angle)
+    scaled = _turning(2, angle, inertia={"e": e}, yaw_gains=gains)
+    alone = _turning(2, angle, inertia={"e": e})
+    np.testing.assert_allclose(scaled, nominal, atol=0.02 * angle)
+    assert np.abs(alone - nominal).max() > 0.04 * angle
+
+
+@pytest.mark.parametrize("e", [-1.0, 0.0, 0.5])
+def test_rotors_that_speed_up_turn_the_drone_by_their_inertia(e):
+    """First step of a yaw command: no rotor has another speed yet, so all torque is theirs."""
+    nominal, made = (
+        attached(SIMULATORS["crazyflow"](), **effects)
+        for effects in ({}, {"rotor_inertia": {"e": e}})
+    )
+    cmds = hold([0.0, 0.0, 0.2, HOVER], 1)
+    rates = [
+        fly(s, hovering(s, positions(1)), cmds, 0.002).ang_vel[0, 0, 2] for s in (nominal, made)
+    ]
+    assert float(rates[0]) > 1e-3
+    assert float(rates[1]) == pytest.approx((1.0 + e) * float(rates[0]), rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("e", [-0.3, 0.0, 0.5])
+def test_rotors_further_out_turn_the_drone_more(e):
+    """First step from rotors of which the two on one side are faster."""
+    rates = []
+    for arm in (0.0, e):
+        made = attached(SIMULATORS["crazyflow"](), rotor_arm={"e": arm})
+        state = hovering(made, positions(1))
+        faster = state.rotor_vel * jnp.asarray([[1.05, 1.05, 1.0, 1.0]])
+        state = eqx.tree_at(lambda s: s.rotor_vel, state, faster)
+        assert float(made.flight(state).torque[0, 0]) != 0.0
+        rates.append(float(made.step_cmd(state, LEVEL[0], 0.002).ang_vel[0, 0]))
+    assert abs(rates[0]) > 1e-2
+    assert rates[1] == pytest.approx((1.0 + e) * rates[0], rel=1e-3)
+
+
+def test_gyro_compensation_takes_away_what_turning_about_two_axes_does():
+    """Its part of the first step is J^-1 (w x J w) dt, and it leaves w as it is without torques."""
+    turning = jnp.asarray([[3.0, -2.0, 4.0]])
+    inertia = np.asarray(SPEC.vehicle(drag=True).inertia)
+    expected = np.linalg.solve(inertia, np.cross(turning[0], inertia @ turning[0])) * 0.002
+    rates = []
+    for share in (0.0, 0.5, 1.0):
+        made = attached(SIMULATORS["crazyflow"](), gyro_compensation={"share": share})
+        state = hovering(made, positions(1))
+        state = eqx.tree_at(lambda s: (s.ang_vel, s.prev_ang_vel), state, (turning, turning))
+        rates.append(np.asarray(made.step_cmd(state, LEVEL[0], 0.002).ang_vel[0]))
+    assert np.abs(expected).min() > 1e-4
+    np.testing.assert_allclose(rates[1] - rates[0], 0.5 * expected, rtol=0.01, atol=1e-6)
+    np.testing.assert_allclose(rates[2] - rates[0], expected, rtol=0.01, atol=1e-6)
+
+
+@pytest.mark.parametrize("e", [-0.5, 0.0, 2.0])
+def test_rotors_that_turn_at_different_speeds_turn_the_drone_by_their_torque(e):
+    """First step from rotors of which one pair is faster, without what their speeding up does."""
+    rates = []
+    for torque in (0.0, e):
+        effects = {"rotor_inertia": {"e": -1.0}, "rotor_torque": {"e": torque}}
+        made = attached(SIMULATORS["crazyflow"](), **effects)
+        state = hovering(made, positions(1))
+        faster = state.rotor_vel * jnp.asarray([[1.05, 1.0, 1.05, 1.0]])
+        state = eqx.tree_at(lambda s: s.rotor_vel, state, faster)
+        rates.append(float(made.step_cmd(state, LEVEL[0], 0.002).ang_vel[0, 2]))
+    assert abs(rates[0]) > 1e-3
+    assert rates[1] == pytest.approx((1.0 + e) * rates[0], rel=1e-3)
