@@ -12,7 +12,7 @@ from diagnosis.library import LEFT_OUT, NEEDS_ATTITUDE_CMD, NEEDS_VOLTAGE, NEVER
 from diagnosis.logs import FlightLog, FlightSet
 from diagnosis.noise import CHANNELS
 from diagnosis.search import Problem
-from diagnosis.verdict import Verdict, intervals, limits, structure
+from diagnosis.verdict import Verdict, intervals, limits
 from simulators import registry
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def _details(study: "Study", seen: Sequence[tuple[int, float]]) -> dict[str, Any
             "after": chosen.chi2 / float(chosen.dof.sum()),
         },
         "structure": {
-            "before": structure(problem.library, nominal).value,
+            "before": verdict.found.value,
             "after": verdict.structure.value,
         },
         "dispersion": problem.phi,

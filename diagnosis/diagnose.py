@@ -23,7 +23,7 @@ from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import cut
-from diagnosis.verdict import FOLLOWED, Verdict, judge
+from diagnosis.verdict import FOLLOWED, SLIGHT, Verdict, judge
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.vehicle import VEHICLES
@@ -116,12 +116,13 @@ class Study:
         return bool(np.max(chi2 * enlarged) > ATTITUDE_LOST)
 
     def convinces(self) -> bool:
-        """Whether forces, judged under the measured attitude, have a clear cause.
+        """Whether forces, judged under the measured attitude, have a gap with a clear cause.
 
         The noise of the measured attitude enters the forces, which a small effect could explain.
         """
-        share = self.verdict.unexplained_share
-        return self.verdict.kind == "effect" and share < FORCES_EXPLAINED
+        floor = self.base.floor if self.base else FOLLOWED
+        found, share = self.verdict.found.exceeds(SLIGHT, floor), self.verdict.unexplained_share
+        return found and self.verdict.kind == "effect" and share < FORCES_EXPLAINED
 
 
 def _study(

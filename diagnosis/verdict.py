@@ -120,6 +120,8 @@ class Verdict:
     """Of each chosen effect: of all sets that hold it."""
     aliases: dict[str, list[str]]
     """Of each chosen effect: what these flights cannot tell from it."""
+    found: Structure
+    """What the nominal simulator leaves."""
     structure: Structure
     """What is left by the best set."""
     unexplained_share: float
@@ -133,9 +135,9 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
     ranked = _posterior(problem, fits, cost)
     chosen = ranked[0]
     left = structure(problem.library, chosen.fit.normal)
-    found = structure(problem.library, nominal.normal).value
-    share = (left.value - floor.value) / max(found - floor.value, 1e-9)
-    share = float(np.clip(share, 0.0, 1.0)) if found > floor.value else 0.0
+    found = structure(problem.library, nominal.normal)
+    share = (left.value - floor.value) / max(found.value - floor.value, 1e-9)
+    share = float(np.clip(share, 0.0, 1.0)) if found.value > floor.value else 0.0
     kind = "effect" if chosen.effects else "none"
     tolerated = UNEXPLAINED_SHARE + floor.unlike * (CLOSE - UNEXPLAINED_SHARE)
     clear = left.exceeds(STRUCTURE, floor) and share > tolerated
@@ -150,6 +152,7 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
             for name in sorted(chosen.effects)
         },
         aliases={name: _aliases(problem, ranked, name) for name in sorted(chosen.effects)},
+        found=found,
         structure=left,
         unexplained_share=share,
     )

@@ -3,14 +3,14 @@ r"""The generator's own physics: everything that a blind case may do to a vehicl
 Independent of `simulators/effects`, of which only the abstract contract is used. Three classes, one
 per door, hold all parameters with neutral defaults, so that every case runs through one compiled
 program. With command u = (roll, pitch, yaw, thrust), mass m, which is m_0 where nothing is
-disturbed, body axis b, speed v_h across it:
+disturbed, body axis b, speed v_h across it, at each of four rotors by its own velocity:
 
     command   u <- u + yaw offset, (1 + g) tilt + trim, delay d, lag tau, play of the thrust
     plant     m (1 + e_m), J (1 + e_J), rotor time constants * s, thrust (1 + e_f)(1 - r t)
     wrench    f = m_0 (-c v - k |v| v + w + gust(t >= t_0) + a sin(2 pi nu t + phi) + OU)
                   + f_T b C (r_p / 4 h)^2 - m_0 A exp(-d^2 / 2 s^2) e_z + m_0 l v_h^2 b
                   + m_0 S / (1 + (x_w / s_w)^2) n - m_0 kappa (p - p_0) + slung load,
-              torque = -R (o x f_T e_z)
+              torque = -R (o x f_T e_z), and of what acts at the rotors
 
 | symbol | field | unit | |
 |---|---|---|---|
@@ -186,7 +186,7 @@ class WrenchDisturbance(WrenchEffect):
     seed: Array | int = 0
     """Seed of the turbulence."""
     lift: Array | float = 0.0
-    """Translational lift along the thrust [1/m]."""
+    """Translational lift l along the thrust [1/m]."""
     axial_drag: Array | float = 0.0
     """Drag of the rotors along their axis in hover [1/s]."""
     lateral_drag: Array | float = 0.0
@@ -230,21 +230,17 @@ class WrenchDisturbance(WrenchEffect):
         specific = self._air(flight) + air + self._places(flight)
         height = jnp.maximum(flight.pos[:, 2:], ROTOR_RADIUS)
         near = self.ground_effect * (ROTOR_RADIUS / (4.0 * height)) ** 2
-        climb = jnp.einsum("ni,ni->n", flight.vel, up)[:, None]
-        across = flight.vel - climb * up
-        lift = vehicle.believed_mass * self.lift * jnp.sum(across**2, axis=1)
-        pushed, braking = self._rotors(flight, vehicle)
-        pushed = pushed.at[:, 2].add(lift)
+        pushed, turning = self._rotors(flight, vehicle)
         force = vehicle.believed_mass * specific + near * thrust * up + _turn(flight.quat, pushed)
         # All that acts on rotors acts at the geometric centre, off the centre of mass.
         lever = jnp.concatenate([self.offset, jnp.zeros(1)])
         torque = -jnp.cross(lever, pushed.at[:, 2].add(flight.thrust))
-        torque = _turn(flight.quat, torque + braking)
+        torque = _turn(flight.quat, torque + turning)
         pull, cable, spin = self._sling(cable, spin, thrust * up + force, vehicle.mass, dt)
         return (air, cable, spin), force + pull, torque
 
     def _rotors(self, flight: Flight, vehicle: Vehicle) -> tuple[Array, Array]:
-        """Force and torque, body frame, of drag at four rotors of their own velocity and speed."""
+        """Force and torque, body frame, of drag and lift at four rotors of their own velocity."""
         where = vehicle.arm * jnp.asarray([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
         # Thrusts that sum up to the collective one and to the torque about roll and pitch.
         x, y = where[:, 0], where[:, 1]
@@ -256,7 +252,9 @@ class WrenchDisturbance(WrenchEffect):
         air = _turn(back, flight.vel)[:, None] + jnp.cross(flight.ang_vel[:, None], where)
         rates = jnp.stack([self.lateral_drag, self.lateral_drag, self.axial_drag]) + jnp.zeros(3)
         drag = -0.25 * vehicle.believed_mass * spinning * rates * air
-        return jnp.sum(drag, axis=1), jnp.sum(jnp.cross(where, drag), axis=1)
+        lift = 0.25 * vehicle.believed_mass * self.lift * jnp.sum(air[..., :2] ** 2, axis=-1)
+        push = drag.at[..., 2].add(lift)
+        return jnp.sum(push, axis=1), jnp.sum(jnp.cross(where, push), axis=1)
 
     def _air(self, flight: Flight) -> Array:
         """Specific force of drag, wind, gust, periodic wind and downwash."""

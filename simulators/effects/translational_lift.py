@@ -1,4 +1,12 @@
-"""Translational lift: f = k m |v across b|^2 b along the rotor axis b, amid the rotors."""
+"""Translational lift of four rotors with the axis b, each at its own velocity across it, c.
+
+    f = k m (|c|^2 + 2 l^2 w_b^2) b
+    torque = -2 k m l^2 w_b c
+
+The torque: while the drone turns about b at w_b, the rotors on one side fly forward faster. At
+2 m/s and 1 rad/s, RotorPy's lift accelerates roll or pitch by 0.5 rad/s^2. f acts amid the rotors;
+l is the vehicle's arm. A simulator without rotation ignores the torque.
+"""
 
 from typing import ClassVar
 
@@ -8,7 +16,7 @@ from jaxtyping import Array, Float
 
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
-from simulators.rotation import along, body_z
+from simulators.rotation import along, body_z, rotate
 from simulators.vehicle import Vehicle
 
 
@@ -30,7 +38,7 @@ class TranslationalLift(WrenchEffect):
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 8
-    version: ClassVar[str] = "3"
+    version: ClassVar[str] = "4"
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -38,8 +46,12 @@ class TranslationalLift(WrenchEffect):
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-        up = body_z(flight.quat)
+        up, turn = body_z(flight.quat), rotate(flight.quat, flight.ang_vel)
         across = flight.vel - along(up, flight.vel)
-        squared = jnp.sum(across**2, axis=-1, keepdims=True)
-        force = self.k * vehicle.believed_mass * squared * up
-        return None, force, vehicle.at_center(flight.quat, force)
+        yaw = jnp.sum(up * turn, axis=-1, keepdims=True)
+        square = (vehicle.arm * vehicle.arm_scale) ** 2
+        lift = self.k * vehicle.believed_mass
+        squared = jnp.sum(across**2, axis=-1, keepdims=True) + 2.0 * square * yaw**2
+        force = lift * squared * up
+        torque = vehicle.at_center(flight.quat, force) - 2.0 * lift * square * yaw * across
+        return None, force, torque

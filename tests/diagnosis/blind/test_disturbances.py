@@ -14,6 +14,7 @@ from diagnosis.blind.disturbances import (
     WrenchDisturbance,
 )
 from simulators.effects.rotor_drag import RotorDrag
+from simulators.effects.translational_lift import TranslationalLift
 from simulators.flight import Flight
 from simulators.vehicle import GRAVITY, VEHICLES
 
@@ -163,6 +164,18 @@ def test_rotors_that_thrust_more_are_braked_more():
     ]
     assert np.abs(gained[0]).max() > 3e-5
     np.testing.assert_allclose(gained[0], gained[1], atol=0.02 * np.abs(gained[0]).max())
+
+
+def test_rotors_lift_as_the_library_says_while_the_drone_turns():
+    """Four rotors of their own velocity here, sums over them written out there."""
+    quat = np.asarray([0.1, -0.2, 0.3, 0.927])
+    now = flight(vel=[[1.5, -0.5, 0.7]], quat=quat / np.linalg.norm(quat))
+    now = dataclasses.replace(now, ang_vel=jnp.asarray([[0.5, -1.0, 4.0]]))
+    force, torque = push(WrenchDisturbance(lift=0.25), now)
+    _, told_force, told_torque = TranslationalLift(k=0.25).wrench(None, now, VEHICLE, DT)
+    np.testing.assert_allclose(force, told_force, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(torque, told_torque, rtol=1e-4, atol=1e-9)
+    assert np.abs(torque).max() > 5e-5
 
 
 def test_thrust_turns_a_vehicle_around_its_centre_of_mass():

@@ -43,7 +43,7 @@ class Flat(Likelihood):
         self.replay = types.SimpleNamespace(library=Library())
         self.groups = [types.SimpleNamespace(start=np.zeros(1))]
 
-    def normal(self, vector, along=None):
+    def normal(self, vector, along=None, others=False):
         r = self.J @ (self.truth - vector)
         per_window = lambda x: np.repeat(np.asarray(x)[None], WINDOWS, axis=0)  # noqa: E731
         return Normal(

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +14,9 @@ from diagnosis.blind import cases, catalogue
 from diagnosis.blind import rotorpy_reality as rp
 from diagnosis.blind.catalogue import Withheld
 from diagnosis.blind.realities import DT
-from simulators.vehicle import GRAVITY
+from simulators.effects.translational_lift import TranslationalLift
+from simulators.flight import Flight
+from simulators.vehicle import GRAVITY, VEHICLES
 
 HOVER_SPEED = (rp.AIRFRAME["mass"] * GRAVITY / 4 / rp.AIRFRAME["k_eta"]) ** 0.5
 HOVER = rp.AIRFRAME["mass"] * GRAVITY
@@ -117,6 +120,34 @@ def test_rotors_drag_and_lift(name, parameters, expected):
     body = hover_body().at[0, 3].set(1.5).at[0, 5].set(0.8)
     found = acceleration(disturbance(name, **parameters), body) - acceleration(disturbance(), body)
     np.testing.assert_allclose(found, expected, rtol=0.02, atol=2e-3)
+
+
+@pytest.mark.parametrize("vel", [[2.0, 0.0, 0.0], [-0.7, 1.1, 0.0]])
+def test_lift_turns_a_yawing_vehicle_as_the_library_says(vel):
+    """RotorPy's own wrench at four rotors beside `TranslationalLift` on the same arm."""
+    k, ang_vel, rotors = 0.25, np.asarray([0.0, 0.0, 1.5]), np.full(4, 1500.0)
+    wrenches = []
+    for lift in (k, 0.0):
+        made = disturbance("translational_lift", k=lift)
+        own = Multirotor(
+            jax.tree.map(np.asarray, rp.disturbed_airframe(made, jnp.zeros(()))),
+            control_abstraction="cmd_ctatt",
+        )
+        wrenches.append(own.compute_body_wrench(ang_vel, rotors, np.asarray(vel)))
+    force, torque = (np.asarray(a) - np.asarray(b) for a, b in zip(*wrenches, strict=True))
+    vehicle = eqx.tree_at(
+        lambda v: (v.arm, v.believed_mass),
+        VEHICLES["cf21B_500"].vehicle(drag=False),
+        (jnp.asarray(quad_params["rotor_pos"]["r1"][0]), jnp.asarray(quad_params["mass"])),
+    )
+    still = jnp.zeros((1, 3))
+    level = jnp.asarray([[0.0, 0.0, 0.0, 1.0]])
+    turning = jnp.asarray([ang_vel])
+    now = Flight(jnp.zeros(()), still, jnp.asarray([vel]), level, turning, jnp.zeros(1), still)
+    _, told_force, told_torque = TranslationalLift(k=k).wrench(None, now, vehicle, DT)
+    np.testing.assert_allclose(force, told_force[0], rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(torque, told_torque[0], rtol=1e-3, atol=1e-8)
+    assert np.abs(torque).max() > 1e-5
 
 
 @pytest.mark.parametrize(
