@@ -41,7 +41,7 @@ class Linear(Likelihood):
         self.replay = types.SimpleNamespace(library=Library())
         self.groups = [types.SimpleNamespace(start=np.zeros(1))]
 
-    def normal(self, vector, along=None):
+    def normal(self, vector, along=None, others=False):
         J, r = self.J, self.y - self.J @ vector
         one = np.zeros(1)
         return Normal(
