@@ -125,7 +125,9 @@ def profile(task: AbstractTask, simulator: AbstractSimulator, trainer: BPTT) -> 
 
     def physics(key: Array) -> Any:
         first, _ = begin(task, simulator, key)
-        return jax.lax.fori_loop(0, task.horizon, lambda _, s: simulator.step(s, hover), first)
+        # Under one and the same action, what does not depend on position is flown only once.
+        own = hover + 1e-3 * jax.random.normal(key, hover.shape)
+        return jax.lax.fori_loop(0, task.horizon, lambda _, s: simulator.step(s, own), first)
 
     def forward(policy: Policy, key: Array) -> Any:
         return episode(task, simulator, PolicyController(task, policy), key, trainer.decay)

@@ -11,7 +11,7 @@ from cells import FLIGHTS, METHODS, RESIDUALS, TINY, Hold, fresh, leaning, same,
 from jaxtyping import TypeCheckError
 
 from methods.contract import Setup
-from methods.evaluate import fly
+from methods.evaluate import evaluate, fly
 from methods.policy import PolicyController
 from methods.residual_effect import ResidualEffect
 from simulators.contract import with_effects
@@ -27,6 +27,16 @@ ROWS = [
 ]
 HF = [row for row in ROWS if METHODS[row[0]].simulator == "crazyflow"]
 LF = [row for row in ROWS if METHODS[row[0]].simulator == "point_mass"]
+
+
+COMPILED: list[str] = []
+"""One a program that was compiled, or read from disk instead."""
+
+
+@jax.monitoring.register_event_duration_secs_listener
+def _listen(event, seconds, **_):
+    if event.endswith("backend_compile_duration"):
+        COMPILED.append(event)
 
 
 def make(row):
@@ -91,6 +101,23 @@ def test_the_same_key_gives_the_same_result_and_another_key_another(train, row):
             assert getattr(first.ledger, field.name) == getattr(second.ledger, field.name)
     if METHODS[row[0]].parents != ("lf_baseline",) or row in LF:
         assert not same(first.policy, train(row, key=jax.random.key(8)).policy)
+
+
+@pytest.mark.parametrize("row", ROWS, ids="".join)
+def test_another_seed_compiles_nothing(train, cell, row):
+    """Neither training nor deployment, whose programs the first seed left."""
+    deployed = PolicyController(TASK, train(row).policy)
+    evaluate(TASK, cell.reality, deployed, 0)
+    before = len(COMPILED)
+    deployed = PolicyController(TASK, train(row, key=jax.random.key(9)).policy)
+    evaluate(TASK, cell.reality, deployed, 9)
+    assert len(COMPILED) == before
+
+
+def test_a_new_program_is_counted():
+    before = len(COMPILED)
+    jax.block_until_ready(jax.jit(lambda x: x + 1.0)(jnp.zeros(7)))
+    assert len(COMPILED) > before
 
 
 # A grey box draws the lags of its simulator anew in every episode.
