@@ -264,6 +264,22 @@ def test_beside_a_reference_that_is_not_followed_a_second_effect_must_be_worth_i
     assert [Floor(x).unlike for x in (1.0, 1.3)] == [0.0, 1.0]
 
 
+def test_windows_after_gaps_that_all_fit_badly_are_a_finding(replay):
+    """A wind that nothing explains is not left out with windows that are doubted."""
+    names = ("t", "pos", "vel", "quat", "cmd")
+    keep = np.setdiff1d(np.arange(300), [*range(90, 100), *range(190, 200)])
+    flown = []
+    for flight in point_mass_set(Wind(x=0.5), seed=4).flights:
+        (drone,) = flight.drones
+        lost = dataclasses.replace(drone, **{n: getattr(drone, n)[keep] for n in names})
+        flown.append(dataclasses.replace(flight, drones=(lost,)))
+    likelihood = make_likelihood(replay, tuple(flown), SIGMA)
+    normal = likelihood.normal(replay.library.neutral)
+    assert (normal.doubtful & (normal.c > 2.0 * normal.dof)).sum() > 0.5 * normal.doubtful.sum() > 4
+    assert likelihood.settle(replay.library.neutral, 2.5) == 0
+    assert likelihood.normal(replay.library.neutral).dof.sum() == normal.dof.sum()
+
+
 def test_flights_with_bad_windows_after_a_gap_distrust_only_those(replay):
     flights = flight_set(fly(PointMass(dt=0.005), n_flights=3)).flights
     (drone,) = flights[0].drones
