@@ -23,7 +23,11 @@ SCHEMA = 1
 
 
 def content(
-    flights: FlightSet, simulator: str, study: "Study", exclude: Collection[str]
+    flights: FlightSet,
+    simulator: str,
+    study: "Study",
+    reference: FlightSet | None,
+    exclude: Collection[str],
 ) -> dict[str, Any]:
     """The object; `exclude` are effects that were left out by request."""
     problem, verdict, logs = study.problem, study.verdict, study.inputs.flights
@@ -31,7 +35,7 @@ def content(
     found = verdict.chosen.fit
     reported = sorted(found.effects) if verdict.kind == "effect" else []
     seen = limits(problem, found)
-    left_out = [(x.name, x.reason) for x in flights.left_out] + list(study.inputs.left_out)
+    left = gap.where(study.every.tracks(found.total), study.every.sigma)
     return {
         "schema": SCHEMA,
         "simulator": simulator,
@@ -42,7 +46,7 @@ def content(
             "input": study.inputs.kind,
             "fit": [logs[i].name for i in study.fit_ids],
             "held_out": [logs[i].name for i in study.held],
-            "left_out": [{"name": name, "reason": reason} for name, reason in left_out],
+            "left_out": _left_out(flights, study, reference),
         },
         "where": where,
         "verdict": verdict.kind,
@@ -53,11 +57,21 @@ def content(
         "next_flight": next_flight(
             verdict.kind,
             {name: verdict.aliases[name] for name in reported},
-            _largest_regime(where),
+            _largest_regime(left),
             _blind_to(problem.library, seen),
         ),
-        "details": _details(study, seen) | {"not_observable": _not_observable(study, exclude)},
+        "details": _details(study, seen)
+        | {"not_observable": _not_observable(study, exclude), "where_left": left},
     }
+
+
+def _left_out(flights: FlightSet, study: "Study", reference: FlightSet | None) -> list[dict]:
+    """Files and flights that were not used, those of the reference marked."""
+    found = [(x.name, x.reason) for x in flights.left_out] + list(study.inputs.left_out)
+    if reference is not None and study.compared is not None:
+        there = [(x.name, x.reason) for x in reference.left_out] + list(study.compared.left_out)
+        found += [(name, f"reference, {reason}") for name, reason in there]
+    return [{"name": name, "reason": reason} for name, reason in found]
 
 
 def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:
@@ -147,7 +161,10 @@ def _details(study: "Study", seen: Sequence[tuple[int, float]]) -> dict[str, Any
             "after": verdict.structure.value,
         },
         "dispersion": problem.phi,
-        "noise": {name: float(s) for name, s in zip(CHANNELS, every.sigma, strict=True)},
+        "noise": {
+            name: None if study.inputs.prescribed and i >= 6 else float(study.noise[i])
+            for i, name in enumerate(CHANNELS)
+        },
         "limits": [
             {
                 "effect": slots[i].effect,

@@ -15,14 +15,14 @@ from diagnosis.equations import dispersion
 from diagnosis.fit import Fit
 from diagnosis.inputs import Inputs, choose_inputs, on_ground
 from diagnosis.library import make_library, with_aliases
-from diagnosis.likelihood import Likelihood
+from diagnosis.likelihood import FEWEST_NODES, Likelihood
 from diagnosis.logs import FlightLog, FlightSet, LogError
 from diagnosis.noise import estimate_noise
 from diagnosis.programs import remembered
 from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Problem
-from diagnosis.segments import cut
+from diagnosis.segments import WINDOW, cut
 from diagnosis.verdict import FOLLOWED, SLIGHT, Verdict, judge
 from simulators import registry
 from simulators.contract import AbstractSimulator
@@ -71,14 +71,17 @@ def diagnose(
     """The diagnosis of `flights` against a registered simulator.
 
     Raises:
-        LogError: No flight has an input that can be replayed.
+        LogError: No flight has an input that can be replayed, or the reference flew another
+            vehicle or logged another input.
     """
+    if reference is not None:
+        _check_alike(flights, reference)
     study = _study(flights, simulator, reference, exclude, progress, prescribe=False)
     if study.attitude_lost():
         progress("again, with the measured attitude", 0.05)
         other = _study(flights, simulator, reference, exclude, progress, prescribe=True)
         study = other if other.convinces() else study
-    found = content(flights, simulator, study, with_aliases(exclude))
+    found = content(flights, simulator, study, reference, with_aliases(exclude))
     progress("done", 1.0)
     return Diagnosis(found)
 
@@ -88,7 +91,9 @@ class Study:
     """Flights replayed in one way, with what came of it."""
 
     inputs: Inputs
-    """The flights as they are driven."""
+    """The flights as they are driven, those that hold nothing to compare left out."""
+    compared: Inputs | None
+    """The reference flights, likewise."""
     base: Reference | None
     """What the reference flights say."""
     problem: Problem
@@ -125,6 +130,17 @@ class Study:
         return found and self.verdict.kind == "effect" and share < FORCES_EXPLAINED
 
 
+def _check_alike(flights: FlightSet, reference: FlightSet) -> None:
+    """Both are replayed in one simulator, so both must be believed to be one vehicle."""
+    for name, unit in (("drone", ""), ("mass", " kg")):
+        here, there = (getattr(x.vehicle, name) for x in (flights, reference))
+        if here != there:
+            raise LogError(
+                f"{flights.path}/vehicle.toml: {name} is {here}{unit}, that of the reference "
+                f"{there}{unit}; one vehicle, believed the same before and after, is expected."
+            )
+
+
 def _study(
     flights: FlightSet,
     simulator: str,
@@ -140,8 +156,7 @@ def _study(
             f"{flights.path} is replayed by {inputs.kind}, the reference by {compared.kind}; "
             "both must log the same kind of input."
         )
-    logs = inputs.flights
-    sets = (logs, *([compared.flights] if compared else []))
+    sets = (inputs.flights, *([compared.flights] if compared else []))
     several = any(len(f.drones) > 1 for flown in sets for f in flown)
     nominal = nominal_simulator(simulator, flights)
     library = make_library(
@@ -155,6 +170,9 @@ def _study(
     step = STEPS.get(simulator, STEPS["point_mass"])
     replay = make_replay(library, step, inputs.prescribed)
     progress("cutting flights into windows", 0.02)
+    inputs = _scorable(replay, inputs)
+    compared = compared and _scorable(replay, compared)
+    logs = inputs.flights
     sigma = noise_of(replay, logs)
     progress("compiling the simulator", 0.05)
     base = reference_of(replay, compared.flights) if compared is not None else None
@@ -170,7 +188,7 @@ def _study(
         for other in (every, scored):
             other.settle(verdict.chosen.fit.total, DISTRUST)
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
-    return Study(inputs, base, problem, verdict, every, drift, fit_ids, held, sigma)
+    return Study(inputs, compared, base, problem, verdict, every, drift, fit_ids, held, sigma)
 
 
 def _voltage_known(inputs: Inputs, sets: Iterable[Sequence[FlightLog]]) -> bool:
@@ -178,6 +196,18 @@ def _voltage_known(inputs: Inputs, sets: Iterable[Sequence[FlightLog]]) -> bool:
     flights = [flight for logs in sets for flight in logs]
     logged = all(len(f.drones) == 1 and f.drones[0].battery is not None for f in flights)
     return logged and inputs.follows_commands
+
+
+def _scorable(replay: Replay, inputs: Inputs) -> Inputs:
+    """The flights with a window in which prediction and measurement can be compared.
+
+    Raises:
+        LogError: There is none.
+    """
+    likelihood = make_likelihood(replay, inputs.flights, noise_of(replay, inputs.flights))
+    silent = likelihood.silent()
+    why = f"no {WINDOW:g} s in the air hold the {FEWEST_NODES} rows that are expected at least."
+    return inputs.without(silent, why) if silent else inputs
 
 
 def make_likelihood(

@@ -56,14 +56,42 @@ def scaled(H: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return H / np.outer(scale, scale), g / scale
 
 
-def switched(normal: Normal, columns: list[int], onset: float) -> Normal:
-    """Normal equations in which some parameters act only in windows from `onset` on."""
-    on = (normal.t >= onset - WINDOW / 2).astype(float)
-    mask = np.ones((len(normal.t), normal.H.shape[1]))
-    mask[:, columns] = on[:, None]
-    return dataclasses.replace(
-        normal, H=normal.H * mask[:, :, None] * mask[:, None, :], g=normal.g * mask
-    )
+class Switched:
+    """Normal equations, one entry a flight, in which some parameters act only from an onset on.
+
+    Sums over the windows that are left after each are made once, so that trying every onset costs
+    as much as there are windows.
+    """
+
+    def __init__(self, normal: Normal, columns: list[int]) -> None:
+        self._columns, self._t, self._left, each = columns, [], [], []
+        for mine in normal.by_flight():
+            mine = mine.of(np.argsort(mine.t, kind="stable"))
+            sums = {
+                name: getattr(mine, name).sum(axis=0) for name in ("H", "g", "c", "dof", "kind")
+            }
+            each.append(
+                sums | {"flight": mine.flight[0], "t": mine.t[0], "doubtful": mine.doubtful.any()}
+            )
+            self._t.append(mine.t)
+            self._left.append((_left_after(mine.H[:, columns]), _left_after(mine.g[:, columns])))
+        joined = {name: np.stack([one[name] for one in each]) for name in each[0]}
+        self._whole = dataclasses.replace(normal, **joined)
+
+    def at(self, onset: float) -> Normal:
+        """Those of an onset [s]; a window counts from half of its length before on."""
+        H, g, columns = self._whole.H.copy(), self._whole.g.copy(), self._columns
+        for i, (t, (rows, right)) in enumerate(zip(self._t, self._left, strict=True)):
+            first = int(np.searchsorted(t, onset - WINDOW / 2))
+            H[i, columns], g[i, columns] = rows[first], right[first]
+            H[i][:, columns] = rows[first].T
+        return dataclasses.replace(self._whole, H=H, g=g)
+
+
+def _left_after(x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Sums over the first axis of each entry and all that follow, and zero after the last."""
+    nothing = np.zeros_like(x[:1])
+    return np.concatenate([np.cumsum(x[::-1], axis=0)[::-1], nothing])
 
 
 def loosened(normal: Normal, spread: Float[np.ndarray, " params"]) -> Normal:

@@ -15,6 +15,7 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float
 
 from diagnosis.likelihood import Tracks
@@ -145,20 +146,19 @@ def regimes(tracks: Tracks) -> dict[str, tuple[str, Float[np.ndarray, " lines"]]
     }
     if np.isfinite(tracks.distance).any():
         found["distance to a neighbour"] = ("m", tracks.distance)
+    if np.isfinite(tracks.battery).any():
+        found["battery"] = ("V", tracks.battery)
     return found
 
 
 def where(
     tracks: Tracks,
     sigma: Float[np.ndarray, " 9"],
-    battery: Float[np.ndarray, " lines"] | None = None,
     seed: int = 0,
 ) -> list[dict]:
     """The diagnosis' `where`: one entry a channel."""
     found = channels(tracks, sigma)
     conditions = regimes(tracks)
-    if battery is not None:
-        conditions["battery"] = ("V", battery)
     excess = [max(_rms(c.value) ** 2 / c.noise**2 - 1.0, 0.0) for c in found]
     total = sum(excess)
     draws = _flight_draws(tracks, seed)
@@ -223,14 +223,15 @@ def onset(channel: Channel, tracks: Tracks) -> float | None:
     """
     ok = np.isfinite(channel.value)
     t, y = tracks.t[ok], channel.value[ok]
-    times = np.unique(t)
+    times, at = np.unique(t, return_inverse=True)
     if len(times) < 8:
         return None
-    whole = np.sum((y - y.mean()) ** 2)
-    left = []
-    for time in times[2:-2]:
-        before, after = y[t < time], y[t >= time]
-        left.append(np.sum((before - before.mean()) ** 2) + np.sum((after - after.mean()) ** 2))
+    y = y - y.mean()
+    whole = np.sum(y**2)
+    before = np.cumsum(np.bincount(at, weights=y))[1:-3]
+    count = np.cumsum(np.bincount(at))[1:-3]
+    # With means taken off both sides; the sums of both sides cancel, because y has mean zero.
+    left = whole - before**2 * (1.0 / count + 1.0 / (len(y) - count))
     best = int(np.argmin(left))
     clear = whole - left[best] > max(whole / 3.0, 15.0 * channel.noise**2)
     return float(times[2:-2][best]) if clear else None
@@ -240,17 +241,19 @@ def in_time(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> list[dict]:
     """Per channel, the RMS over flights against time since the start, with its spread."""
     found = []
     for channel in channels(tracks, sigma):
-        times = np.unique(tracks.t)
-        groups = [channel.value[(tracks.t == t) & np.isfinite(channel.value)] for t in times]
-        some = [(t, g) for t, g in zip(times, groups, strict=True) if len(g)]
+        ok = np.isfinite(channel.value)
+        size = np.abs(channel.value[ok])
+        frame = pd.DataFrame({"square": size**2, "low": size, "high": size})
+        how = {"square": "mean", "low": "min", "high": "max"}
+        then = frame.groupby(tracks.t[ok]).agg(how).reset_index().to_numpy()
         found.append(
             {
                 "channel": channel.name,
                 "unit": channel.unit,
-                "t": [float(t) for t, _ in some],
-                "gap": [_rms(g) for _, g in some],
-                "low": [float(np.min(np.abs(g))) for _, g in some],
-                "high": [float(np.max(np.abs(g))) for _, g in some],
+                "t": then[:, 0].tolist(),
+                "gap": np.sqrt(then[:, 1]).tolist(),
+                "low": then[:, 2].tolist(),
+                "high": then[:, 3].tolist(),
             }
         )
     return found

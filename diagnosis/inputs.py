@@ -12,7 +12,7 @@ collective thrust is an input; effects on the attitude are then not observable.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -46,6 +46,19 @@ class Inputs:
     def follows_commands(self) -> bool:
         """Whether thrust is what was commanded, and not what the rotors are known to do."""
         return self.kind in ("commands", PRESCRIBED)
+
+    def without(self, silent: Collection[int], why: str) -> "Inputs":
+        """The flights but those whose indices are `silent`.
+
+        Raises:
+            LogError: None is left.
+        """
+        names = [self.flights[i].name for i in sorted(silent)]
+        gone = tuple((name, f"flights/{name}: {why}") for name in names)
+        left = tuple(f for i, f in enumerate(self.flights) if i not in silent)
+        if not left:
+            raise LogError("\n".join(reason for _, reason in gone))
+        return dataclasses.replace(self, flights=left, left_out=(*self.left_out, *gone))
 
 
 def choose_inputs(flights: FlightSet, prescribe: bool = False) -> Inputs:

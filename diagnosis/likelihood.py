@@ -75,8 +75,8 @@ class Normal:
         """Chi-square of all windows."""
         return float(self.c.sum())
 
-    def of(self, chosen: Bool[np.ndarray, " windows"]) -> "Normal":
-        """The windows that are chosen."""
+    def of(self, chosen: np.ndarray) -> "Normal":
+        """The windows that are chosen, by a mask or by their indices."""
         per_window = {
             field.name: getattr(self, field.name)[chosen]
             for field in dataclasses.fields(self)
@@ -105,6 +105,8 @@ class Tracks:
     """Mean commanded thrust [N]."""
     distance: Float[np.ndarray, " lines"]
     """Smallest distance to another drone [m]; infinite for a drone alone."""
+    battery: Float[np.ndarray, " lines"]
+    """Mean voltage of the battery [V]; NaN where it is not known."""
     flight: Int[np.ndarray, " lines"]
     """Flight of each line."""
     t: Float[np.ndarray, " lines"]
@@ -253,6 +255,15 @@ class Likelihood:
         self.trusted = trusted
         return int(bad.sum())
 
+    def silent(self) -> set[int]:
+        """Flights of which no window counts."""
+        every, counted = set[int](), set[int]()
+        for group in self.groups:
+            every.update(group.flight.tolist())
+            some = self._valid(group, slice(None)).any(axis=(1, 2, 3))
+            counted.update(group.flight[some].tolist())
+        return every - counted
+
     def _dof(self, group: Segments) -> Float[np.ndarray, " windows"]:
         count = self._valid(group, slice(None)).sum(axis=3)
         return np.sum(9 * count - 6 * (count > 0), axis=2).reshape(-1).astype(float)
@@ -308,6 +319,9 @@ class Likelihood:
         apart = np.linalg.norm(pos[:, :, :, None] - pos[:, :, None], axis=-1)
         apart = np.where(np.eye(shape[2], dtype=bool), np.inf, apart).min(axis=-1)
         nodes = valid.shape[3]
+        battery = np.full(shape, np.nan)
+        volts = group.voltage[chosen].reshape(shape[0], shape[1] + 1, -1)[:, 1:].mean(axis=2)
+        battery[..., 0] = np.where(volts > 0.0, volts, np.nan)
         start = group.start[chosen][:, None] + WINDOW * np.arange(1, shape[1] + 1)
         per_drone = lambda x: np.broadcast_to(x[..., None], shape).reshape(lines)  # noqa: E731
         return {
@@ -317,6 +331,7 @@ class Likelihood:
             "valid": valid.reshape(lines, nodes),
             "thrust": thrust[:, 1:].mean(axis=2).reshape(lines),
             "distance": apart.reshape(lines),
+            "battery": battery.reshape(lines),
             "flight": per_drone(np.repeat(group.flight[chosen][:, None], shape[1], axis=1)),
             "t": per_drone(start),
         }

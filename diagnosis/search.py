@@ -19,12 +19,12 @@ reference flights may differ here, too (`loosened`).
 
 import dataclasses
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.equations import loosened, switched
+from diagnosis.equations import Switched, loosened
 from diagnosis.fit import Fit, Set
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.reduced import QUIET, Equations
@@ -165,7 +165,7 @@ class Problem(Equations):
         if "gust" in effects - near.effects:
             onset = self.onset(near, effects)
             fresh[self._place("gust", "onset")] = onset
-            normal = self._switched(normal, onset)
+            normal = self._gusty(normal)(onset)
         fresh, free = self._within(fresh, self.free(effects)), self._felt(effects, near)
         fresh[free] += self._bounded(normal, dataclasses.replace(near, vector=fresh), free)[0]
         return fresh
@@ -180,15 +180,15 @@ class Problem(Equations):
 
     def onset(self, near: Fit, effects: Set) -> float:
         """The time [s] at which a gust would begin to explain most."""
-        free = self._felt(effects, near)
+        free, gusty = self._felt(effects, near), self._gusty(near.normal)
         times = np.unique(near.normal.t)[QUIET:]
-        gains = [self.solve(self._switched(near.normal, t), near, free)[1] for t in times[:-1]]
+        gains = [self.solve(gusty(t), near, free)[1] for t in times[:-1]]
         return float(times[int(np.argmax(gains))]) if gains else 0.0
 
-    def _switched(self, normal: Normal, onset: float) -> Normal:
-        """Normal equations of a gust that begins at `onset` [s]; what is loose, is so with it."""
-        gust = self.library.indices("gust")
-        return loosened(switched(normal.of(normal.dof > 0), gust, onset), self.spread)
+    def _gusty(self, normal: Normal) -> Callable[[float], Normal]:
+        """Normal equations by a gust's onset [s]; what is loose, is so with it."""
+        switched = Switched(normal.of(normal.dof > 0), self.library.indices("gust"))
+        return lambda onset: loosened(switched.at(onset), self.spread)
 
     def _descended(self, fit: Fit, free: list[int]) -> Fit:
         best = max((self.log_evidence(other) for other in self.fits.values()), default=-np.inf)
@@ -218,7 +218,7 @@ class Problem(Equations):
         """Log evidence that the linear screening at `near` promises a set [nats]."""
         free, normal = self.free(effects), near.normal
         if "gust" in effects - near.effects:
-            normal = self._switched(normal, self.onset(near, effects))
+            normal = self._gusty(normal)(self.onset(near, effects))
         _, gain = self.solve(normal, near, self._felt(effects, near))
         H, _ = self.reduced(normal, near, free)
         return -0.5 * (near.objective - gain) / self.phi - self.occam(H, free)

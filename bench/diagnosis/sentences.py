@@ -49,9 +49,9 @@ def verdict(diagnosis: Json, request: Request) -> str:
     if kind == "none":
         return f"Nothing separates these flights from {against} beyond noise: {_extent(diagnosis)}."
     if kind == "unexplained":
-        share, where = diagnosis.get("unexplained_share"), _largest_channels(diagnosis)
+        share, where = diagnosis.get("unexplained_share"), _where_left(diagnosis)
         part = f"; {percent(share)} of the gap stays unexplained" if is_number(share) else ""
-        tail = part + (f"; the gap lies mostly in {where}" if where else "")
+        tail = part + (f"; what is left lies mostly in {where}" if where else "")
         return f"These flights differ from {against}, and no known effect explains how{tail}."
     found = ", together with ".join(effect_phrase(e, request.base) for e in diagnosis["effects"])
     start = (
@@ -71,7 +71,9 @@ def remarks(diagnosis: Json, request: Request) -> list[str]:
     said = []
     share = diagnosis.get("unexplained_share")
     if diagnosis["verdict"] == "effect" and is_number(share) and share >= NOTEWORTHY:
-        said.append(f"{percent(share)} of the gap stays unexplained.")
+        where = _where_left(diagnosis)
+        tail = f", mostly in {where}" if where else ""
+        said.append(f"{percent(share)} of the gap stays unexplained{tail}.")
     reason = (diagnosis.get("shrink") or {}).get("reason")
     if reason and diagnosis["verdict"] == "effect":
         said.append(f"How far the gap shrinks is not known: {clean(reason).rstrip('.')}.")
@@ -117,7 +119,7 @@ def shrink_sentence(diagnosis: Json) -> str:
 
 def where_sentence(diagnosis: Json) -> str:
     """In which channels the gap lies and when it sets in."""
-    where = _largest_channels(diagnosis)
+    where = _largest_channels(diagnosis["where"])
     if diagnosis["verdict"] == "none" or not where:
         return "No channel stands out of its noise."
     onsets = [
@@ -202,11 +204,15 @@ def _alias_clause(effect: Json) -> str:
     return f"the data cannot tell {label} from {' or '.join(others)}"
 
 
-def _largest_channels(diagnosis: Json) -> str:
+def _where_left(diagnosis: Json) -> str:
+    """The channels that hold most of what the best candidate leaves."""
+    details = diagnosis.get("details") or {}
+    return _largest_channels(details.get("where_left") or ())
+
+
+def _largest_channels(where: Sequence[Json]) -> str:
     """The channels that hold more than half of the gap between them, or else the three largest."""
-    shares = [
-        (c["share"], clean(c["channel"])) for c in diagnosis["where"] if is_number(c["share"])
-    ]
+    shares = [(c["share"], clean(c["channel"])) for c in where if is_number(c["share"])]
     chosen, total = [], 0.0
     for share, channel in sorted(shares, reverse=True)[:3]:
         if total > 0.5 or share <= 0.0:

@@ -83,7 +83,8 @@ def details():
             }
         ],
         "chi2_per_dof": {"before": 21.3, "after": 1.08},
-        "noise": {"specific force z": 0.16, "attitude roll": 0.0031},
+        "noise": {"specific force z": 0.16, "attitude roll": None},
+        "where_left": [channel("velocity drift z", "m/s", 0.02, 0.014, 0.7)],
         "not_observable": [{"effect": "downwash", "why": "one drone flew alone"}],
         "limits": [
             {"effect": "mass", "parameter": "e", "unit": "-", "smallest": 0.011},

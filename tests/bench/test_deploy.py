@@ -50,6 +50,9 @@ def test_an_unknown_effect_is_named():
         ["diagnose", "--reality", "crazyflow"],
         ["diagnose", "flights", "--deploy", "circle", "--reality", "crazyflow"],
         ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--seeds", "0"],
+        ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--team-size", "0"],
+        ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--simulator", "crazyflow"],
+        ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--exclude", "drag"],
     ],
 )
 def test_flights_and_deploy_exclude_each_other(arguments, capsys):

@@ -1,5 +1,6 @@
 """The whole diagnosis: `diagnosis.json` for flights of known truth."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -9,6 +10,7 @@ from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 from diagnosis import gap, shrinkage
 from diagnosis.diagnose import diagnose, make_likelihood
 from diagnosis.library import make_library
+from diagnosis.logs import LeftOut, LogError
 from diagnosis.replay import make_replay
 from simulators import registry
 from simulators.contract import with_effects
@@ -106,6 +108,104 @@ def test_a_gap_that_grows_with_thrust_shows_in_that_regime():
     (thrust,) = [r for r in line["regimes"] if r["variable"] == "thrust"]
     assert thrust["gap"][-1] > 1.05 * thrust["gap"][0]
     assert np.all(np.diff(thrust["edges"]) > 0)
+
+
+def test_a_gap_in_one_half_of_the_voltages_shows_in_that_regime():
+    """Flights of which two logged their battery, one of them with a gap."""
+    replay = make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    heavy, plain = (point_mass_set(Mass(e=e), n_flights=2).flights for e in (0.2, 0.0))
+    flights = [with_battery(heavy[0], 3.6), with_battery(plain[0], 4.1), plain[1]]
+    tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
+    (line,) = [x for x in gap.where(tracks, SIGMA) if x["channel"] == "specific force z"]
+    (battery,) = [r for r in line["regimes"] if r["variable"] == "battery"]
+    assert battery["unit"] == "V"
+    assert (battery["edges"][0], battery["edges"][-1]) == pytest.approx((3.5, 4.1), abs=0.02)
+    assert battery["gap"][0] > 4.0 * battery["gap"][-1]
+    alone = make_likelihood(replay, plain, SIGMA).tracks(replay.library.neutral)
+    assert "battery" not in gap.regimes(alone)
+
+
+def with_battery(flight, full):
+    """The flight with a voltage [V] that falls from `full` by 0.1."""
+    (drone,) = flight.drones
+    battery = np.linspace(full, full - 0.1, len(drone.t))
+    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, battery=battery),))
+
+
+def test_the_gap_in_time_is_that_of_all_windows_which_start_then():
+    replay = make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    flights = point_mass_set(Mass(e=0.2), n_flights=3).flights
+    tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
+    for line, channel in zip(gap.in_time(tracks, SIGMA), gap.channels(tracks, SIGMA), strict=True):
+        for t, rms, low, high in zip(*(line[k] for k in ("t", "gap", "low", "high")), strict=True):
+            then = np.abs(channel.value[(tracks.t == t) & np.isfinite(channel.value)])
+            assert rms == pytest.approx(np.sqrt(np.mean(then**2)))
+            assert (low, high) == (then.min(), then.max())
+
+
+def thinned(flight, every):
+    """The flight with one row of `every`."""
+    (drone,) = flight.drones
+    rows = {
+        f.name: getattr(drone, f.name)[::every]
+        for f in dataclasses.fields(drone)
+        if getattr(drone, f.name) is not None
+    }
+    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, **rows),))
+
+
+def test_a_flight_with_nothing_to_compare_is_left_out_by_name():
+    good = point_mass_set(Wind(x=0.5), n_flights=4)
+    mixed = dataclasses.replace(good, flights=(*good.flights[:3], thinned(good.flights[3], 8)))
+    content = diagnose(mixed, simulator="point_mass").to_json()
+    assert content["flights"]["n"] == 3
+    (left_out,) = content["flights"]["left_out"]
+    assert left_out["name"] == "flight_3"
+    assert "flights/flight_3: no 0.5 s in the air hold the 5 rows" in left_out["reason"]
+    assert [effect["name"] for effect in content["effects"]] == ["wind"]
+
+
+def test_flights_without_anything_to_compare_are_refused_with_a_line_each():
+    flights = tuple(thinned(f, 8) for f in point_mass_set(n_flights=2).flights)
+    with pytest.raises(LogError, match=r"flight_0.*\n.*flight_1"):
+        diagnose(flight_set(flights), simulator="point_mass")
+
+
+def test_beside_a_reference_only_what_changed_is_named():
+    """Wind blew before and after; the reference's files that were left out are reported."""
+    before = point_mass_set(Wind(x=0.5), n_flights=4, seed=1)
+    before = dataclasses.replace(before, left_out=(LeftOut("x.csv", "flights/x.csv: empty"),))
+    after = point_mass_set(Wind(x=0.5), Mass(e=0.2), n_flights=4)
+    content = diagnose(after, simulator="point_mass", reference=before).to_json()
+    named = [e["name"] for e in content["effects"]]
+    assert len(named) == 1
+    assert "mass" in [*named, *content["effects"][0]["aliases"]]
+    shared = {(x["name"], x["parameter"]): x["value"] for x in content["details"]["shared"]}
+    assert shared["wind", "x"] == pytest.approx(0.5, abs=0.05)
+    assert content["flights"]["left_out"] == [
+        {"name": "x.csv", "reason": "reference, flights/x.csv: empty"}
+    ]
+
+
+def test_a_withheld_effect_is_not_blamed_and_what_is_left_is_located():
+    content = diagnose(
+        point_mass_set(Wind(x=0.5)), simulator="point_mass", exclude=("wind",)
+    ).to_json()
+    named = {name for line in content["candidates"] for name in line["effects"]}
+    assert named.isdisjoint({"wind", "gust"})
+    assert content["verdict"] == "unexplained"
+    left = {line["channel"]: line["share"] for line in content["details"]["where_left"]}
+    assert max(left, key=lambda name: left[name]) == "specific force x"
+    why = {x["effect"]: x["why"] for x in content["details"]["not_observable"]}
+    assert "excluded" in why["wind"]
+
+
+@pytest.mark.parametrize("other", [{"mass": 0.05}, {"drone": "cf2x_L250"}])
+def test_a_reference_of_another_vehicle_is_refused(other):
+    flights = point_mass_set(n_flights=2)
+    vehicle = dataclasses.replace(flights.vehicle, **other)
+    with pytest.raises(LogError, match=f"vehicle.toml: {next(iter(other))} is"):
+        diagnose(flights, reference=dataclasses.replace(flights, vehicle=vehicle))
 
 
 @pytest.mark.parametrize(("n", "held"), [(2, 2), (9, 9), (10, 3), (30, 10)])

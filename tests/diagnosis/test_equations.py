@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.equations import loosened, moved, spread_between
+from diagnosis.equations import Switched, loosened, moved, spread_between
 from diagnosis.likelihood import Normal
 
 N_PARAMS, N_WINDOWS = 3, 10
@@ -89,3 +89,19 @@ def test_like_flights_draw_nothing():
     assert sum(loose) <= 2
     few = draws(np.random.default_rng(0), 3, own=(2.0, 2.0, 2.0))
     assert not spread_between(normal_of(few), everything).any()
+
+
+@pytest.mark.parametrize("onset", [-1.0, 0.0, 1.2, 1.3, 4.9, 9.0])
+def test_what_is_switched_on_acts_in_the_windows_from_its_onset_on(onset):
+    """Against flights whose slopes are put at zero before it; a flight's windows in any order."""
+    flights, columns = draws(np.random.default_rng(5), 3), [0, 2]
+    shuffled = np.random.default_rng(6).permutation(3 * N_WINDOWS)
+    found = Switched(normal_of(flights).of(shuffled), columns).at(onset)
+    on = np.repeat(0.5 * np.arange(N_WINDOWS) >= onset - 0.25, 60 // N_WINDOWS)
+    for i, (J, r) in enumerate(flights):
+        J = J.copy()
+        J[np.ix_(~on, columns)] = 0.0
+        np.testing.assert_allclose(found.H[i], J.T @ J, atol=1e-9)
+        np.testing.assert_allclose(found.g[i], J.T @ r, atol=1e-9)
+        assert found.c[i] == pytest.approx(r @ r)
+    assert found.flight.tolist() == [0, 1, 2]
