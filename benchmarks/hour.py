@@ -1,36 +1,38 @@
-"""Prints the peak memory of a process that loads and replays an hour of flight logged at 500 Hz."""
+"""Prints the peak memory of a process that diagnoses an hour of flight logged at 500 Hz."""
 
 import json
 import resource
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 from flights_for_tests import SIGMA, fly
+from scipy.spatial.transform import Rotation
 
-from diagnosis.diagnose import STEPS, make_likelihood
-from diagnosis.library import make_library
-from diagnosis.likelihood import KEPT
+from diagnosis.diagnose import STEPS, diagnose
 from diagnosis.logs import DroneLog, FlightLog, VehicleFile, load_flights, write_flights
-from diagnosis.replay import make_replay
+from simulators.contract import with_effects
+from simulators.effects.drag import Drag
 from simulators.point_mass import PointMass
 
 MINUTES = 10
 """Duration of one flight."""
 RATE = 500
 """Rows per second."""
-FITS = KEPT + 12
-"""Fits, more than there are replays that are kept."""
+DRAG = 0.3
+"""Drag [1/s] that the simulator lacks."""
 
 
-def fine(log, name):
-    """A log with rows between those that there are, on straight lines; commands are held."""
+def fine(log, name, rng):
+    """A log with noisy rows between those that there are, on straight lines; commands are held."""
     t = np.arange(round(log.t[-1] * RATE)) / RATE
     between = lambda x: np.stack([np.interp(t, log.t, column) for column in x.T], axis=1)  # noqa: E731
-    quat = between(log.quat)
+    pos, vel, turn = rng.normal(size=(3, len(t), 3)) * SIGMA.reshape(3, 1, 3)
+    quat = (Rotation.from_quat(between(log.quat)) * Rotation.from_rotvec(turn)).as_quat()
     cmd = log.cmd[np.searchsorted(log.t, t + 1e-9) - 1]
-    quat /= np.linalg.norm(quat, axis=1, keepdims=True)
-    return FlightLog(name, (DroneLog(t, between(log.pos), between(log.vel), quat, cmd=cmd),))
+    drone = DroneLog(t, between(log.pos) + pos, between(log.vel) + vel, quat, cmd=cmd)
+    return FlightLog(name, (drone,))
 
 
 def peak():
@@ -39,29 +41,22 @@ def peak():
 
 
 def write(folder):
-    """Six flights of ten minutes."""
-    log = fly(PointMass(), n_flights=1, seconds=60.0 * MINUTES)[0].drones[0]
-    write_flights(
-        folder, VehicleFile("hour", "cf21B_500", 0.0434), [fine(log, f"f{i}") for i in range(6)]
-    )
+    """Six flights of ten minutes, with more drag than the simulator has."""
+    reality = with_effects(PointMass(dt=STEPS["point_mass"]), [Drag(c=DRAG)])
+    logs = fly(reality, n_flights=6, seconds=60.0 * MINUTES, noise=0.0)
+    rng = np.random.default_rng(0)
+    vehicle = VehicleFile("hour", "cf21B_500", 0.0434)
+    write_flights(folder, vehicle, [fine(log.drones[0], log.name, rng) for log in logs])
 
 
 def main(folder):
-    """A diagnosis keeps the last replays, and the normal equations of every fit."""
-    replay = make_replay(make_library(PointMass(dt=STEPS["point_mass"])), STEPS["point_mass"])
-    small = make_likelihood(replay, fly(PointMass(), n_flights=1, seconds=10.0), SIGMA)
-    small.normal(replay.library.neutral)
-    found = {"started_mb": peak()}
+    """The diagnosis of all six flights."""
     flights = load_flights(folder)
-    found["loaded_mb"] = peak()
-    likelihood = make_likelihood(replay, flights.flights, SIGMA)
-    del flights
-    found["cut_mb"] = peak()
-    shift = np.eye(len(replay.library.slots))[0]
-    fits = []
-    for i in range(FITS):
-        fits.append(likelihood.normal(replay.library.neutral + 1e-3 * i * shift))
-        found[f"fits_{i + 1}_mb"] = peak()
+    found = {"loaded_mb": peak()}
+    begun = time.perf_counter()
+    content = diagnose(flights, simulator="point_mass").to_json()
+    found |= {"diagnosed_mb": peak(), "seconds": time.perf_counter() - begun}
+    found |= {"verdict": content["verdict"], "effects": [e["name"] for e in content["effects"]]}
     sys.stdout.write(json.dumps(found))
 
 

@@ -14,7 +14,6 @@ from flights_for_tests import SIGMA, flight_set, fly
 
 from diagnosis.diagnose import STEPS, diagnose, make_likelihood
 from diagnosis.library import make_library
-from diagnosis.likelihood import KEPT
 from diagnosis.replay import make_replay
 from simulators import registry
 from simulators.contract import with_effects
@@ -87,9 +86,7 @@ def test_an_hour_of_logs_at_500_hz_fits_into_memory(benchmark, tmp_path):
         )
         return json.loads(done.stdout)
 
-    peaks = benchmark.pedantic(measure, rounds=1)
-    benchmark.extra_info |= peaks
-    early = peaks[f"fits_{KEPT}_mb"] - peaks[f"fits_{KEPT - 12}_mb"]
-    late = peaks[f"fits_{KEPT + 12}_mb"] - peaks[f"fits_{KEPT}_mb"]
-    assert late < 0.8 * early
-    assert peaks[f"fits_{KEPT + 12}_mb"] < LARGEST
+    found = benchmark.pedantic(measure, rounds=1)
+    benchmark.extra_info |= found | {"aim_mb": LARGEST, "met": found["diagnosed_mb"] < LARGEST}
+    assert found["effects"] == ["drag"]
+    assert found["diagnosed_mb"] < LARGEST

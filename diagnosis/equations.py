@@ -56,6 +56,17 @@ def scaled(H: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return H / np.outer(scale, scale), g / scale
 
 
+def summed(normal: Normal) -> Normal:
+    """Normal equations with one entry a flight, the sum of its windows."""
+    each = [
+        {name: getattr(mine, name).sum(axis=0) for name in ("H", "g", "c", "dof", "kind")}
+        | {"flight": mine.flight[0], "t": mine.t.min(), "doubtful": mine.doubtful.any()}
+        for mine in normal.by_flight()
+    ]
+    joined = {name: np.stack([one[name] for one in each]) for name in each[0]}
+    return dataclasses.replace(normal, **joined)
+
+
 class Switched:
     """Normal equations, one entry a flight, in which some parameters act only from an onset on.
 
@@ -64,19 +75,11 @@ class Switched:
     """
 
     def __init__(self, normal: Normal, columns: list[int]) -> None:
-        self._columns, self._t, self._left, each = columns, [], [], []
+        self._columns, self._whole, self._t, self._left = columns, summed(normal), [], []
         for mine in normal.by_flight():
             mine = mine.of(np.argsort(mine.t, kind="stable"))
-            sums = {
-                name: getattr(mine, name).sum(axis=0) for name in ("H", "g", "c", "dof", "kind")
-            }
-            each.append(
-                sums | {"flight": mine.flight[0], "t": mine.t[0], "doubtful": mine.doubtful.any()}
-            )
             self._t.append(mine.t)
             self._left.append((_left_after(mine.H[:, columns]), _left_after(mine.g[:, columns])))
-        joined = {name: np.stack([one[name] for one in each]) for name in each[0]}
-        self._whole = dataclasses.replace(normal, **joined)
 
     def at(self, onset: float) -> Normal:
         """Those of an onset [s]; a window counts from half of its length before on."""

@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.equations import Switched, loosened
+from diagnosis.equations import Switched, loosened, summed
 from diagnosis.fit import Fit, Set
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.reduced import QUIET, Equations
@@ -76,7 +76,11 @@ class Problem(Equations):
 
     def renew(self) -> None:
         """Forgets all fits but where they ended: the likelihood was settled anew."""
-        self.known, self.fits = self.fits, {}
+        self.known = {
+            effects: dataclasses.replace(fit, normal=summed(fit.normal))
+            for effects, fit in self.fits.items()
+        }
+        self.fits = {}
 
     def nominal(self) -> Fit:
         """The base vector without any effect, from which candidates are screened."""
