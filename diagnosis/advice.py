@@ -19,6 +19,10 @@ MANOEUVRES: Mapping[frozenset[str], str] = {
             "straight lines at two very different speeds, 0.5 and 3 m/s, each held for 2 s",
         ),
         (
+            ("rotor_drag", "quadratic_drag"),
+            "straight lines at two very different speeds, 0.5 and 3 m/s, each held for 2 s",
+        ),
+        (
             ("rotor_drag", "drag"),
             "climbs and descents at 1 m/s with hard turns: rotors brake more the faster they turn, "
             "and more along their axis",
@@ -30,6 +34,10 @@ MANOEUVRES: Mapping[frozenset[str], str] = {
         (
             ("attitude_lag", "delay"),
             "attitude steps of 0.3 rad every 0.4 s: a delay shifts the response, a lag rounds it",
+        ),
+        (
+            ("delay", "inertia"),
+            "attitude steps of 0.3 rad every 0.4 s: a delay shifts the response, inertia rounds it",
         ),
         (
             ("attitude_lag", "motor_lag"),

@@ -31,11 +31,13 @@ def section(tables: Tables, picture: list[str]) -> list[str]:
     lost = [f"{row['truth']} from {row['rival']}" for row in rows if row["advised"] < DECIDABLE]
     flat = [f"{row['truth']} from {row['rival']}" for row in rows if row["advised"] <= row["bland"]]
     text = (
-        "Every manoeuvre that the diagnosis may advise was flown in simulation with either effect "
-        "of its pair being true, beside bland flights of the same duration. The margin is the "
+        "Manoeuvres that the diagnosis advises for a pair were flown in simulation with either "
+        "effect of the pair being true, beside bland flights as long. The margin is the "
         "chi-square of the best fit of the other effect alone beyond that of the truth, in flights "
         f"without noise at the noise that is logged; {DECIDABLE:.0f} are five sigmas. The advised "
-        f"flights separate {told} of {len(rows)} directions, bland ones {before}."
+        f"flights separate {told} of {len(rows)} directions, bland ones {before}. For pairs that "
+        "are not in the table the advice is to fly what shows either effect best, one after the "
+        "other; that was not flown."
     )
     notes = [
         f"**Not separated: {markdown.escape('; '.join(lost))}.**" if lost else "",

@@ -108,6 +108,10 @@ TRIALS: Mapping[frozenset[str], Trial] = {
     for pair, trial in (
         (("mass", "thrust_gain"), Trial(Flights(paths.fast_lines), _HOVER)),
         (("drag", "quadratic_drag"), Trial(Flights(paths.two_speeds), Flights(paths.slow_lines))),
+        (
+            ("quadratic_drag", "rotor_drag"),
+            Trial(Flights(paths.two_speeds), Flights(paths.slow_lines)),
+        ),
         (("drag", "rotor_drag"), Trial(Flights(paths.tumbling), _HOVER)),
         (("wind", "gust"), Trial(Flights(paths.hover, onset=5.0), _HOVER)),
         (("attitude_lag", "delay"), _SHARP),
@@ -115,6 +119,7 @@ TRIALS: Mapping[frozenset[str], Trial] = {
         (("delay", "motor_lag"), _BOTH),
         (("inertia", "motor_lag"), _BOTH),
         (("attitude_lag", "inertia"), _SHARP),
+        (("delay", "inertia"), _SHARP),
         (("trim", "center_of_mass"), Trial(Flights(paths.pumping), _HOVER)),
         (("trim", "wind"), Trial(Flights(paths.turning), _HOVER)),
         (("battery", "thrust_gain"), Trial(_MINUTE, _SIX)),
