@@ -33,6 +33,7 @@ PENALTY = 1.0
 MANY = 64
 """Team size from which on close pairs are found by sweeps (`tasks/sweep.py`)."""
 _MARGIN = 0.2
+_REACH = CONTACT_DISTANCE + _MARGIN
 
 
 def distances(pos: Float[Array, "drones 3"]) -> Float[Array, "drones drones"]:
@@ -44,7 +45,11 @@ def nearest(pos: Float[Array, "drones 3"], k: int) -> Int[Array, "drones k"]:
     """Indices of the `k` nearest others of each drone, the nearest first."""
     if len(pos) >= MANY and k:
         return sweep.nearest(pos, k)
-    return jax.lax.top_k(-_squared(pos), k)[1]
+    squared, place, found = _squared(pos), jnp.arange(len(pos)), [jnp.zeros((0, len(pos)), int)]
+    for _ in range(k):
+        found.append(jnp.argmin(squared, axis=0)[None])
+        squared = jnp.where(place[:, None] == found[-1], jnp.inf, squared)
+    return jnp.concatenate(found).T
 
 
 def in_contact(pos: Float[Array, "drones 3"], t: Float[Array, ""]) -> Bool[Array, " drones"]:
@@ -65,16 +70,15 @@ def penalty(pos: Float[Array, "drones 3"]) -> Float[Array, " drones"]:
     return _summed(jax.lax.stop_gradient(pos), CONTACT_DISTANCE, _exact)
 
 
+@jax.custom_vjp
 def soft_penalty(pos: Float[Array, "drones 3"]) -> Float[Array, " drones"]:
-    """The differentiable surrogate of one step, at least 0."""
-    return _swept_surrogate(pos) if len(pos) >= MANY else jnp.sum(_soft(_squared(pos)), axis=-1)
+    """The differentiable surrogate of one step, at least 0; in reverse mode, once."""
+    return _summed(pos, _REACH, _soft)
 
 
 def surrogate(distance: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """What one other drone at a distance [m] takes off the reward that is trained on."""
-    inside = (CONTACT_DISTANCE + _MARGIN - distance) / _MARGIN
-    # Infinite distances (the diagonal) are put at the border, where value and slope are zero.
-    inside = jnp.maximum(jnp.where(jnp.isfinite(distance), inside, 0.0), 0.0)
+    inside = jnp.maximum((_REACH - distance) / _MARGIN, 0.0)
     return PENALTY * jnp.where(inside < 1.0, 0.5 * inside**2, inside - 0.5)
 
 
@@ -109,20 +113,23 @@ def _soft(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return surrogate(_length(squared))
 
 
-@jax.custom_vjp
-def _swept_surrogate(pos: Float[Array, "drones 3"]) -> Float[Array, " drones"]:
-    return sweep.summed(pos, CONTACT_DISTANCE + _MARGIN, _soft)
+def _slope(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Derivative of `_soft` by the squared distance."""
+    length = _length(squared)
+    inside = jnp.clip((_REACH - length) / _MARGIN, 0.0, 1.0)
+    return -0.5 * PENALTY / _MARGIN * inside / length
 
 
-def _swept_fwd(pos: Array) -> tuple[Array, Array]:
-    return _swept_surrogate(pos), pos
+def _pushed(pos: Array, weight: Array) -> tuple[Array]:
+    """Derivative of the weighted sum of `soft_penalty`.
+
+    All pairs stand with the drone that is moved last: sums over it would not be vectorised.
+    """
+    if len(pos) >= MANY:
+        return (sweep.pulled(pos, weight, _REACH, _slope),)
+    apart = pos.T[:, None] - pos.T[:, :, None]
+    force = (weight + weight[:, None]) * _slope(jnp.sum(apart**2, axis=0))
+    return (2.0 * jnp.sum(force * apart, axis=1).T,)
 
 
-def _swept_bwd(pos: Array, cotangent: Array) -> tuple[Array]:
-    def slope(squared: Array) -> Array:
-        return jax.jvp(_soft, (squared,), (jnp.ones_like(squared),))[1]
-
-    return (sweep.pulled(pos, cotangent, CONTACT_DISTANCE + _MARGIN, slope),)
-
-
-_swept_surrogate.defvjp(_swept_fwd, _swept_bwd)
+soft_penalty.defvjp(lambda pos: (soft_penalty(pos), pos), _pushed)

@@ -108,6 +108,24 @@ def test_the_surrogate_pushes_drones_apart_even_when_they_coincide():
     assert not pushed[2].any()
 
 
+@pytest.mark.parametrize("n", [2, 3, 12, 63])
+def test_the_push_is_the_derivative_of_all_pairs(n):
+    """Two worlds of drones within reach of each other, against automatic differentiation."""
+    pos = 0.15 * jax.random.normal(jax.random.key(n), (2, n, 3))
+    weight = jnp.cos(jnp.arange(n))
+    others = ~jnp.eye(n, dtype=bool)
+
+    def paired(pos):
+        return jnp.sum(jnp.where(others, surrogate(distances(pos)), 0.0), axis=-1)
+
+    found, expected = (
+        jax.vmap(jax.grad(lambda p, f=f: jnp.sum(weight * f(p))))(pos)
+        for f in (soft_penalty, paired)
+    )
+    assert float(jnp.abs(expected).max()) > 0.5
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
+
+
 def formation(n, kind, key=0):
     """A large team: on its spawn grid, on a ring, between both, or in a heap."""
     keys = jax.random.split(jax.random.key(key), 2)
