@@ -8,6 +8,7 @@ With commanded roll, pitch, yaw and thrust (phi_c, theta_c, psi_c, T), h the ste
 
 The lag is the exact solution of its first-order equation under a held command; thrust follows at
 once; actions command no yaw, so psi = 0 and the equations are those of the paper, Sec. IV-A.
+A yaw command beyond +-pi, or that wraps there, is followed the short way.
 There is no drag, no rotor, no moment of inertia and no floor.
 
 | symbol | name | unit |
@@ -183,6 +184,7 @@ class PointMass(AbstractSimulator):
     ) -> PointMassState:
         effects, memory, flight = self.effects, state.memory, self.flight(state)
         memory, cmd = chain.command(effects, memory, flight, cmd, h)
+        cmd = cmd.at[:, 2].set(_near(cmd[:, 2], state.lag[:, 2]))
         memory, vehicle = chain.plant(effects, memory, flight, self.spec.vehicle(drag=False), h)
         lag = state.lag + (1.0 - jnp.exp(-h / self.attitude_tau)) * (cmd[:, :3] - state.lag)
         response = jnp.concatenate([lag, cmd[:, 3:]], axis=-1)
@@ -223,6 +225,13 @@ def _chosen(
 ) -> Float[Array, "..."]:
     """`new` where a drone is chosen, `old` elsewhere."""
     return jnp.where(chosen.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+
+def _near(
+    angle: Float[Array, " drones"], other: Float[Array, " drones"]
+) -> Float[Array, " drones"]:
+    """`angle` [rad], whole turns away from which it is nearest to `other`."""
+    return angle - 2.0 * jnp.pi * jnp.round((angle - other) / (2.0 * jnp.pi))
 
 
 def _thrust_vector(

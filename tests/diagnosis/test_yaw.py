@@ -1,0 +1,54 @@
+"""Flights whose yaw passes +-pi, where both the log and the command wrap."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flights_for_tests import SIGMA
+from scipy.spatial.transform import Rotation
+
+from diagnosis.diagnose import STEPS, make_likelihood
+from diagnosis.library import make_library
+from diagnosis.logs import DroneLog, FlightLog
+from diagnosis.replay import make_replay
+from simulators import registry
+from simulators.vehicle import CONTROL_DT, GRAVITY
+
+SECONDS = 6.0
+RATE = 1.2
+"""Rate of the yaw command [rad/s]: once around, and past pi twice."""
+
+
+def turning(simulator):
+    """A hover that turns, flown under commands that wrap, with noise."""
+    t = CONTROL_DT * np.arange(round(SECONDS / CONTROL_DT))
+    cmd = np.zeros((len(t), 1, 4))
+    cmd[:, 0, 2] = np.angle(np.exp(1j * (2.0 + RATE * t)))
+    cmd[:, 0, 3] = simulator.spec.mass * GRAVITY
+    state = simulator.reset(jnp.asarray([[0.0, 0.0, 2.0]]), jax.random.key(0))
+    held = jnp.repeat(jnp.asarray(cmd[:1]), 200, axis=0)
+    state = jax.lax.scan(lambda s, u: (simulator.step_cmd(s, u, CONTROL_DT), None), state, held)[0]
+
+    def step(state, cmd):
+        return simulator.step_cmd(state, cmd, CONTROL_DT), simulator.flight(state)
+
+    _, flown = jax.jit(lambda state: jax.lax.scan(step, state, jnp.asarray(cmd)))(state)
+    rng, n = np.random.default_rng(0), len(t)
+    noise = rng.normal(size=(3, n, 3)) * SIGMA.reshape(3, 1, 3)
+    quat = Rotation.from_quat(np.asarray(flown.quat)[:, 0]) * Rotation.from_rotvec(noise[2])
+    pos, vel = (
+        np.asarray(x)[:, 0] + e for x, e in zip((flown.pos, flown.vel), noise, strict=False)
+    )
+    return FlightLog("turning", (DroneLog(t, pos, vel, quat.as_quat(), cmd=cmd[:, 0]),))
+
+
+@pytest.mark.parametrize("name", ["point_mass", "crazyflow"])
+def test_a_turn_through_pi_is_replayed_within_noise(name):
+    own = {"dt": STEPS[name]} if name == "point_mass" else {}
+    simulator = registry.load("simulator", name)(**own)
+    flight = turning(simulator)
+    yaw = Rotation.from_quat(flight.drones[0].quat).as_euler("xyz")[:, 2]
+    assert np.sum(np.abs(np.diff(yaw)) > 3.0) >= 1
+    replay = make_replay(make_library(simulator), STEPS[name])
+    normal = make_likelihood(replay, [flight], SIGMA).normal(replay.library.neutral)
+    assert normal.chi2 / normal.dof.sum() == pytest.approx(1.0, abs=0.15)
