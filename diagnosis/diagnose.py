@@ -26,7 +26,7 @@ from diagnosis.segments import WINDOW, cut
 from diagnosis.verdict import FOLLOWED, SLIGHT, Verdict, judge
 from simulators import registry
 from simulators.contract import AbstractSimulator
-from simulators.vehicle import VEHICLES
+from simulators.vehicle import GRAVITY, VEHICLES
 
 STEPS = {"crazyflow": 0.002, "point_mass": 0.005}
 """Integration step of each simulator's replay [s]; others take the point mass's."""
@@ -216,7 +216,14 @@ def make_likelihood(
     """The likelihood of flights; time on the ground does not count."""
     mass = replay.library.simulator.spec.mass
     ignored = functools.partial(on_ground, mass=mass)
-    return Likelihood(replay, cut(logs, replay.dt, replay.prescribed, ignored), sigma)
+    segments = cut(logs, replay.dt, replay.prescribed, ignored)
+    return Likelihood(replay, segments, sigma, _shake(logs) if replay.prescribed else 0.0)
+
+
+def _shake(logs: Sequence[FlightLog]) -> float:
+    """Noise of a window's mean force [m/s^2] where thrust points along the measured attitude."""
+    period = np.median(np.concatenate([np.diff(d.t) for log in logs for d in log.drones]))
+    return float(GRAVITY * max(estimate_noise(logs)[6:8]) / np.sqrt(WINDOW / period))
 
 
 def noise_of(replay: Replay, logs: Sequence[FlightLog]) -> Float[np.ndarray, " 9"]:

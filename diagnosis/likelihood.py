@@ -7,10 +7,11 @@ Within a window the measurements y of all nodes are
 with f the replayed window from a smoothed start and x the error of that start (position and
 velocity, six numbers a drone), which nothing is known of and which is projected out. What is left
 is independent from window to window, because windows share no row. Where the attitude was set to a
-measured one at most a window ago, y also holds A z with z ~ N(0, diag(TURN^2)), the error of that
-attitude and angular velocity, and r and J below are multiplied by (I + A TURN^2 A')^(-1/2), with A
-taken at one vector for all (`settle`). With r the projected, whitened residual and J its
-derivative, every candidate set needs only
+measured one at most a window ago, y also holds A z with z ~ N(0, 1), errors of that attitude and
+angular velocity (`TURN`), and r and J below are multiplied by (I + A A')^(-1/2), with A taken at
+one vector for all (`settle`). Where all attitudes are measured ones, the noise of every window's
+force takes their place (`shaken`): clean flights were `unexplained` without it. With r the
+projected, whitened residual and J its derivative, every candidate set needs only
 
     H = J'J,   g = J'r,   c = r'r,   summed over windows and kept per window and flight.
 
@@ -32,7 +33,7 @@ from jaxtyping import Bool, Float, Int
 
 from diagnosis.replay import Prediction, Replay
 from diagnosis.segments import WINDOW, Segments
-from diagnosis.whitening import Turns, make_turns, projected, residual, unit
+from diagnosis.whitening import TURN, Turns, make_turns, projected, residual, shaken, unit
 
 KEPT = 2**29
 """Bytes of replays that are kept, so that scoring a fit does not fly it again; two at least."""
@@ -114,15 +115,19 @@ class Tracks:
 
 
 class Likelihood:
-    """The likelihood of flights under one library; flights with as many drones make a group."""
+    """The likelihood of flights under one library; flights with as many drones make a group.
+
+    `shake` is the noise of a window's mean force [m/s^2] where measured attitudes are prescribed.
+    """
 
     def __init__(
         self,
         replay: Replay,
         groups: Sequence[Segments],
         sigma: Float[np.ndarray, " 9"],
+        shake: float = 0.0,
     ) -> None:
-        self.replay, self.groups, self.sigma = replay, list(groups), sigma
+        self.replay, self.groups, self.sigma, self.shake = replay, list(groups), sigma, shake
         self.n_params = len(replay.library.slots)
         self.trusted: Bool[np.ndarray, " windows"] | None = None
         self._replays: dict[tuple, tuple[dict, dict]] = {}
@@ -357,9 +362,12 @@ class Likelihood:
         return self._valid(group, chosen)[..., None] / self.sigma
 
     def _turned(self, group: Segments, chosen: slice, prediction: Prediction) -> Turns:
-        A = prediction.turn.astype(float) * self._scale(group, chosen)
-        A = projected(A, self._starts(group, chosen))
         turned = group.fresh[chosen, 1:] | group.fresh[chosen, :-1]
+        A = prediction.turn.astype(float) * TURN.reshape(-1, *[1] * 5)
+        if self.shake:
+            t = group.place[chosen, 1:][..., None] * self.replay.dt
+            A, turned = shaken(t, WINDOW, self.shake), np.ones_like(turned)
+        A = projected(A * self._scale(group, chosen), self._starts(group, chosen))
         return make_turns(A[:, turned], turned)
 
     def _starts(self, group: Segments, chosen: slice) -> Float[np.ndarray, "..."]:

@@ -1,6 +1,7 @@
 """Whitened residuals without what the start of a window, which nobody knows, may explain."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -27,7 +28,7 @@ def projected(x: np.ndarray, basis: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class Turns:
-    """What errors of measured attitudes take from a batch of windows."""
+    """What errors of measured attitudes take from a batch of windows, six a drone."""
 
     turned: Bool[np.ndarray, "segments windows drones"]
     """Where a measured attitude still shows."""
@@ -39,7 +40,7 @@ class Turns:
     """How many numbers that takes of each window."""
 
     def taken(self, x: Float[np.ndarray, "k segments windows drones nodes 9"]) -> np.ndarray:
-        """`x`, in place, multiplied by (I + A TURN^2 A')^(-1/2)."""
+        """`x`, in place, multiplied by (I + A A')^(-1/2)."""
         lines = x[:, self.turned]
         flat = np.moveaxis(lines, 0, -1).reshape(*self.along.shape[:2], len(x))
         flat = flat - self.along @ (self.less[..., None] * (self.along.swapaxes(1, 2) @ flat))
@@ -47,10 +48,33 @@ class Turns:
         return x
 
 
+def shaken(
+    t: Float[np.ndarray, "*n nodes 1"], seconds: float, noise: float
+) -> Float[np.ndarray, "6 *n nodes 9"]:
+    """What white noise of the acceleration along x and y does within a window.
+
+    `t` is the time since its start [s], `seconds` its length, `noise` the standard deviation of
+    its mean acceleration [m/s^2]. The noise is taken along the first three Legendre polynomials,
+    which are independent; velocities [m/s] and positions [m] are their integrals.
+    """
+    s = t[..., 0] / seconds
+    vel = [s, np.sqrt(3.0) * (s**2 - s), np.sqrt(5.0) * (2.0 * s**3 - 3.0 * s**2 + s)]
+    pos = [
+        s**2 / 2.0,
+        np.sqrt(3.0) * (s**3 / 3.0 - s**2 / 2.0),
+        np.sqrt(5.0) * (s**4 / 2.0 - s**3 + s**2 / 2.0),
+    ]
+    columns = np.zeros((6, *s.shape, 9))
+    for i, axis in itertools.product(range(3), range(2)):
+        columns[2 * i + axis, ..., axis] = noise * seconds**2 * pos[i]
+        columns[2 * i + axis, ..., 3 + axis] = noise * seconds * vel[i]
+    return columns
+
+
 def make_turns(A: Float[np.ndarray, "6 lines nodes 9"], turned: Bool[np.ndarray, "..."]) -> Turns:
-    """What errors of the attitude take from the windows at which `turned`, along slopes `A`."""
+    """What six errors take from the windows at which `turned`; `A` is what each does, one sigma."""
     columns = np.moveaxis(A, 0, -1)
-    columns = columns.reshape(len(columns), A.shape[2] * A.shape[3], len(A)) * TURN
+    columns = columns.reshape(len(columns), A.shape[2] * A.shape[3], len(A))
     # A window that cannot be flown at that vector may be at another: its attitude is believed.
     columns = np.where(np.isfinite(columns).all(axis=(1, 2), keepdims=True), columns, 0.0)
     squares, vectors = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)

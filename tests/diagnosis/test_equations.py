@@ -5,6 +5,7 @@ import pytest
 
 from diagnosis.equations import Switched, loosened, moved, spread_between
 from diagnosis.likelihood import Normal
+from diagnosis.whitening import shaken
 
 N_PARAMS, N_WINDOWS = 3, 10
 
@@ -105,3 +106,22 @@ def test_what_is_switched_on_acts_in_the_windows_from_its_onset_on(onset):
         np.testing.assert_allclose(found.g[i], J.T @ r, atol=1e-9)
         assert found.c[i] == pytest.approx(r @ r)
     assert found.flight.tolist() == [0, 1, 2]
+
+
+def test_shaken_windows_move_as_white_noise_moves_them():
+    """Covariances of velocity and position against sums of many small random accelerations."""
+    seconds, n, noise = 0.5, 200, 0.3
+    rng, dt = np.random.default_rng(0), seconds / 200
+    acc = rng.normal(size=(20_000, n)) * noise * np.sqrt(n)
+    vel = np.cumsum(acc * dt, axis=1)
+    pos = np.cumsum(vel * dt, axis=1)
+    at = np.asarray([99, 199])
+    A = shaken((dt * (at + 1.0))[:, None], seconds, noise)
+    for column in (0, 1):
+        x, v = A[:, :, column], A[:, :, 3 + column]
+        drawn = np.cov(np.concatenate([pos[:, at], vel[:, at]], axis=1).T)
+        found = np.concatenate([x, v], axis=1).T @ np.concatenate([x, v], axis=1)
+        # Three polynomials hold all of the mean and most of what is faster.
+        np.testing.assert_allclose(found, drawn, rtol=0.2)
+        np.testing.assert_allclose(found[3, 3], (noise * seconds) ** 2, rtol=1e-6)
+    assert not A[:, :, [2, 5, 6, 7, 8]].any()

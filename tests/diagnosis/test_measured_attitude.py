@@ -1,11 +1,18 @@
 """When an answer about forces, judged under the measured attitude, is believed."""
 
+import dataclasses
 import types
 
+import numpy as np
 import pytest
+from flights_for_tests import flight_set, point_mass_set
 
-from diagnosis.diagnose import Study
+from diagnosis.diagnose import Study, diagnose
+from diagnosis.inputs import PRESCRIBED
 from diagnosis.verdict import Structure
+from simulators.effects.thrust_gain import ThrustGain
+from simulators.effects.wind import Wind
+from simulators.vehicle import VEHICLES
 
 
 @pytest.mark.parametrize(
@@ -25,3 +32,66 @@ def test_forces_convince_only_with_a_gap_and_a_clear_cause(found, kind, share, c
     study = object.__new__(Study)  # without flights: the answer alone is asked
     study.__dict__.update(base=None, verdict=verdict)
     assert study.convinces() is convinces
+
+
+def fine_set(*effects):
+    """Flights in steps so fine that a measured attitude is that of the forces, too."""
+    return point_mass_set(*effects, dt=0.001, n_flights=4)
+
+
+def misled(flight, rng):
+    """The flight with logged angle commands that are not those which were flown."""
+    (drone,) = flight.drones
+    cmd = drone.cmd.copy()
+    cmd[:, :2] += np.repeat(rng.uniform(-0.15, 0.15, (len(cmd) // 15 + 1, 2)), 15, axis=0)[
+        : len(cmd)
+    ]
+    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, cmd=cmd),))
+
+
+def test_forces_are_judged_under_the_measured_attitude_where_nothing_explains_it():
+    rng = np.random.default_rng(0)
+    flights = [misled(f, rng) for f in fine_set(Wind(x=1.5)).flights]
+    content = diagnose(flight_set(flights), simulator="point_mass").to_json()
+    assert content["flights"]["input"] == PRESCRIBED
+    assert content["verdict"] == "effect"
+    (effect,) = content["effects"]
+    assert effect["name"] == "wind"
+    assert effect["parameters"]["x"]["value"] == pytest.approx(1.5, abs=0.1)
+    why = {x["effect"]: x["why"] for x in content["details"]["not_observable"]}
+    assert "measurement" in why["attitude_lag"]
+    assert content["details"]["noise"]["attitude roll"] is None
+    assert content["details"]["noise"]["position x"] > 0.0
+
+
+def rotor_logged(flight, spec):
+    """The flight with the rotor speeds of its commanded thrust instead of commands."""
+    (drone,) = flight.drones
+    c0, c1, c2 = spec.rpm2thrust
+    share = drone.cmd[:, 3] / 4.0
+    n = (-c1 + np.sqrt(c1**2 - 4.0 * c2 * (c0 - share))) / (2.0 * c2)
+    rotor_vel = np.repeat(n[:, None] * 2.0 * np.pi / 60.0, 4, axis=1)
+    drone = dataclasses.replace(drone, cmd=None, rotor_vel=rotor_vel)
+    return dataclasses.replace(flight, drones=(drone,))
+
+
+def test_rotor_speeds_alone_tell_a_weaker_thrust():
+    flights = fine_set(ThrustGain(e=-0.1))
+    spec = VEHICLES[flights.vehicle.drone]
+    logged = flight_set([rotor_logged(f, spec) for f in flights.flights])
+    content = diagnose(logged, simulator="point_mass").to_json()
+    assert content["flights"]["input"] == "rotor speeds"
+    (effect,) = content["effects"]
+    assert "thrust_gain" in [effect["name"], *effect["aliases"]]
+    (size,) = effect["parameters"].values()
+    assert abs(size["value"]) == pytest.approx(0.1, abs=0.015)
+
+
+def test_the_noise_of_measured_attitudes_is_no_effect():
+    """Structure is one, where it was 1.5 while the noise in the force did not count."""
+    flights = fine_set()
+    spec = VEHICLES[flights.vehicle.drone]
+    logged = flight_set([rotor_logged(f, spec) for f in flights.flights])
+    content = diagnose(logged, simulator="point_mass").to_json()
+    assert content["verdict"] == "none"
+    assert content["details"]["structure"]["before"] == pytest.approx(1.0, abs=0.15)

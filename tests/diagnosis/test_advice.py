@@ -1,0 +1,64 @@
+"""What to fly next, in a sentence."""
+
+import pytest
+
+from diagnosis.advice import MANOEUVRES, REGIMES, next_flight
+from diagnosis.content import _largest_regime
+from diagnosis.library import FAMILIES
+from simulators import registry
+
+
+def test_a_pair_that_looks_alike_is_separated_by_its_manoeuvre():
+    said = next_flight("effect", {"wind": [], "mass": ["thrust_gain"]}, None, ["drag"])
+    assert said.startswith("To separate mass from thrust_gain: fast straight lines at 2 m/s")
+
+
+def test_a_pair_without_a_manoeuvre_is_flown_one_after_the_other():
+    pair = frozenset(("yaw_gains", "rotor_inertia"))
+    assert pair not in MANOEUVRES
+    said = next_flight("effect", {"yaw_gains": ["rotor_inertia"]}, None, [])
+    assert said.count(REGIMES["yaw_gains"]) == 2
+    assert "To separate yaw_gains from rotor_inertia" in said
+
+
+def test_what_nobody_explains_is_flown_again_where_it_is_largest():
+    said = next_flight("unexplained", {}, "speed 1 to 2 m/s", [])
+    assert "where the gap is largest (speed 1 to 2 m/s)" in said
+    assert "()" not in next_flight("unexplained", {}, None, [])
+
+
+def test_what_the_flights_hardly_show_is_named():
+    assert "ground effect" in next_flight("none", {}, None, ["mass", "ground_effect"])
+    assert next_flight("none", {}, None, []).startswith("Nothing: ")
+
+
+def test_advice_is_about_effects_that_there_are():
+    names = set(registry.names("effect"))
+    assert set().union(*MANOEUVRES) | set(REGIMES) <= names
+    for pair in MANOEUVRES:
+        assert len(pair) == 2
+    assert set().union(*FAMILIES.values()) <= names
+
+
+@pytest.mark.parametrize(
+    ("gaps", "found"),
+    [
+        ({"speed": [1.0, 1.0, 1.2], "tilt": [0.1, 0.1, 5.0]}, "tilt 2 to 3 -"),
+        ({"speed": [0.1, 9.0, None], "tilt": [1.0, 1.1, 1.2]}, "speed 1 to 2 -"),
+        ({}, None),
+    ],
+)
+def test_the_regime_that_stands_out_is_that_of_the_channel_with_the_largest_share(gaps, found):
+    def channel(share, regimes):
+        lines = [
+            {"variable": name, "unit": "-", "edges": [0.0, 1.0, 2.0, 3.0], "gap": gap}
+            for name, gap in regimes.items()
+        ]
+        return {"share": share, "regimes": lines}
+
+    other = channel(0.3, {"height": [0.0, 0.0, 99.0]})
+    assert _largest_regime([other, channel(0.7, gaps)]) == found
+
+
+def test_without_channels_no_regime_stands_out():
+    assert _largest_regime([]) is None
