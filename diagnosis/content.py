@@ -11,6 +11,7 @@ from diagnosis.advice import next_flight
 from diagnosis.library import LEFT_OUT, NEEDS_ATTITUDE_CMD, NEEDS_VOLTAGE, NEVER_BLAMED, Library
 from diagnosis.logs import FlightLog, FlightSet
 from diagnosis.noise import CHANNELS
+from diagnosis.outliers import standing_out
 from diagnosis.search import Problem
 from diagnosis.verdict import Verdict, intervals, limits
 from simulators import registry
@@ -61,7 +62,11 @@ def content(
             _blind_to(problem.library, seen),
         ),
         "details": _details(study, seen)
-        | {"not_observable": _not_observable(study, exclude), "where_left": left},
+        | {
+            "not_observable": _not_observable(study, exclude),
+            "where_left": left,
+            "set_aside": _set_aside(study),
+        },
     }
 
 
@@ -72,6 +77,18 @@ def _left_out(flights: FlightSet, study: "Study", reference: FlightSet | None) -
         there = [(x.name, x.reason) for x in reference.left_out] + list(study.compared.left_out)
         found += [(name, f"reference, {reason}") for name, reason in there]
     return [{"name": name, "reason": reason} for name, reason in found]
+
+
+def _set_aside(study: "Study") -> list[dict]:
+    """Windows that stand out alone and did not count."""
+    alone = standing_out(study.every.aside)
+    if alone is None:
+        return []
+    misfit = alone.c / np.maximum(alone.dof, 1.0)
+    return [
+        {"flight": study.inputs.flights[i].name, "t": float(t), "misfit": float(m)}
+        for i, t, m in zip(alone.flight, alone.t, misfit, strict=True)
+    ]
 
 
 def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:

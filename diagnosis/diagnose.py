@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
@@ -18,6 +17,7 @@ from diagnosis.library import make_library, with_aliases
 from diagnosis.likelihood import FEWEST_NODES, Likelihood
 from diagnosis.logs import FlightLog, FlightSet, LogError
 from diagnosis.noise import estimate_noise
+from diagnosis.outliers import beyond, standing_out, upsets
 from diagnosis.programs import remembered
 from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
@@ -186,7 +186,7 @@ def _study(
     scored = every if lofo else _part(every, logs, held)
     if not lofo:
         for other in (every, scored):
-            other.settle(verdict.chosen.fit.total, DISTRUST)
+            other.settle(verdict.chosen.fit.total, beyond(DISTRUST))
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
     return Study(inputs, compared, base, problem, verdict, every, drift, fit_ids, held, sigma)
 
@@ -268,21 +268,29 @@ def attribute(
     base: Reference | None = None,
     progress: Progress = silent,
 ) -> tuple[Problem, list[Fit]]:
-    """The problem with its dispersion settled, and fits of all sets near the top."""
+    """The problem with its dispersion settled, and fits of all sets near the top.
+
+    What was left out is settled once more where an upset shows only at the fit without others.
+    """
     known = (base.vector, base.precision, base.spread) if base else ()
     problem = Problem(likelihood, *known)
     floor = base.phi if base else 1.0
     progress("screening all effects", 0.1)
-    likelihood.settle(problem.base, math.inf)
+    likelihood.settle(problem.base)
     problem.phi = max(floor, dispersion(problem.nominal().normal, n_flights))
     best = problem.search()[0]
-    progress("weighing windows after gaps", 0.5)
-    likelihood.settle(best.total, DISTRUST)
-    problem.renew()
-    best = problem.refit(best.effects, problem.nominal())
-    problem.phi = max(floor, dispersion(best.normal, n_flights))
-    progress("comparing sets of effects", 0.6)
-    problem.search()
-    problem.polish_best()
-    problem.phi = max(floor, dispersion(problem.ranked()[0].normal, n_flights))
+    for share in (0.5, 0.7):
+        progress("weighing windows that stand out", share)
+        likelihood.settle(best.total, beyond(DISTRUST))
+        # An upset may have pulled all parameters so far that they would not come back.
+        problem.renew(wholly=standing_out(likelihood.aside) is not None)
+        best = problem.refit(best.effects, problem.nominal())
+        problem.phi = max(floor, dispersion(best.normal, n_flights))
+        progress("comparing sets of effects", share + 0.1)
+        problem.search()
+        problem.polish_best()
+        best = problem.ranked()[0]
+        problem.phi = max(floor, dispersion(best.normal, n_flights))
+        if not upsets(best.normal, best.normal.dof > 0).any():
+            break
     return problem, problem.ranked()

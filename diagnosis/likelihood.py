@@ -26,7 +26,7 @@ not there.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -41,9 +41,6 @@ NARROW = 8
 """Directions of a replay along some parameters only; all of them cost several times as much."""
 SLOPES = 2**28
 """Most bytes of slopes that are kept for replays along few parameters."""
-FEW = 0.25
-"""Most windows that may be left out, of those soon after an unknown command. With two drones nearly
-all are: 94 of 125 were left out with the gust in them, when it was excluded from the library."""
 FEWEST_NODES = 5
 """A drone's window with fewer nodes is left out: its start alone takes two per axis."""
 
@@ -90,6 +87,10 @@ class Normal:
         return [self.of(self.flight == flight) for flight in np.unique(self.flight)]
 
 
+Spoiled = Callable[[Normal], Bool[np.ndarray, " windows"]]
+"""Which windows are not to count (`outliers.py`)."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Tracks:
     """Windows as they were measured and predicted, one line a drone and window."""
@@ -130,6 +131,7 @@ class Likelihood:
         self.replay, self.groups, self.sigma, self.shake = replay, list(groups), sigma, shake
         self.n_params = len(replay.library.slots)
         self.trusted: Bool[np.ndarray, " windows"] | None = None
+        self.aside: Normal | None = None
         self._replays: dict[tuple, tuple[dict, dict]] = {}
         self._settled = np.array(replay.library.neutral, float)
         self._turns: dict[tuple[int, int], Turns] = {}
@@ -240,25 +242,19 @@ class Likelihood:
                 return
             del self._replays[key], sizes[key]
 
-    def settle(self, vector: Float[np.ndarray, " params"], limit: float) -> int:
-        """Takes errors of the start to act as at `vector`, and leaves out windows.
-
-        Those soon after an unknown command that fit worse than `limit` sigmas; returns how many.
-        Only such windows can be left out, one or `FEW` of them: else a bad fit is a finding.
-        """
+    def settle(self, vector: Float[np.ndarray, " params"], spoiled: Spoiled | None = None) -> None:
+        """Takes errors of the start to act as at `vector`; windows `spoiled` there do not count."""
         self._settled, self.trusted = np.array(vector, float), None
         self._turns.clear()
         self._slopes.clear()
         self._replays.clear()
         normal = self.normal(vector)
-        z = (normal.c - normal.dof) / np.sqrt(2.0 * normal.dof)
-        bad = normal.doubtful & (z > limit)
-        bad &= bad.sum() <= max(1.0, FEW * normal.doubtful.sum())
+        bad = np.zeros(len(normal.c), bool) if spoiled is None else spoiled(normal)
+        self.aside = normal.of(bad)
         counted = np.concatenate([self._dof(group) for group in self.groups]) > 0
         trusted = counted.copy()
         trusted[counted] = ~bad
         self.trusted = trusted
-        return int(bad.sum())
 
     def silent(self) -> set[int]:
         """Flights of which no window counts."""

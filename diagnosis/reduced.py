@@ -107,6 +107,25 @@ class Equations:
         step = bounded_step(H, g, low - fit.vector[free], high - fit.vector[free])
         return step, float(2 * g @ step - step @ H @ step)
 
+    def following(
+        self, fit: Fit, free: list[int], step: Float[np.ndarray, " free"]
+    ) -> Float[np.ndarray, " params"]:
+        """How the shared shift follows a step of the free parameters, to first order.
+
+        An offset of the centre of mass and the stiffness of the loop, say, can only grow together.
+        """
+        if self.precision is None:
+            return np.zeros(len(fit.vector))
+        H = fit.normal.H.sum(axis=0)
+        return -np.linalg.solve(H + self.precision, H[:, free] @ step)
+
+    def _inwards(
+        self, vector: Float[np.ndarray, " params"], by: Float[np.ndarray, " params"]
+    ) -> Float[np.ndarray, " params"]:
+        """As much of the step `by` as leaves no bound of the library behind."""
+        low = np.minimum(self.library.low, vector)
+        return np.clip(vector + by, low, np.maximum(self.library.high, vector)) - vector
+
     def solve(
         self, normal: Normal, fit: Fit, free: list[int]
     ) -> tuple[Float[np.ndarray, " free"], float]:

@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float
 from diagnosis.equations import bounded_step, dispersion, loosened, spread_between
 from diagnosis.library import NEVER_BLAMED, Library
 from diagnosis.likelihood import Likelihood, Normal
+from diagnosis.outliers import beyond
 from diagnosis.verdict import Floor, floor_of
 
 UNSHARED = ("gust", "attitude_loop", "mass")
@@ -90,7 +91,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     library = likelihood.replay.library
     n_flights = len({flight for group in likelihood.groups for flight in group.flight})
     vector = _descended(likelihood, library)
-    likelihood.settle(vector, 6.0)
+    likelihood.settle(vector, beyond(6.0))
     vector = _descended(likelihood, library, vector)
     normal = likelihood.normal(vector)
     per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / 9.0)
@@ -99,7 +100,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])
     enlarged = np.sqrt(np.maximum(per_channel, 1.0))
     likelihood.sigma = likelihood.sigma * enlarged
-    likelihood.settle(vector, 6.0)
+    likelihood.settle(vector, beyond(6.0))
     normal = likelihood.normal(vector)
     floor, prior = floor_of(library, normal), _prior(library)
     spread = spread_between(normal, np.isin(_effects(library), UNSHARED, invert=True))

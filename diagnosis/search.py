@@ -74,8 +74,10 @@ class Problem(Equations):
         self.fits: dict[Set, Fit] = {}
         self.known: dict[Set, Fit] = {}
 
-    def renew(self) -> None:
-        """Forgets all fits but where they ended: the likelihood was settled anew."""
+    def renew(self, wholly: bool = False) -> None:
+        """Forgets all fits but where they ended, or `wholly`: the likelihood was settled anew."""
+        if wholly:
+            self.fits = {}
         self.known = {
             effects: dataclasses.replace(fit, normal=summed(fit.normal))
             for effects, fit in self.fits.items()
@@ -210,10 +212,12 @@ class Problem(Equations):
         step, promise = self._bounded(fit.normal, fit, free)
         if promise < 0.02 * self.phi:
             return None
+        follows = self.following(fit, free, step)
         for part in PARTS:
             vector = fit.vector.copy()
             vector[free] += part * step
-            tried = self.made(fit.effects, vector, fit.shared, whole=False)
+            shift = self._inwards(vector, part * follows)
+            tried = self.made(fit.effects, vector + shift, fit.shared + shift, whole=False)
             if tried.objective < fit.objective:
                 return tried
         return None
@@ -254,8 +258,9 @@ class Problem(Equations):
     def polish_best(self) -> None:
         """Polishes the set on top, and the next one if that takes its place.
 
-        Where that changed much, what the set left before says little of what it leaves now, and
-        larger ones are tried from there.
+        What that set would be without one of its effects is fitted again from there: a larger set
+        must not be better only because it was fitted for longer. Where polishing changed much, what
+        the set left before says little of what it leaves now, and larger ones are tried from there.
         """
         polished: set[Set] = set()
         while (best := self.ranked()[0]).effects not in polished:
@@ -266,6 +271,7 @@ class Problem(Equations):
                 and len(fit.effects) < LARGEST
             ):
                 self._outgrow(fit)
+            self._prune(WORTH)
 
     def _outgrow(self, fit: Fit) -> None:
         """Refits sets with one effect more than `fit` from there, the better fit is kept."""
@@ -278,7 +284,7 @@ class Problem(Equations):
             new = self.fits.setdefault(effects, old)
             self.fits[effects] = max(old, new, key=self.log_evidence)
 
-    def _prune(self) -> None:
+    def _prune(self, within: float = AGAIN) -> None:
         """Refits the best set without each of its effects, as long as that is better.
 
         Growing one by one may pass through an effect that the last one made needless.
@@ -286,14 +292,17 @@ class Problem(Equations):
         while True:
             best = self.ranked()[0]
             for name in best.effects:
-                self._spare(best, name)
+                self._spare(best, name, within)
             if best is self.ranked()[0]:
                 return
 
-    def _spare(self, best: Fit, name: str) -> None:
-        """Fits `best` without an effect that brings little, unless that was done as well."""
+    def _spare(self, best: Fit, name: str, within: float) -> None:
+        """Fits `best` without an effect that brings little, unless that was done as well.
+
+        As well is `within` so many nats of what the effect is worth to first order.
+        """
         less, worth = best.effects - {name}, self._worth(best, name)
-        old, near = self.fits.get(less), self.log_evidence(best) - worth - AGAIN
+        old, near = self.fits.get(less), self.log_evidence(best) - worth - within
         if worth < NEEDED and (old is None or self.log_evidence(old) < near):
             vector, gone = best.vector.copy(), self.library.indices(name)
             vector[gone] = self.base[gone] + best.shared[gone]

@@ -1,10 +1,11 @@
 r"""From fitted candidate sets to an answer: effects, aliases, none beyond noise, or unexplained.
 
 The posterior of a set is its evidence times a prior that every effect costs `EFFECT_COST` nats,
-flattened by `TEMPERATURE`; beside a reference that is not followed an effect must also explain a
-least part of the gap (`WORTHY`). Whether the best set explains the flights is asked afterwards, of
-the data alone: every window may have its own force and tilt, and if windows use that freedom more
-than noise would (`structure`), something is left that no candidate explains.
+flattened by `TEMPERATURE`; beside a reference an effect must also explain a least part of the gap
+(`LEAST`, and `WORTHY` where the reference is not followed). Whether the best set explains the
+flights is asked afterwards, of the data alone: every window may have its own force and tilt, and if
+windows use that freedom more than noise would (`structure`), something is left that no candidate
+explains.
 
 All constants in capitals below were set on development cases of `diagnosis.blind` with known
 answers, before any counted case (`reports/blind.md`).
@@ -47,6 +48,9 @@ WORTHY = 0.002
 (`Floor.unlike`): what a change does there is known no better. False second effects explained up to
 0.0005 on development cases in RotorPy when it was not, true ones 0.006 or more but for a downwash
 beside an offset of the centre of mass (0.0004 to 0.001)."""
+LEAST = 2e-5
+"""That share beside any reference. One false third effect explained 4e-6 of a gap that an offset of
+the centre of mass and a lost thrust made, true second ones 4e-4 or more."""
 CLOSE = 0.025
 """What stands there in the place of `UNEXPLAINED_SHARE`; the right set left up to 0.023 on
 development cases in RotorPy with a structure above `STRUCTURE`."""
@@ -161,7 +165,9 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
 def _cost(problem: Problem, fits: Sequence[Fit], floor: Floor) -> float:
     """What an effect costs [nats]."""
     gap = problem.nominal().objective - min(fit.objective for fit in fits)
-    return EFFECT_COST + floor.unlike * WORTHY * 0.5 * max(gap, 0.0) / problem.phi
+    least = 0.0 if problem.precision is None else LEAST
+    share = max(least, floor.unlike * WORTHY)
+    return EFFECT_COST + share * 0.5 * max(gap, 0.0) / problem.phi
 
 
 def _posterior(problem: Problem, fits: Sequence[Fit], cost: float) -> list[Ranked]:

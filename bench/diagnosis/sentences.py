@@ -77,6 +77,10 @@ def remarks(diagnosis: Json, request: Request) -> list[str]:
     reason = (diagnosis.get("shrink") or {}).get("reason")
     if reason and diagnosis["verdict"] == "effect":
         said.append(f"How far the gap shrinks is not known: {clean(reason).rstrip('.')}.")
+    aside = (diagnosis.get("details") or {}).get("set_aside") or []
+    if aside:
+        at = join(f"{clean(line['flight'])} at {number(line['t'], 2)} s" for line in aside)
+        said.append(f"Left out, half a second each, for standing out alone: {at}.")
     if request.excluded:
         names = join(effect_words(clean(name)).label for name in request.excluded)
         said.append(f"Withheld from the candidates, with all that looks alike: {names}.")

@@ -41,6 +41,7 @@ from diagnosis.library import make_library, with_aliases
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightSet, load_flights
 from diagnosis.noise import estimate_noise
+from diagnosis.outliers import beyond
 from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Problem
@@ -155,7 +156,7 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
     """Held-out shrink under the true set and under the single wrong effect that looks best."""
     problem, n = desk.logged(case)
     fit = truth_fit(problem, truth)
-    problem.likelihood.settle(fit.total, DISTRUST)
+    problem.likelihood.settle(fit.total, beyond(DISTRUST))
     problem.renew()
     fit = truth_fit(problem, truth)
     problem.phi = dispersion(fit.normal, n)

@@ -1,5 +1,7 @@
 """Linear drag, isotropic: f = -c m v, in the world frame, on top of the simulator's own drag.
 
+Drag that differs along and across the rotors' axis is `rotor_drag`.
+
 Here and in all effects like it m is the mass that the operator believes: a payload does not
 change the force of the air.
 """

@@ -90,6 +90,8 @@ def test_verdict_of_a_pair_names_both_with_the_probability_of_the_set():
     assert "x = -0.771 m/s² (95 %: -0.802 to -0.741 m/s²)" in said
     assert "together with commands that take effect 48.1 ms later" in said
     assert "probability 0.91" in said
+    aside = f"Left out, half a second each, for standing out alone: {HOSTILE} at 4.5 s."
+    assert aside in remarks(diagnoses_for_tests.pair(), REQUEST)
     left = "12 % of the gap stays unexplained, mostly in velocity drift z (70 %)."
     assert left in remarks(diagnoses_for_tests.pair(), REQUEST)
 

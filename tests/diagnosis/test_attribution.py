@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
-from diagnosis.diagnose import attribute, make_likelihood
+from diagnosis.diagnose import attribute, diagnose, make_likelihood
 from diagnosis.equations import dispersion
 from diagnosis.library import make_library, with_aliases
+from diagnosis.outliers import beyond
 from diagnosis.reference import fit_reference
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
@@ -276,7 +277,8 @@ def test_windows_after_gaps_that_all_fit_badly_are_a_finding(replay):
     likelihood = make_likelihood(replay, tuple(flown), SIGMA)
     normal = likelihood.normal(replay.library.neutral)
     assert (normal.doubtful & (normal.c > 2.0 * normal.dof)).sum() > 0.5 * normal.doubtful.sum() > 4
-    assert likelihood.settle(replay.library.neutral, 2.5) == 0
+    likelihood.settle(replay.library.neutral, beyond(2.5))
+    assert not len(likelihood.aside.c)
     assert likelihood.normal(replay.library.neutral).dof.sum() == normal.dof.sum()
 
 
@@ -292,6 +294,32 @@ def test_flights_with_bad_windows_after_a_gap_distrust_only_those(replay):
     pos[(lost.t > 1.75) & (lost.t < 1.9)] += 0.05  # outside of it
     spoiled = dataclasses.replace(lost, pos=pos)
     assert len(cmd) == 300
-    flown = (dataclasses.replace(flights[0], drones=(spoiled,)), *flights[1:])
+    flown = (dataclasses.replace(flights[0], drones=(spoiled,)), bumped(flights[1]), flights[2])
     likelihood = make_likelihood(replay, flown, SIGMA)
-    assert likelihood.settle(replay.library.neutral, 4.0) == 1
+    likelihood.settle(replay.library.neutral, beyond(4.0))
+    assert likelihood.aside.t.tolist() == [3.5]
+    assert likelihood.aside.flight.tolist() == [0]
+
+
+def bumped(flight):
+    """The flight with 5 cm on its position for a moment, in one window."""
+    (drone,) = flight.drones
+    pos = drone.pos.copy()
+    pos[(drone.t > 2.25) & (drone.t < 2.4)] += 0.05
+    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, pos=pos),))
+
+
+def test_a_bump_in_one_flight_does_not_count_and_is_told():
+    """A wind is measured as well as without it; bumps in two flights are a finding."""
+    flights = point_mass_set(Wind(x=0.3), n_flights=4).flights
+    once, twice = (
+        diagnose(flight_set([*map(bumped, flights[:n]), *flights[n:]]), simulator="point_mass")
+        for n in (1, 2)
+    )
+    (line,) = once.to_json()["details"]["set_aside"]
+    assert (line["flight"], line["t"]) == ("flight_0", 2.0)
+    assert line["misfit"] > 4.0
+    (wind,) = once.to_json()["effects"]
+    assert wind["parameters"]["x"]["value"] == pytest.approx(0.3, abs=0.01)
+    assert once.to_json()["details"]["structure"]["after"] < 1.2
+    assert twice.to_json()["details"]["set_aside"] == []

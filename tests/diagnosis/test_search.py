@@ -12,6 +12,7 @@ from diagnosis.diagnose import attribute, make_likelihood
 from diagnosis.equations import bounded_step
 from diagnosis.library import Slot, make_library
 from diagnosis.likelihood import NARROW, Likelihood
+from diagnosis.outliers import beyond
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import WINDOW, cut
@@ -137,7 +138,7 @@ def test_a_vector_that_cannot_be_flown_spoils_no_other(replay):
     wild = replay.library.neutral.copy()
     wild[at] = 2.0
     likelihood.replay = flown
-    likelihood.settle(wild, 6.0)
+    likelihood.settle(wild, beyond(6.0))
     assert not np.isfinite(likelihood.normal(wild).chi2)
     after = likelihood.normal(replay.library.neutral)
     assert np.isfinite(after.chi2)
