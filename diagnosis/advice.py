@@ -136,7 +136,7 @@ def next_flight(
                 "each in flights of their own."
             )
     if kind == "unexplained":
-        place = f" where the gap is largest ({where})" if where else ""
+        place = f" where most is left ({where})" if where else ""
         return f"Fly again{place} and change one thing at a time; no candidate has this shape."
     for name in blind_to:
         if name in REGIMES:

@@ -14,7 +14,7 @@ from diagnosis.equations import dispersion
 from diagnosis.fit import Fit
 from diagnosis.inputs import Inputs, choose_inputs, on_ground
 from diagnosis.library import make_library, with_aliases
-from diagnosis.likelihood import FEWEST_NODES, Likelihood
+from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightLog, FlightSet, LogError
 from diagnosis.noise import estimate_noise
 from diagnosis.outliers import beyond, standing_out, upsets
@@ -22,7 +22,7 @@ from diagnosis.programs import remembered
 from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Problem
-from diagnosis.segments import WINDOW, cut
+from diagnosis.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut, uncounted
 from diagnosis.verdict import FOLLOWED, SLIGHT, Verdict, judge
 from simulators import registry
 from simulators.contract import AbstractSimulator
@@ -149,8 +149,11 @@ def _study(
     progress: Progress,
     prescribe: bool,
 ) -> Study:
-    inputs = choose_inputs(flights, prescribe)
-    compared = choose_inputs(reference, prescribe) if reference is not None else None
+    progress("cutting flights into windows", 0.02)
+    inputs = _scorable(choose_inputs(flights, prescribe), flights, simulator)
+    compared = None
+    if reference is not None:
+        compared = _scorable(choose_inputs(reference, prescribe), reference, simulator)
     if compared is not None and compared.kind != inputs.kind:
         raise LogError(
             f"{flights.path} is replayed by {inputs.kind}, the reference by {compared.kind}; "
@@ -167,11 +170,7 @@ def _study(
         referenced=compared is not None,
         voltage=_voltage_known(inputs, sets),
     )
-    step = STEPS.get(simulator, STEPS["point_mass"])
-    replay = make_replay(library, step, inputs.prescribed)
-    progress("cutting flights into windows", 0.02)
-    inputs = _scorable(replay, inputs)
-    compared = compared and _scorable(replay, compared)
+    replay = make_replay(library, _step(simulator), inputs.prescribed)
     logs = inputs.flights
     sigma = noise_of(replay, logs)
     progress("compiling the simulator", 0.05)
@@ -198,32 +197,50 @@ def _voltage_known(inputs: Inputs, sets: Iterable[Sequence[FlightLog]]) -> bool:
     return logged and inputs.follows_commands
 
 
-def _scorable(replay: Replay, inputs: Inputs) -> Inputs:
+def _step(simulator: str) -> float:
+    return STEPS.get(simulator, STEPS["point_mass"])
+
+
+def _scorable(inputs: Inputs, flights: FlightSet, simulator: str) -> Inputs:
     """The flights with a window in which prediction and measurement can be compared.
 
     Raises:
         LogError: There is none.
     """
-    likelihood = make_likelihood(replay, inputs.flights, noise_of(replay, inputs.flights))
-    silent = likelihood.silent()
-    why = f"no {WINDOW:g} s in the air hold the {FEWEST_NODES} rows that are expected at least."
-    return inputs.without(silent, why) if silent else inputs
+    segments = _segments(inputs.flights, _step(simulator), inputs.prescribed, flights.vehicle.mass)
+    why = (
+        f"in the air no {WINDOW:g} s without unknown commands hold {FEWEST_NODES} rows or more; "
+        f"rows every {NODE_DT:g} s are expected."
+    )
+    try:
+        return inputs.without(uncounted(segments), why)
+    except LogError as error:
+        raise LogError(f"{flights.path}, no flight is usable:\n{error}") from None
+
+
+def _segments(
+    logs: Sequence[FlightLog], dt: float, prescribed: bool, mass: float
+) -> list[Segments]:
+    """Windows of flights; time on the ground does not count."""
+    return cut(logs, dt, prescribed, functools.partial(on_ground, mass=mass))
 
 
 def make_likelihood(
     replay: Replay, logs: Sequence[FlightLog], sigma: Float[np.ndarray, " 9"]
 ) -> Likelihood:
-    """The likelihood of flights; time on the ground does not count."""
+    """The likelihood of flights."""
     mass = replay.library.simulator.spec.mass
-    ignored = functools.partial(on_ground, mass=mass)
-    segments = cut(logs, replay.dt, replay.prescribed, ignored)
+    segments = _segments(logs, replay.dt, replay.prescribed, mass)
     return Likelihood(replay, segments, sigma, _shake(logs) if replay.prescribed else 0.0)
 
 
 def _shake(logs: Sequence[FlightLog]) -> float:
-    """Noise of a window's mean force [m/s^2] where thrust points along the measured attitude."""
+    """Noise of a window's mean force [m/s^2] where thrust points along the measured attitude.
+
+    The thrust is taken to be about the weight.
+    """
     period = np.median(np.concatenate([np.diff(d.t) for log in logs for d in log.drones]))
-    return float(GRAVITY * max(estimate_noise(logs)[6:8]) / np.sqrt(WINDOW / period))
+    return float(GRAVITY * estimate_noise(logs)[6] / np.sqrt(WINDOW / period))
 
 
 def noise_of(replay: Replay, logs: Sequence[FlightLog]) -> Float[np.ndarray, " 9"]:
@@ -250,7 +267,9 @@ def reference_of(replay: Replay, logs: Sequence[FlightLog]) -> Reference:
 
 def _part(every: Likelihood, logs: Sequence[FlightLog], chosen: Sequence[int]) -> Likelihood:
     """The likelihood of some of the flights."""
-    return make_likelihood(every.replay, [logs[i] for i in chosen], every.sigma)
+    part = make_likelihood(every.replay, [logs[i] for i in chosen], every.sigma)
+    part.shake = every.shake
+    return part
 
 
 def nominal_simulator(name: str, flights: FlightSet) -> AbstractSimulator:

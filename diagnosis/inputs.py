@@ -53,6 +53,8 @@ class Inputs:
         Raises:
             LogError: None is left.
         """
+        if not silent:
+            return self
         names = [self.flights[i].name for i in sorted(silent)]
         gone = tuple((name, f"flights/{name}: {why}") for name in names)
         left = tuple(f for i, f in enumerate(self.flights) if i not in silent)

@@ -32,7 +32,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from diagnosis.replay import Prediction, Replay
-from diagnosis.segments import WINDOW, Segments
+from diagnosis.segments import WINDOW, Segments, enough
 from diagnosis.whitening import TURN, Turns, make_turns, projected, residual, shaken, unit
 
 KEPT = 2**29
@@ -41,8 +41,6 @@ NARROW = 8
 """Directions of a replay along some parameters only; all of them cost several times as much."""
 SLOPES = 2**28
 """Most bytes of slopes that are kept for replays along few parameters."""
-FEWEST_NODES = 5
-"""A drone's window with fewer nodes is left out: its start alone takes two per axis."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -256,15 +254,6 @@ class Likelihood:
         trusted[counted] = ~bad
         self.trusted = trusted
 
-    def silent(self) -> set[int]:
-        """Flights of which no window counts."""
-        every, counted = set[int](), set[int]()
-        for group in self.groups:
-            every.update(group.flight.tolist())
-            some = self._valid(group, slice(None)).any(axis=(1, 2, 3))
-            counted.update(group.flight[some].tolist())
-        return every - counted
-
     def _dof(self, group: Segments) -> Float[np.ndarray, " windows"]:
         count = self._valid(group, slice(None)).sum(axis=3)
         return np.sum(9 * count - 6 * (count > 0), axis=2).reshape(-1).astype(float)
@@ -340,8 +329,7 @@ class Likelihood:
     def _valid(
         self, group: Segments, chosen: slice
     ) -> Bool[np.ndarray, "segments windows drones nodes"]:
-        valid = group.valid[chosen, 1:]
-        return valid & (valid.sum(axis=3, keepdims=True) >= FEWEST_NODES)
+        return enough(group.valid[chosen, 1:])
 
     def whitened(
         self, group: Segments, chosen: slice, prediction: Prediction, turns: Turns

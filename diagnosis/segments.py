@@ -78,6 +78,25 @@ class Segments:
         return len(self.flight)
 
 
+FEWEST_NODES = 5
+"""A drone's window with fewer nodes is left out: its start alone takes two per axis."""
+
+
+def enough(valid: Bool[np.ndarray, "*n nodes"]) -> Bool[np.ndarray, "*n nodes"]:
+    """The nodes of windows that have `FEWEST_NODES` at least."""
+    return valid & (valid.sum(axis=-1, keepdims=True) >= FEWEST_NODES)
+
+
+def uncounted(groups: Sequence[Segments]) -> set[int]:
+    """Flights of which no window counts."""
+    every, counted = set[int](), set[int]()
+    for group in groups:
+        every.update(group.flight.tolist())
+        some = enough(group.valid[:, 1:]).any(axis=(1, 2, 3))
+        counted.update(group.flight[some].tolist())
+    return every - counted
+
+
 Stretches = Callable[[DroneLog], Sequence[tuple[float, float]]]
 """Stretches [s] of a log that must not count, besides those after an unknown command."""
 
@@ -147,7 +166,8 @@ class _Drone:
             raise ValueError("The log has no commands.")
         self.t, self.smooth = log.t - zero, smooth
         self.rows, self.battery = measured(log), log.battery
-        self.cmd_t, self.cmd, unknown = filled(self.t, log.cmd)
+        cmd = np.column_stack([log.cmd[:, :2], np.unwrap(log.cmd[:, 2]), log.cmd[:, 3]])
+        self.cmd_t, self.cmd, unknown = filled(self.t, cmd)
         shift = log.t[0] - zero
         unknown = [*unknown, *((a + shift, b + shift) for a, b in ignored)]
         ends = [(begin, end, WINDOW * math.ceil(end / WINDOW - 1e-9)) for begin, end in unknown]

@@ -42,7 +42,13 @@ def distances(pos: Float[Array, "drones 3"]) -> Float[Array, "drones drones"]:
 
 
 def nearest(pos: Float[Array, "drones 3"], k: int) -> Int[Array, "drones k"]:
-    """Indices of the `k` nearest others of each drone, the nearest first."""
+    """Indices of the `k` nearest others of each drone, the nearest first.
+
+    Raises:
+        ValueError: There are fewer others.
+    """
+    if k >= len(pos):
+        raise ValueError(f"`k` must be below the {len(pos)} drones, got {k}.")
     if len(pos) >= MANY and k:
         return sweep.nearest(pos, k)
     squared, place, found = _squared(pos), jnp.arange(len(pos)), [jnp.zeros((0, len(pos)), int)]
@@ -120,7 +126,9 @@ def _slope(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return -0.5 * PENALTY / _MARGIN * inside / length
 
 
-def _pushed(pos: Array, weight: Array) -> tuple[Array]:
+def _pushed(
+    pos: Float[Array, "drones 3"], weight: Float[Array, " drones"]
+) -> tuple[Float[Array, "drones 3"]]:
     """Derivative of the weighted sum of `soft_penalty`.
 
     All pairs stand with the drone that is moved last: sums over it would not be vectorised.

@@ -35,9 +35,8 @@ def section(tables: Tables, picture: list[str]) -> list[str]:
         "effect of the pair being true, beside bland flights as long. The margin is the "
         "chi-square of the best fit of the other effect alone beyond that of the truth, in flights "
         f"without noise at the noise that is logged; {DECIDABLE:.0f} are five sigmas. The advised "
-        f"flights separate {told} of {len(rows)} directions, bland ones {before}. For pairs that "
-        "are not in the table the advice is to fly what shows either effect best, one after the "
-        "other; that was not flown."
+        f"flights separate {told} of {len(rows)} directions, bland ones {before}. Advice for pairs "
+        "that are not in the table was not flown."
     )
     notes = [
         f"**Not separated: {markdown.escape('; '.join(lost))}.**" if lost else "",

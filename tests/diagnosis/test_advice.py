@@ -23,7 +23,7 @@ def test_a_pair_without_a_manoeuvre_is_flown_one_after_the_other():
 
 def test_what_nobody_explains_is_flown_again_where_it_is_largest():
     said = next_flight("unexplained", {}, "speed 1 to 2 m/s", [])
-    assert "where the gap is largest (speed 1 to 2 m/s)" in said
+    assert "where most is left (speed 1 to 2 m/s)" in said
     assert "()" not in next_flight("unexplained", {}, None, [])
 
 

@@ -161,7 +161,10 @@ def test_a_flight_with_nothing_to_compare_is_left_out_by_name():
     assert content["flights"]["n"] == 3
     (left_out,) = content["flights"]["left_out"]
     assert left_out["name"] == "flight_3"
-    assert "flights/flight_3: no 0.5 s in the air hold the 5 rows" in left_out["reason"]
+    assert (
+        "flights/flight_3: in the air no 0.5 s without unknown commands hold 5 rows"
+        in left_out["reason"]
+    )
     assert [effect["name"] for effect in content["effects"]] == ["wind"]
 
 

@@ -84,7 +84,8 @@ def test_rotor_speeds_alone_tell_a_weaker_thrust():
     (effect,) = content["effects"]
     assert "thrust_gain" in [effect["name"], *effect["aliases"]]
     (size,) = effect["parameters"].values()
-    assert abs(size["value"]) == pytest.approx(0.1, abs=0.015)
+    expected = {"thrust_gain": -0.1, "mass": 1.0 / 0.9 - 1.0}[effect["name"]]
+    assert size["value"] == pytest.approx(expected, abs=0.015)
 
 
 def test_the_noise_of_measured_attitudes_is_no_effect():

@@ -1,5 +1,7 @@
 """Flights whose yaw passes +-pi, where both the log and the command wrap."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +18,7 @@ from simulators.vehicle import CONTROL_DT, GRAVITY
 
 SECONDS = 6.0
 RATE = 1.2
-"""Rate of the yaw command [rad/s]: once around, and past pi twice."""
+"""Rate of the yaw command [rad/s]: once around."""
 
 
 def turning(simulator):
@@ -52,3 +54,20 @@ def test_a_turn_through_pi_is_replayed_within_noise(name):
     replay = make_replay(make_library(simulator), STEPS[name])
     normal = make_likelihood(replay, [flight], SIGMA).normal(replay.library.neutral)
     assert normal.chi2 / normal.dof.sum() == pytest.approx(1.0, abs=0.15)
+
+
+def test_effects_on_the_command_see_no_jump_where_it_wraps():
+    """Slopes of all effects, a delay's too, are those of a log whose yaw command goes on."""
+    simulator = registry.load("simulator", "point_mass")(dt=STEPS["point_mass"])
+    flight = turning(simulator)
+    (drone,) = flight.drones
+    cmd = np.column_stack([drone.cmd[:, :2], np.unwrap(drone.cmd[:, 2]), drone.cmd[:, 3]])
+    on = dataclasses.replace(flight, drones=(dataclasses.replace(drone, cmd=cmd),))
+    replay = make_replay(make_library(simulator), STEPS["point_mass"])
+    wrapped, straight = (
+        make_likelihood(replay, [log], SIGMA).normal(replay.library.neutral) for log in (flight, on)
+    )
+    np.testing.assert_allclose(wrapped.g, straight.g, rtol=1e-6, atol=1e-6)
+    (delay,) = replay.library.indices("delay")
+    # A jump by two pi in a command that is held for 0.02 s would be a hundred times as steep.
+    assert wrapped.H[:, delay, delay].max() < 20.0 * np.median(wrapped.H[:, delay, delay])
