@@ -3,6 +3,10 @@
 Parameters are compared together where only their combination means something (the components of a
 wind), and effects where only a combination of them can be seen: mass and thrust gain as the change
 of thrust over mass, (1 + gain) / (1 + e) - 1.
+
+An offset of the centre of mass shows as thrust times offset over inertia. Beside a reference the
+length of the rotors' arms and the loop's gains are unknown, too, and offset, inertia and arms that
+grow together change no flight: against RotorPy the offset counts in crazyflow's inertia (`seen`).
 """
 
 import dataclasses
@@ -10,6 +14,7 @@ import math
 from collections.abc import Mapping
 
 from diagnosis.blind.catalogue import Withheld
+from simulators.vehicle import VEHICLES
 
 NEUTRAL = {"scale": 1.0}
 """Neutral values that are not 0, by parameter."""
@@ -23,6 +28,10 @@ _VECTORS = (("x", "y", "z"), ("roll", "pitch"))
 _THRUST_OVER_MASS = ("mass", "thrust_gain")
 
 
+ROTORPY_INERTIA = (3.3e-5, 3.6e-5)
+"""Of roll and pitch in RotorPy's Crazyflie Brushless [kg m^2]."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Comparison:
     """One quantity of one effect, estimated and true."""
@@ -33,6 +42,16 @@ class Comparison:
     """Distance over the true distance from neutral [-]; absolute for times and widths."""
     relative: bool
     """Whether `error` is relative."""
+
+
+def seen(truth: Withheld, reality: str) -> Withheld:
+    """The truth in units in which flights of `reality` can tell it against crazyflow."""
+    if reality != "rotorpy" or truth.name != "center_of_mass":
+        return truth
+    roll, pitch, _ = VEHICLES["cf21B_500"].inertia
+    share = {"x": pitch / ROTORPY_INERTIA[1], "y": roll / ROTORPY_INERTIA[0]}
+    parameters = {name: share[name] * value for name, value in truth.parameters.items()}
+    return dataclasses.replace(truth, parameters=parameters)
 
 
 def compare(truth: Withheld, name: str, values: Mapping[str, float]) -> list[Comparison]:

@@ -18,7 +18,7 @@ from scipy import stats
 
 from diagnosis.blind.cases import Case
 from diagnosis.blind.efficiency import Bounds, over_bound
-from diagnosis.blind.identifiable import compare
+from diagnosis.blind.identifiable import compare, seen
 
 FLAGGED = 0.1
 """Unexplained share from which an answer that names an effect also says that more is there [-]."""
@@ -154,7 +154,7 @@ def _compared(case: Case, answer: Answer | None, bounds: Bounds) -> list[Row]:
     rows: list[Row] = []
     if answer is None or answer["verdict"] != "effect" or case.kind not in ("single", "pair"):
         return rows
-    for truth in case.effects:
+    for truth in (seen(effect, case.reality) for effect in case.effects):
         for effect in answer["effects"]:
             given = effect["parameters"]
             values = {name: entry["value"] for name, entry in given.items()}

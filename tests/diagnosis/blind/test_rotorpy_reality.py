@@ -13,6 +13,7 @@ from rotorpy.vehicles.multirotor import Multirotor
 from diagnosis.blind import cases, catalogue
 from diagnosis.blind import rotorpy_reality as rp
 from diagnosis.blind.catalogue import Withheld
+from diagnosis.blind.identifiable import ROTORPY_INERTIA, seen
 from diagnosis.blind.realities import DT
 from simulators.effects.translational_lift import TranslationalLift
 from simulators.flight import Flight
@@ -192,3 +193,25 @@ def test_cases_fly_and_stay_near_their_targets():
     for one in cases.fly_case(dataclasses.replace(case, drones=1)):
         assert np.abs(one.true[["pos_x", "pos_y"]].to_numpy()).max() < 1.6
         assert one.true["pos_z"].between(0.5, 1.6).all()
+
+
+def test_offset_inertia_and_arms_that_grow_together_turn_a_drone_alike():
+    """Which is why an offset of the centre of mass counts in crazyflow's inertia."""
+    assert (quad_params["Ixx"], quad_params["Iyy"]) == ROTORPY_INERTIA
+    offset, speeds = np.asarray([3e-3, -2e-3, 0.0]), HOVER_SPEED * np.asarray([1.1, 0.9, 1.0, 1.2])
+    body = jnp.zeros(17).at[9].set(1.0).at[13:].set(speeds)
+    turned = []
+    for grown in (1.0, 1.3):
+        places = {n: grown * (r - offset) for n, r in quad_params["rotor_pos"].items()}
+        own = {"rotor_pos": places, "Ixx": grown * 3.3e-5, "Iyy": grown * 3.6e-5}
+        vehicle = rp.make_multirotor({**rp.AIRFRAME, **own})
+        nothing = jnp.zeros(3)
+        turned.append(rp.derivative(vehicle, body, jnp.asarray(speeds), nothing, nothing)[10:12])
+    assert float(jnp.abs(turned[0]).max()) > 1.0
+    np.testing.assert_allclose(turned[0], turned[1], rtol=1e-4)
+    told = seen(Withheld("center_of_mass", {"x": 3e-3, "y": -2e-3}), "rotorpy").parameters
+    inertia = VEHICLES["cf21B_500"].inertia
+    assert told["x"] == pytest.approx(3e-3 * inertia[1] / 3.6e-5)
+    assert told["y"] == pytest.approx(-2e-3 * inertia[0] / 3.3e-5)
+    assert seen(Withheld("wind", {"x": 0.1}), "rotorpy").parameters == {"x": 0.1}
+    assert seen(Withheld("center_of_mass", {"x": 3e-3}), "crazyflow").parameters == {"x": 3e-3}
