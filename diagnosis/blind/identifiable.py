@@ -6,7 +6,8 @@ of thrust over mass, (1 + gain) / (1 + e) - 1.
 
 An offset of the centre of mass shows as thrust times offset over inertia. Beside a reference the
 length of the rotors' arms and the loop's gains are unknown, too, and offset, inertia and arms that
-grow together change no flight: against RotorPy the offset counts in crazyflow's inertia (`seen`).
+grow together change no flight but for what rotors that climb differently say, which is little:
+against RotorPy the offset counts in crazyflow's inertia (`seen`).
 """
 
 import dataclasses
