@@ -55,15 +55,14 @@ def diagnose(
 
     if (flights is None) == (deploy is None) or (deploy is None) != (reality is None):
         raise UsageError("Give either a folder of flights, or --deploy TASK with --reality.")
-    given = (
-        {"--team-size": team_size, "--seeds": seeds}
-        if deploy is None
-        else {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
-    )
-    for name in (name for name, value in given.items() if value is not None):
-        raise UsageError(
-            f"{name} has no meaning {'without' if deploy is None else 'with'} --deploy."
-        )
+    if deploy is None:
+        word, given = "without", {"--team-size": team_size, "--seeds": seeds}
+    else:
+        word = "with"
+        given = {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
+    needless = [name for name, value in given.items() if value is not None]
+    if needless:
+        raise UsageError(f"Leave out {', '.join(needless)}: no meaning {word} --deploy.")
     os.environ.update(environment())
     if flights is not None:
         from bench.diagnosis.command import run_diagnosis

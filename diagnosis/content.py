@@ -84,10 +84,9 @@ def _set_aside(study: "Study") -> list[dict]:
     alone = standing_out(study.every.aside)
     if alone is None:
         return []
-    misfit = alone.c / np.maximum(alone.dof, 1.0)
     return [
         {"flight": study.inputs.flights[i].name, "t": float(t), "misfit": float(m)}
-        for i, t, m in zip(alone.flight, alone.t, misfit, strict=True)
+        for i, t, m in zip(alone.flight, alone.t, alone.misfit, strict=True)
     ]
 
 

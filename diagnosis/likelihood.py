@@ -71,6 +71,11 @@ class Normal:
         """Chi-square of all windows."""
         return float(self.c.sum())
 
+    @property
+    def misfit(self) -> Float[np.ndarray, " windows"]:
+        """Chi-square of each window over its numbers."""
+        return self.c / np.maximum(self.dof, 1.0)
+
     def of(self, chosen: np.ndarray) -> "Normal":
         """The windows that are chosen, by a mask or by their indices."""
         per_window = {

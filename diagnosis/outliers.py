@@ -1,7 +1,7 @@
 """Windows that are left out because what happened in them says nothing of the rest."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from diagnosis.likelihood import Normal, Spoiled
 
@@ -10,8 +10,8 @@ FEW = 0.25
 all are: 94 of 125 were left out with the gust in them, when it was excluded from the library."""
 ALONE = 4.0
 """Misfit, in units of the median window's, of a window that stands out. Noise alone reaches 1.4. In
-flights with a centre of mass 5 mm off, one upset of 60 degrees that RotorPy's attitude loop catches
-otherwise had 80, 12 and 5 in a row; the offset came out at half of its size."""
+flights with a centre of mass 5 mm off, one upset of 53 degrees that RotorPy's attitude loop catches
+otherwise had 80, 12 and 5 in a row; the offset came out at 0.4 of its size."""
 RARE = 0.025
 """Most windows that may stand out alone, all in one flight; one at least."""
 SEVERAL = 3
@@ -42,13 +42,13 @@ def standing_out(aside: Normal | None) -> Normal | None:
     """Of the windows that were left out, those with a misfit above `ALONE`; None without any."""
     if aside is None:
         return None
-    alone = aside.of(aside.c > ALONE * np.maximum(aside.dof, 1.0))
+    alone = aside.of(aside.misfit > ALONE)
     return alone if len(alone.c) else None
 
 
 def upsets(normal: Normal, among: Bool[np.ndarray, " windows"]) -> Bool[np.ndarray, " windows"]:
     """The few windows of one flight that stand out `among` others (`ALONE`, `RARE`)."""
-    misfit: Float[np.ndarray, " windows"] = normal.c / np.maximum(normal.dof, 1.0)
+    misfit = normal.misfit
     bad = among & (misfit > ALONE * np.median(misfit[among])) if among.any() else among
     few = bad.sum() <= max(1.0, RARE * among.sum())
     several = len(np.unique(normal.flight)) >= SEVERAL

@@ -107,7 +107,7 @@ class Equations:
         step = bounded_step(H, g, low - fit.vector[free], high - fit.vector[free])
         return step, float(2 * g @ step - step @ H @ step)
 
-    def following(
+    def _following(
         self, fit: Fit, free: list[int], step: Float[np.ndarray, " free"]
     ) -> Float[np.ndarray, " params"]:
         """How the shared shift follows a step of the free parameters, to first order.

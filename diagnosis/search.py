@@ -212,7 +212,7 @@ class Problem(Equations):
         step, promise = self._bounded(fit.normal, fit, free)
         if promise < 0.02 * self.phi:
             return None
-        follows = self.following(fit, free, step)
+        follows = self._following(fit, free, step)
         for part in PARTS:
             vector = fit.vector.copy()
             vector[free] += part * step

@@ -51,13 +51,17 @@ def test_an_unknown_effect_is_named():
         ["diagnose", "flights", "--deploy", "circle", "--reality", "crazyflow"],
         ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--seeds", "0"],
         ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--team-size", "0"],
-        ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--simulator", "crazyflow"],
-        ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--exclude", "drag"],
     ],
 )
 def test_flights_and_deploy_exclude_each_other(arguments, capsys):
     assert main(arguments) == 2
     assert "bench:" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [("--simulator", "crazyflow"), ("--exclude", "drag")])
+def test_options_of_a_diagnosis_are_refused_with_deploy(option, capsys):
+    assert main(["diagnose", "--deploy", "circle", "--reality", "crazyflow", *option]) == 2
+    assert f"Leave out {option[0]}: no meaning with --deploy" in capsys.readouterr().err
 
 
 def test_every_way_is_trained_and_its_share_of_the_gap_stated(tmp_path, monkeypatch):

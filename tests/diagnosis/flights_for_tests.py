@@ -30,7 +30,7 @@ def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0):
         target = np.array([0.0, 0.0, 1.5]) + hold(3, 75) * [0.5, 0.5, 0.25]
         dither = hold(4, 10) * [0.12, 0.12, 0.0, 0.03]
         log, cmd = flown(jnp.asarray(target), jnp.asarray(dither))
-        flights.append(FlightLog(f"flight_{i}", (_noisy(log, np.asarray(cmd), rng, noise),)))
+        flights.append(FlightLog(f"flight_{i}", (noisy(log, np.asarray(cmd), rng, noise),)))
     return tuple(flights)
 
 
@@ -59,7 +59,8 @@ def _flown(simulator, target, dither):
     return flights, cmds
 
 
-def _noisy(flight, cmd, rng, noise):
+def noisy(flight, cmd, rng, noise=1.0):
+    """The log of the first drone of a flight [time, drones, ...], `noise` times `SIGMA` on it."""
     n = len(cmd)
     rpy = np.asarray(quat_to_rpy(flight.quat))[:, 0] + rng.normal(0, noise * 3e-3, (n, 3))
     return DroneLog(

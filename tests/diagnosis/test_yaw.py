@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA
+from flights_for_tests import SIGMA, noisy
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import STEPS, make_likelihood
 from diagnosis.library import make_library
-from diagnosis.logs import DroneLog, FlightLog
+from diagnosis.logs import FlightLog
 from diagnosis.replay import make_replay
 from simulators import registry
 from simulators.vehicle import CONTROL_DT, GRAVITY
@@ -35,13 +35,7 @@ def turning(simulator):
         return simulator.step_cmd(state, cmd, CONTROL_DT), simulator.flight(state)
 
     _, flown = jax.jit(lambda state: jax.lax.scan(step, state, jnp.asarray(cmd)))(state)
-    rng, n = np.random.default_rng(0), len(t)
-    noise = rng.normal(size=(3, n, 3)) * SIGMA.reshape(3, 1, 3)
-    quat = Rotation.from_quat(np.asarray(flown.quat)[:, 0]) * Rotation.from_rotvec(noise[2])
-    pos, vel = (
-        np.asarray(x)[:, 0] + e for x, e in zip((flown.pos, flown.vel), noise, strict=False)
-    )
-    return FlightLog("turning", (DroneLog(t, pos, vel, quat.as_quat(), cmd=cmd[:, 0]),))
+    return FlightLog("turning", (noisy(flown, cmd, np.random.default_rng(0)),))
 
 
 @pytest.mark.parametrize("name", ["point_mass", "crazyflow"])
