@@ -17,7 +17,7 @@ from diagnosis.library import make_library, with_aliases
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightLog, FlightSet, LogError
 from diagnosis.noise import estimate_noise
-from diagnosis.outliers import beyond, standing_out, upsets
+from diagnosis.outliers import beyond, upsets
 from diagnosis.programs import remembered
 from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
@@ -301,8 +301,7 @@ def attribute(
     for share in (0.5, 0.7):
         progress("weighing windows that stand out", share)
         likelihood.settle(best.total, beyond(DISTRUST))
-        # An upset may have pulled all parameters so far that they would not come back.
-        problem.renew(wholly=standing_out(likelihood.aside) is not None)
+        problem.renew()
         best = problem.refit(best.effects, problem.nominal())
         problem.phi = max(floor, dispersion(best.normal, n_flights))
         progress("comparing sets of effects", share + 0.1)

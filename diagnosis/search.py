@@ -74,10 +74,8 @@ class Problem(Equations):
         self.fits: dict[Set, Fit] = {}
         self.known: dict[Set, Fit] = {}
 
-    def renew(self, wholly: bool = False) -> None:
-        """Forgets all fits but where they ended, or `wholly`: the likelihood was settled anew."""
-        if wholly:
-            self.fits = {}
+    def renew(self) -> None:
+        """Forgets all fits but where they ended: the likelihood was settled anew."""
         self.known = {
             effects: dataclasses.replace(fit, normal=summed(fit.normal))
             for effects, fit in self.fits.items()
