@@ -1,5 +1,6 @@
 """What `diagnosis.json` holds: schema 1, and `details` for pictures."""
 
+import dataclasses
 from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from diagnosis.logs import FlightLog, FlightSet
 from diagnosis.noise import CHANNELS
 from diagnosis.outliers import standing_out
 from diagnosis.search import Problem
+from diagnosis.support import support
 from diagnosis.verdict import Verdict, intervals, limits
 from simulators import registry
 
@@ -32,11 +34,12 @@ def content(
 ) -> dict[str, Any]:
     """The object; `exclude` are effects that were left out by request."""
     problem, verdict, logs = study.problem, study.verdict, study.inputs.flights
-    where = gap.where(study.every.tracks(problem.base), study.every.sigma)
+    noise = (study.every.sigma, study.every.shake)
+    where = gap.where(study.every.tracks(problem.base), *noise)
     found = verdict.chosen.fit
     reported = sorted(found.effects) if verdict.kind == "effect" else []
     seen = limits(problem, found)
-    left = gap.where(study.every.tracks(found.total), study.every.sigma)
+    left = gap.where(study.every.tracks(found.total), *noise)
     return {
         "schema": SCHEMA,
         "simulator": simulator,
@@ -65,6 +68,7 @@ def content(
         | {
             "not_observable": _not_observable(study, exclude),
             "where_left": left,
+            "support": _support(study),
             "set_aside": _set_aside(study),
         },
     }
@@ -88,6 +92,15 @@ def _set_aside(study: "Study") -> list[dict]:
         {"flight": study.inputs.flights[i].name, "t": float(t), "misfit": float(m)}
         for i, t, m in zip(alone.flight, alone.t, alone.misfit, strict=True)
     ]
+
+
+def _support(study: "Study") -> list[dict]:
+    """What left-out flights say of the best set where the simulator does not follow flights."""
+    verdict, followed = study.verdict, study.base is None or study.base.floor.unlike == 0.0
+    if verdict.kind != "unexplained" and followed:
+        return []
+    found = support(study.problem, verdict.chosen.fit)
+    return [dataclasses.asdict(one) | {"clear": one.clear} for one in found]
 
 
 def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from diagnosis.inputs import Inputs, choose_inputs, on_ground
 from diagnosis.library import make_library, with_aliases
 from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightLog, FlightSet, LogError
-from diagnosis.noise import estimate_noise
+from diagnosis.noise import UNSEEN, estimate_noise
 from diagnosis.outliers import beyond, upsets
 from diagnosis.programs import remembered
 from diagnosis.reference import Reference, fit_reference
@@ -35,8 +35,6 @@ ATTITUDE_LOST = 30.0
 prescribed: five sigmas, so that forces are not judged through an attitude that is wrong."""
 FORCES_EXPLAINED = 0.1
 """Share of the gap in forces that may be left where the attitude was prescribed for their sake."""
-UNSEEN = 1e3
-"""Noise [rad] of an attitude that is prescribed and therefore says nothing."""
 DISTRUST = 2.5
 """Sigmas beyond which a window soon after an unknown command is left out."""
 

@@ -19,6 +19,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from diagnosis.likelihood import Tracks
+from diagnosis.noise import UNSEEN
 from diagnosis.segments import WINDOW
 
 N_RESAMPLES = 400
@@ -43,9 +44,13 @@ class Channel:
     """RMS that noise alone would give."""
 
 
-def channels(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> list[Channel]:
-    """Every channel of replayed windows."""
+def channels(tracks: Tracks, sigma: Float[np.ndarray, " 9"], shake: float = 0.0) -> list[Channel]:
+    """Every channel of replayed windows; none of an attitude that was prescribed.
+
+    `shake` is the noise of a window's mean force [m/s^2], along x and y, that comes with it.
+    """
     force, force_noise = _specific_force(tracks, sigma)
+    force_noise[:2] = np.hypot(force_noise[:2], shake)
     found = [
         Channel(f"specific force {axis}", "m/s^2", force[:, i], force_noise[i])
         for i, axis in enumerate("xyz")
@@ -55,12 +60,14 @@ def channels(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> list[Channel]:
     nodes = np.maximum(tracks.valid.sum(axis=1), 1)
     mean = np.nansum(angle, axis=1) / nodes[:, None]
     for i, axis in enumerate(("roll", "pitch", "yaw")):
+        if sigma[6 + i] >= UNSEEN:
+            continue
         noise = float(sigma[6 + i] * np.sqrt(np.mean(1.0 / nodes)))
         found.append(Channel(f"attitude {axis}", "rad", mean[:, i], noise))
-    return found + _drifts(tracks, sigma)
+    return found + _drifts(tracks, sigma, shake)
 
 
-def _drifts(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> list[Channel]:
+def _drifts(tracks: Tracks, sigma: Float[np.ndarray, " 9"], shake: float) -> list[Channel]:
     drift = drifts(tracks)
     found = []
     for kind, unit, first, start in (("position", "m", 0, 0.4), ("velocity", "m/s", 3, 0.4)):
@@ -68,7 +75,9 @@ def _drifts(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> list[Channel]:
             at = sigma[first + i]
             # The smoothed start keeps about 0.4 of a sample's noise; its velocity error drifts.
             grown = sigma[3 + i] * start * WINDOW if first == 0 else 0.0
-            noise = float(np.sqrt(at**2 + (start * at) ** 2 + grown**2))
+            # White noise of a force, integrated once and twice over the window.
+            driven = shake * (WINDOW**2 / np.sqrt(3.0) if first == 0 else WINDOW) * (i < 2)
+            noise = float(np.sqrt(at**2 + (start * at) ** 2 + grown**2 + driven**2))
             found.append(Channel(f"{kind} drift {axis}", unit, drift[:, first + i], noise))
     return found
 
@@ -154,10 +163,11 @@ def regimes(tracks: Tracks) -> dict[str, tuple[str, Float[np.ndarray, " lines"]]
 def where(
     tracks: Tracks,
     sigma: Float[np.ndarray, " 9"],
+    shake: float = 0.0,
     seed: int = 0,
 ) -> list[dict]:
-    """The diagnosis' `where`: one entry a channel."""
-    found = channels(tracks, sigma)
+    """The diagnosis' `where`: one entry a channel; `shake` as in `channels`."""
+    found = channels(tracks, sigma, shake)
     conditions = regimes(tracks)
     excess = [max(_rms(c.value) ** 2 / c.noise**2 - 1.0, 0.0) for c in found]
     total = sum(excess)

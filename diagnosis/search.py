@@ -194,14 +194,14 @@ class Problem(Equations):
         switched = Switched(normal.of(normal.dof > 0), self.library.indices("gust"))
         return lambda onset: loosened(switched.at(onset), self.spread)
 
-    def _descended(self, fit: Fit, free: list[int]) -> Fit:
+    def _descended(self, fit: Fit, free: list[int], hopeless: float = HOPELESS) -> Fit:
         best = max((self.log_evidence(other) for other in self.fits.values()), default=-np.inf)
         for left in reversed(range(STEPS)):
             better = self._step(fit, free)
             gain = fit.objective - better.objective if better else 0.0
             fit = better or fit
             within_reach = -0.5 * (fit.objective - left * gain) / self.phi
-            if gain < 0.05 * self.phi or within_reach < best - HOPELESS:
+            if gain < 0.05 * self.phi or within_reach < best - hopeless:
                 return fit
         return fit
 
@@ -299,14 +299,22 @@ class Problem(Equations):
 
         As well is `within` so many nats of what the effect is worth to first order.
         """
-        less, worth = best.effects - {name}, self._worth(best, name)
-        old, near = self.fits.get(less), self.log_evidence(best) - worth - within
+        old, worth = self.fits.get(best.effects - {name}), self._worth(best, name)
+        near = self.log_evidence(best) - worth - within
         if worth < NEEDED and (old is None or self.log_evidence(old) < near):
-            vector, gone = best.vector.copy(), self.library.indices(name)
-            vector[gone] = self.base[gone] + best.shared[gone]
-            fit = self._descended(self.made(less, vector, best.shared), self.free(less))
-            fit = self._whole(fit)
-            self.fits[less] = max(old or fit, fit, key=self.log_evidence)
+            self.without(best, name)
+
+    def without(self, best: Fit, name: str, hopeless: float = HOPELESS) -> Fit:
+        """The fit of the other effects of a set, taken from there or kept where that was better.
+
+        It ends early `hopeless` nats below another fit.
+        """
+        less, vector, gone = best.effects - {name}, best.vector.copy(), self.library.indices(name)
+        vector[gone] = self.base[gone] + best.shared[gone]
+        fit = self._descended(self.made(less, vector, best.shared), self.free(less), hopeless)
+        fit = self._whole(fit)
+        self.fits[less] = max(self.fits.get(less, fit), fit, key=self.log_evidence)
+        return self.fits[less]
 
     def _worth(self, fit: Fit, name: str) -> float:
         """What leaving out an effect of `fit` would cost in log evidence [nats], to first order."""

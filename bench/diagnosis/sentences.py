@@ -74,6 +74,7 @@ def remarks(diagnosis: Json, request: Request) -> list[str]:
         where = _where_left(diagnosis)
         tail = f", mostly in {where}" if where else ""
         said.append(f"{percent(share)} of the gap stays unexplained{tail}.")
+    said += _support(diagnosis)
     reason = (diagnosis.get("shrink") or {}).get("reason")
     if reason and diagnosis["verdict"] == "effect":
         said.append(f"How far the gap shrinks is not known: {clean(reason).rstrip('.')}.")
@@ -90,6 +91,28 @@ def remarks(diagnosis: Json, request: Request) -> list[str]:
         others = f", and {len(left_out) - 1} more, see below" if len(left_out) > 1 else ""
         said.append(f"{_count(len(left_out), 'flight')} left out: {first}{others}.")
     return said
+
+
+def _support(diagnosis: Json) -> list[str]:
+    """What flights that were left out say where evidence is not to be relied on."""
+    lines = (diagnosis.get("details") or {}).get("support") or []
+    label = {x["effect"]: effect_words(clean(x["effect"])).label for x in lines}
+    helps = join(label[x["effect"]] for x in lines if x["clear"])
+    idle = join(label[x["effect"]] for x in lines if not x["clear"] and is_number(x["percent"]))
+    said = []
+    if helps and diagnosis["verdict"] == "unexplained":
+        drift = drift_clause(diagnosis)
+        tail = f": with the likeliest set {drift}" if drift else ""
+        said.append(f"All the same, {helps} helps on flights that were left out{tail}.")
+    if idle:
+        said.append(f"Flights that were left out do not confirm {idle}.")
+    return said
+
+
+def helped(diagnosis: Json) -> bool:
+    """Whether something was found that flights which were left out confirm."""
+    lines = (diagnosis.get("details") or {}).get("support") or []
+    return bool(diagnosis["effects"]) or any(line["clear"] for line in lines)
 
 
 def drift_clause(diagnosis: Json) -> str:
@@ -114,9 +137,10 @@ def shrink_sentence(diagnosis: Json) -> str:
     low, high = _scaled(shrink, sign)
     value, interval = estimate(sign * shrink["percent"], low, high)
     within = f" (95 %: {interval} %)" if interval else ""
+    what = "what was found" if diagnosis["effects"] else "the likeliest set of effects"
     over = f", over {_count(shrink['n'], 'flight')}" if is_number(shrink.get("n")) else ""
     return (
-        f"With what was found in the simulator, {drift_clause(diagnosis)}: "
+        f"With {what} in the simulator, {drift_clause(diagnosis)}: "
         f"{value} % {word}{within}{over}. Measurement noise is in both numbers."
     )
 

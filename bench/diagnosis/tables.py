@@ -149,6 +149,18 @@ def candidates_table(diagnosis: Json) -> Table | None:
     )
 
 
+def support_table(diagnosis: Json) -> Table | None:
+    """What each effect of the likeliest set does for flights that were left out of the fit."""
+    rows = []
+    for line in details(diagnosis, "support"):
+        value, interval = estimate(line["percent"], line["low"], line["high"])
+        cell = (f"{value} %", f"{interval} %") if interval else (MISSING, MISSING)
+        rows.append((effect_words(clean(line["effect"])).label, *cell, str(line["n"])))
+    caption = "The likeliest set, effect by effect, on flights left out of the fit in turn"
+    headings = ("effect", "misfit falls by", "95 %", "flights")
+    return Table(caption, headings, tuple(rows)) if rows else None
+
+
 def parameters_table(effect: Json) -> Table | None:
     """The parameters of a found effect, in the units that people use and in SI."""
     name = clean(effect["name"])

@@ -7,6 +7,7 @@ from bench.diagnosis.numbers import clean
 from bench.diagnosis.sentences import (
     Json,
     Request,
+    helped,
     remarks,
     shrink_sentence,
     verdict,
@@ -23,13 +24,14 @@ def diagnosis_text(diagnosis: Json, request: Request) -> str:
     if request.reference is not None:
         facts.append(f"reference: {markdown.escape(clean(request.reference))}")
     parts += ["; ".join(facts) + "."]
-    if diagnosis["effects"]:
+    if helped(diagnosis):
         parts += ["## Before and after", markdown.escape(shrink_sentence(diagnosis))]
         parts += _table(tables.shrink_table(diagnosis))
     parts += ["## Where the gap lies", markdown.escape(where_sentence(diagnosis))]
     parts += _table(tables.where_table(diagnosis))
     parts += ["## What explains it", *_effects(diagnosis)]
-    parts += _table(tables.candidates_table(diagnosis)) + _table(tables.shared_table(diagnosis))
+    for table in (tables.candidates_table, tables.support_table, tables.shared_table):
+        parts += _table(table(diagnosis))
     silent = [tables.not_observable_table(diagnosis), tables.limits_table(diagnosis)]
     if any(silent):
         parts += ["## What these flights cannot tell", *(t for s in silent for t in _table(s))]

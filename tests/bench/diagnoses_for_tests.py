@@ -197,6 +197,18 @@ def unexplained():
     return found
 
 
+def confirmed():
+    """Unexplained, but one effect of the likeliest set helps on flights that were left out."""
+    found = unexplained()
+    found["candidates"] = [candidate(["mass", "wind"], 0.8, 90.0, 80.0)]
+    found["shrink"] = effect()["shrink"]
+    found["details"]["support"] = [
+        {"effect": "mass", "percent": 91.2, "low": 89.7, "high": 92.4, "n": 12, "clear": True},
+        {"effect": "wind", "percent": 0.8, "low": -1.1, "high": 2.6, "n": 12, "clear": False},
+    ]
+    return found
+
+
 def reference():
     """Less thrust than before, given reference flights; too few flights for an interval."""
     found = effect()
@@ -212,6 +224,8 @@ def reference():
     reason = "2 flights; an interval needs at least 3."
     found["shrink"] = {"horizon_s": 0.5, "before": None, "after": None, "percent": None}
     found["shrink"]["reason"] = reason
+    none = dict.fromkeys(("percent", "low", "high"))
+    found["details"]["support"] = [{"effect": "thrust_gain", **none, "n": 2, "clear": False}]
     found["details"]["shared"] = [
         {"name": "drag", "parameter": "c", "value": -0.11, "unit": "1/s"},
         {"name": "trim", "parameter": "roll", "value": 0.0145, "unit": "rad"},
@@ -241,4 +255,4 @@ def empty():
     return found
 
 
-ALL = {f.__name__: f for f in (effect, pair, none, unexplained, reference, alias, empty)}
+ALL = {f.__name__: f for f in (effect, pair, none, unexplained, confirmed, reference, alias, empty)}

@@ -96,6 +96,25 @@ def test_verdict_of_a_pair_names_both_with_the_probability_of_the_set():
     assert left in remarks(diagnoses_for_tests.pair(), REQUEST)
 
 
+def test_what_left_out_flights_confirm_stands_beside_a_gap_that_is_not_explained():
+    found = diagnoses_for_tests.confirmed()
+    said = remarks(found, REQUEST)
+    assert said[0] == (
+        "All the same, mass helps on flights that were left out: with the likeliest set the drift "
+        "over 0.5 s on held-out flights falls from 34 mm to 6.1 mm."
+    )
+    assert said[1] == "Flights that were left out do not confirm wind."
+    assert shrink_sentence(found).startswith("With the likeliest set of effects in the simulator")
+    table = tables.support_table(found)
+    assert table.rows[0] == ("mass", "91.2 %", "89.7 to 92.4 %", "12")
+    for text in (diagnosis_text(found, REQUEST), Page(diagnosis_page(found, REQUEST)).text):
+        assert "Before and after" in text
+        assert "89.7 to 92.4 %" in text
+    (row,) = tables.support_table(diagnoses_for_tests.reference()).rows
+    assert row == ("thrust gain", tables.MISSING, tables.MISSING, "2")
+    assert tables.support_table(diagnoses_for_tests.effect()) is None
+
+
 def test_verdict_against_reference_flights_says_what_changed():
     said = sentence("reference", AGAINST)
     assert said.startswith("What changed since the reference flights: 8.1 % less thrust")
@@ -216,7 +235,7 @@ def test_ids_are_unique_and_every_reference_has_its_target(page):
 
 def test_page_has_the_sections_that_its_data_allow(page, kind):
     headings = {a["id"] for a in page.all("h2")}
-    explained = kind in ("effect", "pair", "reference", "alias")
+    explained = kind in ("effect", "pair", "reference", "alias", "confirmed")
     assert ("shrink" in headings) == explained
     assert {"where", "which", "flights"} <= headings
     assert ("silent" in headings) == ("next" in headings) == (kind != "empty")

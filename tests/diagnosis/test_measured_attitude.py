@@ -96,3 +96,10 @@ def test_the_noise_of_measured_attitudes_is_no_effect():
     content = diagnose(logged, simulator="point_mass").to_json()
     assert content["verdict"] == "none"
     assert content["details"]["structure"]["before"] == pytest.approx(1.0, abs=0.15)
+    where = {line["channel"]: line for line in content["where"]}
+    assert not any("attitude" in name for name in where)
+    for axis, shaken in (("x", True), ("y", True), ("z", False)):
+        line = where[f"specific force {axis}"]
+        assert line["gap_rms"] == pytest.approx(line["noise_floor"], rel=0.25)
+        above = line["noise_floor"] > 1.05 * where["specific force z"]["noise_floor"]
+        assert above == shaken

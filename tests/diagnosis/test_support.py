@@ -1,0 +1,80 @@
+"""Flights left out in turn confirm what acted, and nothing else."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from flights_for_tests import SIGMA, flight_set, point_mass_set
+
+from diagnosis.diagnose import diagnose, make_likelihood
+from diagnosis.library import make_library
+from diagnosis.replay import make_replay
+from diagnosis.search import Problem
+from diagnosis.support import support
+from simulators.effects.drag import Drag
+from simulators.effects.wind import Wind
+from simulators.point_mass import PointMass
+
+
+@pytest.fixture(scope="module")
+def replay():
+    return make_replay(make_library(PointMass(dt=0.005)), 0.005)
+
+
+def fitted(replay, flights, effects):
+    problem = Problem(make_likelihood(replay, flights, SIGMA))
+    return problem, problem.refit(frozenset(effects), problem.nominal())
+
+
+def test_left_out_flights_confirm_what_acted_and_nothing_else(replay):
+    flights = point_mass_set(Wind(x=0.3), n_flights=6).flights
+    problem, fit = fitted(replay, flights, {"wind", "drag"})
+    wind, drag = support(problem, fit)
+    assert (wind.effect, drag.effect) == ("wind", "drag")
+    assert wind.clear
+    assert wind.low < wind.percent < wind.high
+    assert wind.n == 6
+    assert not drag.clear
+    assert drag.percent == pytest.approx(0.0, abs=2.0)
+
+
+def test_the_others_are_fitted_again_without_it(replay):
+    """What a rival takes over as well is no support, however bad the fit was on the way."""
+    flights = point_mass_set(Drag(c=0.4), n_flights=4).flights
+    problem, fit = fitted(replay, flights, {"wind", "drag"})
+    before = dict(problem.fits)
+    problem.without(fit, "wind", hopeless=np.inf)
+    alone = problem.fits[frozenset({"drag"})]
+    assert frozenset({"drag"}) not in before
+    assert alone.objective - fit.objective < 25.0
+    (at,) = replay.library.indices("drag")
+    assert alone.vector[at] == pytest.approx(0.4, abs=0.05)
+
+
+def test_two_flights_say_nothing(replay):
+    flights = point_mass_set(Wind(x=0.3), n_flights=2).flights
+    (wind,) = support(*fitted(replay, flights, {"wind"}))
+    assert (wind.percent, wind.low, wind.high, wind.n) == (None, None, None, 2)
+    assert not wind.clear
+
+
+def unsteady(flight, rng):
+    """The flight with a logged thrust that is not the one which was flown."""
+    (drone,) = flight.drones
+    cmd = drone.cmd.copy()
+    cmd[:, 3] += np.repeat(rng.uniform(-0.02, 0.02, len(cmd) // 15 + 1), 15)[: len(cmd)]
+    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, cmd=cmd),))
+
+
+def test_it_is_told_where_the_simulator_does_not_follow():
+    """Commands with errors that no effect has: unexplained, and yet a wind helps."""
+    rng = np.random.default_rng(0)
+    calm = point_mass_set(Wind(x=1.5), n_flights=4)
+    assert diagnose(calm, simulator="point_mass").to_json()["details"]["support"] == []
+    flights = flight_set([unsteady(f, rng) for f in calm.flights])
+    content = diagnose(flights, simulator="point_mass").to_json()
+    assert content["verdict"] == "unexplained"
+    lines = {line["effect"]: line for line in content["details"]["support"]}
+    assert set(lines) == set(content["details"]["best_set"])
+    assert lines["wind"]["clear"]
+    assert lines["wind"]["n"] == 4
