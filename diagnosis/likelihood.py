@@ -166,7 +166,8 @@ class Likelihood:
         vectors = np.asarray(vectors, float)
         if not self._turns and not np.array_equal(vectors, self._settled):
             self._replayed(self._settled)
-        if along is not None and (len(along) > NARROW or (others and not self._slopes)):
+        known = self._turns and (self._slopes or not others)
+        if along is not None and (len(along) > NARROW or not known):
             along = None
         same = vectors.tobytes() + self.sigma.tobytes()
         key = (same, along if along is None else tuple(along), others and along is not None)
@@ -194,7 +195,7 @@ class Likelihood:
         directions[np.arange(len(chosen_params)), list(chosen_params)] = 1.0
         for i, group in enumerate(self.groups):
             each = np.broadcast_to(vectors, (int(group.flight.max()) + 1, self.n_params))
-            for chosen, prediction in self.replay(group, each, directions):
+            for chosen, prediction in self.replay(group, each, directions, turns=along is None):
                 at = (i, chosen.start)
                 if at not in self._turns:
                     self._turns[at] = self._turned(group, chosen, prediction)

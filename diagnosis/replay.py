@@ -45,9 +45,9 @@ class Prediction:
     """Position [m], velocity [m/s], roll, pitch, yaw [rad]."""
     slope: Float[np.ndarray, "directions segments windows drones nodes 9"]
     """Its derivative along each direction."""
-    turn: Float[np.ndarray, "6 segments windows drones nodes 9"]
+    turn: Float[np.ndarray, "turns segments windows drones nodes 9"]
     """Its derivative along a rotation [rad] and angular velocity [rad/s], body frame, of every
-    drone at the last fresh start."""
+    drone at the last fresh start: six, or none where they were not asked for."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,31 +70,32 @@ class Replay:
         segments: Segments,
         vectors: Float[np.ndarray, "flights params"],
         directions: Float[np.ndarray, "directions params"],
+        turns: bool = True,
     ) -> Iterator[tuple[slice, Prediction]]:
         """Predictions batch by batch, so that memory does not grow with the logs.
 
-        Every flight has a vector of its own.
+        Every flight has a vector of its own. Without `turns`, those slopes are left out.
         """
         along = jnp.asarray(directions, float)
         for begin in range(0, len(segments), LANES):
             chosen = slice(begin, min(begin + LANES, len(segments)))
             batch = {name: _padded(getattr(segments, name)[chosen]) for name in _INPUTS}
             theta = _padded(vectors[segments.flight[chosen]])
-            value, slope = self._program((batch, theta, along))(batch, theta, along)
-            n = chosen.stop - begin
+            value, slope = self._program((batch, theta, along), turns)(batch, theta, along)
+            n, k = chosen.stop - begin, len(directions)
             slopes = np.moveaxis(np.asarray(slope[:n]), 1, 0)
-            yield chosen, Prediction(np.asarray(value[:n]), slopes[:-TURNS], slopes[-TURNS:])
+            yield chosen, Prediction(np.asarray(value[:n]), slopes[:k], slopes[k:])
 
-    def _program(self, args: tuple) -> Callable[..., tuple[Array, Array]]:
+    def _program(self, args: tuple, turns: bool) -> Callable[..., tuple[Array, Array]]:
         """The program for the shapes of `args`, compiled once a process."""
-        shapes = tuple(x.shape for x in jax.tree.leaves(args))
+        shapes = (turns, *(x.shape for x in jax.tree.leaves(args)))
         if shapes not in self.programs:
 
             def fly(batch: dict[str, Array], theta: Array, along: Array) -> tuple[Array, Array]:
-                one = functools.partial(_segment, self, directions=along)
+                one = functools.partial(_segment, self, directions=along, turns=turns)
                 return jax.vmap(one)(batch, theta)
 
-            settings = f"dt={self.dt} prescribed={self.prescribed}"
+            settings = f"dt={self.dt} prescribed={self.prescribed} turns={turns}"
             self.programs[shapes] = cached("replay", fly, self.library, settings, args)
         return self.programs[shapes]
 
@@ -106,7 +107,7 @@ def _padded(x: np.ndarray) -> Array:
 
 
 def _segment(
-    replay: Replay, lane: dict[str, Array], theta: Array, directions: Array
+    replay: Replay, lane: dict[str, Array], theta: Array, directions: Array, turns: bool
 ) -> tuple[Array, Array]:
     """Prediction and slopes of one segment."""
     library = replay.library
@@ -131,8 +132,8 @@ def _segment(
         return eqx.partition(state, eqx.is_inexact_array)
 
     n_drones = lane["pos"].shape[1]
-    along = jnp.concatenate([directions, jnp.zeros((TURNS, len(theta)))])
-    turning = jnp.repeat(jnp.eye(TURNS)[:, None], n_drones, axis=1)
+    turning = jnp.repeat(jnp.eye(TURNS)[:, None], n_drones, axis=1)[: TURNS * turns]
+    along = jnp.concatenate([directions, jnp.zeros((len(turning), len(theta)))])
     turning = jnp.concatenate([jnp.zeros((len(directions), n_drones, TURNS)), turning])
     moving, slopes, still = jax.vmap(
         lambda direction: jax.jvp(start, (theta,), (direction,), has_aux=True),

@@ -124,8 +124,8 @@ def test_a_vector_that_cannot_be_flown_spoils_no_other(replay):
     likelihood = make_likelihood(replay, flights, SIGMA)
     before = likelihood.normal(replay.library.neutral)
 
-    def flown(group, vectors, along):
-        for chosen, prediction in replay(group, vectors, along):
+    def flown(group, vectors, along, turns=True):
+        for chosen, prediction in replay(group, vectors, along, turns):
             value, slope, turn = (
                 np.array(x, float) for x in (prediction.value, prediction.slope, prediction.turn)
             )
@@ -216,3 +216,17 @@ def test_an_onset_beside_the_edge_of_a_window_is_found(replay, onset):
         for i, a, b in zip(free, low, high, strict=True)
     }
     assert found["onset"] == pytest.approx(onset, abs=0.02)
+
+
+def test_what_a_start_may_err_is_flown_only_where_it_is_asked_for(replay):
+    flights = point_mass_set(n_flights=1).flights
+    (group,) = make_likelihood(replay, flights, SIGMA).groups
+    vector, along = replay.library.neutral[None], np.eye(len(replay.library.slots))[:NARROW]
+    (_, whole), *_ = list(replay(group, vector, along))
+    (_, less), *_ = list(replay(group, vector, along, turns=False))
+    assert len(whole.turn) == 6
+    assert np.abs(whole.turn).max() > 0.0
+    assert len(less.turn) == 0
+    np.testing.assert_allclose(less.value, whole.value, rtol=1e-5, atol=1e-5)
+    assert less.slope.shape == whole.slope.shape
+    np.testing.assert_allclose(less.slope, whole.slope, rtol=1e-3, atol=1e-4)
