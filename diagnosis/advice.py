@@ -3,7 +3,6 @@
 Each advice names a manoeuvre in which the two effects act differently, by their equations.
 """
 
-import itertools
 from collections.abc import Mapping, Sequence
 
 MANOEUVRES: Mapping[frozenset[str], str] = {
@@ -126,15 +125,15 @@ def next_flight(
     `where` names the regime of the largest remaining gap, `blind_to` effects that these flights
     would hardly have shown.
     """
-    for name, others in aliases.items():
-        for pair in itertools.product([name], others):
-            text = MANOEUVRES.get(frozenset(pair))
-            if text:
-                return f"To separate {pair[0]} from {pair[1]}: {text}."
-            return (
-                f"To separate {pair[0]} from {pair[1]}: fly {_of(pair[0])}, then {_of(pair[1])}, "
-                "each in flights of their own."
-            )
+    pairs = [(name, other) for name, others in aliases.items() for other in others]
+    # One whose manoeuvre was tried comes first.
+    for one, other in sorted(pairs, key=lambda pair: frozenset(pair) not in MANOEUVRES)[:1]:
+        if text := MANOEUVRES.get(frozenset({one, other})):
+            return f"To separate {one} from {other}: {text}."
+        return (
+            f"To separate {one} from {other}: fly {_of(one)}, then {_of(other)}, "
+            "each in flights of their own."
+        )
     if kind == "unexplained":
         place = f" where most is left ({where})" if where else ""
         return f"Fly again{place} and change one thing at a time; no candidate has this shape."

@@ -49,7 +49,7 @@ def content(
             "seconds": float(sum(f.seconds for f in logs)),
             "input": study.inputs.kind,
             "fit": [logs[i].name for i in study.fit_ids],
-            "held_out": [logs[i].name for i in study.held],
+            "held_out": [logs[i].name for i in study.held] if len(logs) > 1 else [],
             "left_out": _left_out(flights, study, reference),
         },
         "where": where,
@@ -84,13 +84,19 @@ def _left_out(flights: FlightSet, study: "Study", reference: FlightSet | None) -
 
 
 def _set_aside(study: "Study") -> list[dict]:
-    """Windows that stand out alone and did not count."""
-    alone = standing_out(study.every.aside)
-    if alone is None:
+    """Windows that stand out and did not count, alone or soon after an unknown command."""
+    out = standing_out(study.every.aside, study.every.typical)
+    if out is None:
         return []
+    lines = zip(out.flight, out.t, out.misfit, out.doubtful, strict=True)
     return [
-        {"flight": study.inputs.flights[i].name, "t": float(t), "misfit": float(m)}
-        for i, t, m in zip(alone.flight, alone.t, alone.misfit, strict=True)
+        {
+            "flight": study.inputs.flights[i].name,
+            "t": float(t),
+            "misfit": float(m),
+            "after_gap": bool(doubtful),
+        }
+        for i, t, m, doubtful in lines
     ]
 
 
@@ -126,12 +132,12 @@ def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:
 
 def _candidates(problem: Problem, verdict: Verdict) -> list[dict[str, Any]]:
     nominal = problem.nominal()
-    before = _drift(problem, problem.base)
+    before, alone = _drift(problem, problem.base), len(np.unique(nominal.normal.flight)) < 2
     return [
         {
             "effects": sorted(ranked.effects),
             "probability": ranked.probability,
-            "evidence": shrinkage.evidence(nominal.normal, problem, ranked.fit),
+            "evidence": None if alone else shrinkage.evidence(nominal.normal, problem, ranked.fit),
             "shrink_percent": 100.0 * (1.0 - _drift(problem, ranked.fit.total) / before)
             if before > 0
             else None,
@@ -179,7 +185,7 @@ def _details(study: "Study", seen: Sequence[tuple[int, float]]) -> dict[str, Any
     slots = problem.library.slots
     return {
         "flights_seconds": {f.name: float(f.seconds) for f in logs},
-        "before_after": _along(study.drift, logs),
+        "before_after": _along(study.drift, [logs[i] for i in study.held]) if len(logs) > 1 else [],
         "gap_in_time": gap.in_time(every.tracks(problem.base), every.sigma),
         "chi2_per_dof": {
             "before": nominal.chi2 / float(nominal.dof.sum()),
@@ -209,6 +215,7 @@ def _details(study: "Study", seen: Sequence[tuple[int, float]]) -> dict[str, Any
 
 
 def _along(drift: shrinkage.Drift, logs: Sequence[FlightLog]) -> list[dict[str, Any]]:
+    """Drift before and after along the flights that were scored, which `logs` are."""
     before, after = (
         np.linalg.norm(gap.drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after)
     )

@@ -148,10 +148,10 @@ def _study(
     prescribe: bool,
 ) -> Study:
     progress("cutting flights into windows", 0.02)
-    inputs = _scorable(choose_inputs(flights, prescribe), flights, simulator)
+    inputs = _scorable(choose_inputs(flights, prescribe, reference), flights, simulator)
     compared = None
     if reference is not None:
-        compared = _scorable(choose_inputs(reference, prescribe), reference, simulator)
+        compared = _scorable(choose_inputs(reference, prescribe, flights), reference, simulator)
     if compared is not None and compared.kind != inputs.kind:
         raise LogError(
             f"{flights.path} is replayed by {inputs.kind}, the reference by {compared.kind}; "

@@ -170,8 +170,11 @@ def dispersion(normal: Normal, n_flights: int) -> float:
     """Variance of the flights' scores over what independent samples would give, at least 1.
 
     Computed after the step that the whole library would take, so that an effect which is merely
-    missing does not count as dispersion. With fewer than three flights, blocks of time stand in.
+    missing does not count as dispersion. With fewer than three flights, blocks of time stand in,
+    and what flights draw for themselves (`loosened`) belongs to none of them.
     """
+    if n_flights < 3:
+        normal = normal.of(normal.dof > 0)
     groups = normal.flight if n_flights >= 3 else np.arange(len(normal.t)) * 8 // len(normal.t)
     H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
     seen = np.diag(H) > 1e-9 * np.max(np.diag(H))

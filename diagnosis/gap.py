@@ -169,14 +169,14 @@ def where(
     """The diagnosis' `where`: one entry a channel; `shake` as in `channels`."""
     found = channels(tracks, sigma, shake)
     conditions = regimes(tracks)
-    excess = [max(_rms(c.value) ** 2 / c.noise**2 - 1.0, 0.0) for c in found]
+    excess = [max(rms(c.value) ** 2 / c.noise**2 - 1.0, 0.0) for c in found]
     total = sum(excess)
     draws = _flight_draws(tracks, seed)
     return [
         {
             "channel": channel.name,
             "unit": channel.unit,
-            "gap_rms": _rms(channel.value),
+            "gap_rms": rms(channel.value),
             "noise_floor": channel.noise,
             "share": part / total if total else 0.0,
             **_interval(channel.value, tracks, draws),
@@ -187,7 +187,8 @@ def where(
     ]
 
 
-def _rms(value: np.ndarray) -> float:
+def rms(value: np.ndarray) -> float:
+    """Root mean square of the finite values, zero without any."""
     finite = value[np.isfinite(value)]
     return float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0
 
@@ -206,8 +207,8 @@ def _interval(value: np.ndarray, tracks: Tracks, draws: np.ndarray) -> dict[str,
     ok = np.isfinite(value)
     squares = np.bincount(tracks.flight[ok], value[ok] ** 2, minlength=draws.shape[1])
     counts = np.bincount(tracks.flight[ok], minlength=draws.shape[1])
-    rms = np.sqrt((draws @ squares) / np.maximum(draws @ counts, 1))
-    low, high = np.percentile(rms, [2.5, 97.5])
+    sizes = np.sqrt((draws @ squares) / np.maximum(draws @ counts, 1))
+    low, high = np.percentile(sizes, [2.5, 97.5])
     return {"low": float(low), "high": float(high)}
 
 
@@ -220,8 +221,8 @@ def _binned(value: np.ndarray, conditions: Mapping) -> list[dict]:
         edges = np.unique(np.quantile(x[ok], np.linspace(0.0, 1.0, N_BINS + 1)))
         at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
         gaps = [value[ok & (at == i)] for i in range(len(edges) - 1)]
-        rms = [_rms(g) if len(g) >= FEWEST else None for g in gaps]
-        found.append({"variable": name, "unit": unit, "edges": edges.tolist(), "gap": rms})
+        sizes = [rms(g) if len(g) >= FEWEST else None for g in gaps]
+        found.append({"variable": name, "unit": unit, "edges": edges.tolist(), "gap": sizes})
     return found
 
 

@@ -63,21 +63,19 @@ class Inputs:
         return dataclasses.replace(self, flights=left, left_out=(*self.left_out, *gone))
 
 
-def choose_inputs(flights: FlightSet, prescribe: bool = False) -> Inputs:
-    """Commands where any flight has them, else rotor speeds, else PWM.
+def choose_inputs(
+    flights: FlightSet, prescribe: bool = False, beside: FlightSet | None = None
+) -> Inputs:
+    """Commands where any flight has them, else rotor speeds, else PWM; if it can be, as `beside`.
 
     With `prescribe` the attitude comes from measurement even where commands are logged.
 
     Raises:
         LogError: No flight has any of them.
     """
-    kinds = {
-        "commands": lambda drone: drone.cmd is not None,
-        "rotor speeds": lambda drone: drone.rotor_vel is not None,
-        "PWM and voltage": lambda drone: drone.pwm is not None and drone.battery is not None,
-    }
-    able = {k: [f for f in flights.flights if all(map(has, f.drones))] for k, has in kinds.items()}
-    kind = next((k for k, found in able.items() if found), None)
+    able, there = _able(flights), _able(beside) if beside is not None else {}
+    possible = [kind for kind, found in able.items() if found]
+    kind = next((k for k in possible if there.get(k)), possible[0] if possible else None)
     if kind is None:
         raise LogError(f"{flights.path}: no flight has cmd_*, rotor_vel_*, or pwm_* with battery.")
     usable = able[kind]
@@ -92,6 +90,16 @@ def choose_inputs(flights: FlightSet, prescribe: bool = False) -> Inputs:
     driven = [_prescribed(flight, spec, kind) for flight in usable]
     kind = PRESCRIBED if kind == "commands" else kind
     return Inputs(tuple(driven), True, kind, left_out)
+
+
+def _able(flights: FlightSet) -> dict[str, list[FlightLog]]:
+    """Flights that have each kind of input, the preferred kind first."""
+    kinds = {
+        "commands": lambda drone: drone.cmd is not None,
+        "rotor speeds": lambda drone: drone.rotor_vel is not None,
+        "PWM and voltage": lambda drone: drone.pwm is not None and drone.battery is not None,
+    }
+    return {k: [f for f in flights.flights if all(map(has, f.drones))] for k, has in kinds.items()}
 
 
 def _prescribed(flight: FlightLog, spec: VehicleSpec, kind: str) -> FlightLog:

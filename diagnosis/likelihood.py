@@ -31,6 +31,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from diagnosis.noise import UNSEEN
 from diagnosis.replay import Prediction, Replay
 from diagnosis.segments import WINDOW, Segments, enough
 from diagnosis.whitening import TURN, Turns, make_turns, projected, residual, shaken, unit
@@ -122,6 +123,8 @@ class Likelihood:
     """The likelihood of flights under one library; flights with as many drones make a group.
 
     `shake` is the noise of a window's mean force [m/s^2] where measured attitudes are prescribed.
+    `aside` are the windows that do not count, `typical` is the misfit of those that do, when it was
+    settled.
     """
 
     def __init__(
@@ -135,6 +138,7 @@ class Likelihood:
         self.n_params = len(replay.library.slots)
         self.trusted: Bool[np.ndarray, " windows"] | None = None
         self.aside: Normal | None = None
+        self.typical = 1.0
         self._replays: dict[tuple, tuple[dict, dict]] = {}
         self._settled = np.array(replay.library.neutral, float)
         self._turns: dict[tuple[int, int], Turns] = {}
@@ -194,7 +198,8 @@ class Likelihood:
         directions = np.zeros((self.n_params if along is None else NARROW, self.n_params))
         directions[np.arange(len(chosen_params)), list(chosen_params)] = 1.0
         for i, group in enumerate(self.groups):
-            each = np.broadcast_to(vectors, (int(group.flight.max()) + 1, self.n_params))
+            n_flights = max(int(group.flight.max()) + 1, len(np.atleast_2d(vectors)))
+            each = np.broadcast_to(vectors, (n_flights, self.n_params))
             for chosen, prediction in self.replay(group, each, directions, turns=along is None):
                 at = (i, chosen.start)
                 if at not in self._turns:
@@ -255,14 +260,19 @@ class Likelihood:
         normal = self.normal(vector)
         bad = np.zeros(len(normal.c), bool) if spoiled is None else spoiled(normal)
         self.aside = normal.of(bad)
+        self.typical = float(np.median(normal.misfit[~bad])) if not bad.all() else 1.0
         counted = np.concatenate([self._dof(group) for group in self.groups]) > 0
         trusted = counted.copy()
         trusted[counted] = ~bad
         self.trusted = trusted
 
     def _dof(self, group: Segments) -> Float[np.ndarray, " windows"]:
-        count = self._valid(group, slice(None)).sum(axis=3)
-        return np.sum(9 * count - 6 * (count > 0), axis=2).reshape(-1).astype(float)
+        return self._numbers(self._valid(group, slice(None))).reshape(-1).astype(float)
+
+    def _numbers(self, valid: Bool[np.ndarray, "segments windows drones nodes"]) -> np.ndarray:
+        """Numbers of each window less those of the start; a prescribed attitude counts none."""
+        count, channels = valid.sum(axis=3), np.count_nonzero(self.sigma < UNSEEN)
+        return np.sum(channels * count - 6 * (count > 0), axis=2)
 
     def _equations(
         self, group: Segments, chosen: slice, r: np.ndarray, J: np.ndarray, turns: Turns
@@ -270,9 +280,7 @@ class Likelihood:
         n_windows = r.shape[0] * r.shape[1]
         flat = r.reshape(n_windows, -1)
         J = np.moveaxis(J.reshape(len(J), n_windows, -1), 0, 1)
-        valid = self._valid(group, chosen)
-        count = valid.sum(axis=3)
-        dof = np.sum(9 * count - 6 * (count > 0), axis=2).reshape(n_windows)
+        dof = self._numbers(self._valid(group, chosen)).reshape(n_windows)
         index = np.arange(1, r.shape[1] + 1)
         return {
             "H": J @ np.swapaxes(J, 1, 2),

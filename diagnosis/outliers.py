@@ -38,11 +38,11 @@ def after_gaps(normal: Normal, limit: float) -> Bool[np.ndarray, " windows"]:
     return bad & (bad.sum() <= max(1.0, FEW * normal.doubtful.sum()))
 
 
-def standing_out(aside: Normal | None) -> Normal | None:
-    """Of the windows that were left out, those with a misfit above `ALONE`; None without any."""
+def standing_out(aside: Normal | None, typical: float) -> Normal | None:
+    """Of the windows left out, those with `ALONE` times the typical misfit; None without any."""
     if aside is None:
         return None
-    alone = aside.of(aside.misfit > ALONE)
+    alone = aside.of(aside.misfit > ALONE * typical)
     return alone if len(alone.c) else None
 
 

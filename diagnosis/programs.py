@@ -10,14 +10,12 @@ file that cannot be read is made anew.
 import dataclasses
 import hashlib
 import importlib.metadata
-import inspect
 import io
 import os
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -31,7 +29,7 @@ def cached(name: str, trace: Callable, library: Library, settings: str, args: tu
     folder = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     if not folder:
         return jax.jit(trace)
-    key = _key(library, settings, args, "diagnosis.replay")
+    key = _key(library, settings, args, "diagnosis.replay", "diagnosis.library")
     path = Path(folder) / f"{name}-{key}.stablehlo"
     try:
         return jax.jit(export.deserialize(bytearray(path.read_bytes())).call)
@@ -81,14 +79,14 @@ def _keep(path: Path, content: bytes) -> None:
         return
 
 
-def _key(library: Library, settings: str, args: tuple, code: str) -> str:
+def _key(library: Library, settings: str, args: tuple, *code: str) -> str:
     digest = hashlib.sha256()
     shapes = jax.tree.map(lambda x: (x.shape, str(x.dtype)), args)
     versions = [f"{p}={importlib.metadata.version(p)}" for p in ("jax", "crazyflow", "equinox")]
     for text in (settings, repr(shapes), repr(versions), jax.default_backend(), _shown(library)):
         digest.update(text.encode())
-    for module in _modules(library, code):
-        digest.update(inspect.getsource(module).encode())
+    for path in _files(library, *code):
+        digest.update(path.read_bytes())
     return digest.hexdigest()[:32]
 
 
@@ -98,10 +96,11 @@ def _shown(library: Library) -> str:
     return repr(([str(leaf) for leaf in leaves], structure, library.slots))
 
 
-def _modules(library: Library, code: str) -> list[Any]:
+def _files(library: Library, *code: str) -> list[Path]:
     """Every module of the simulators, of the effects, and in or below `code`, sorted by name."""
     packages = {kind.__module__.split(".")[0] for kind in library.effects.values()}
-    packages |= {"simulators", type(library.simulator).__module__.split(".")[0], code}
+    packages |= {"simulators", type(library.simulator).__module__.split(".")[0], *code}
     below = tuple(f"{package}." for package in packages)
-    found = [m for n, m in sys.modules.items() if m and (n in packages or n.startswith(below))]
-    return sorted((m for m in found if getattr(m, "__file__", None)), key=lambda m: m.__name__)
+    found = {n: m for n, m in sys.modules.items() if m and (n in packages or n.startswith(below))}
+    files = [getattr(found[name], "__file__", None) for name in sorted(found)]
+    return [Path(file) for file in files if file]

@@ -120,12 +120,12 @@ class Problem(Equations):
             self.fits[effects] = self._whole(best)
         return self.fits[effects]
 
-    def _whole(self, fit: Fit) -> Fit:
+    def _whole(self, fit: Fit, hopeless: float = HOPELESS) -> Fit:
         """`fit` along all parameters, taken further if that changes what it is worth."""
         found = self.made(fit.effects, fit.vector, fit.shared)
         if abs(found.objective - fit.objective) < self.phi:
             return found
-        further = self._descended(found, self.free(fit.effects))
+        further = self._descended(found, self.free(fit.effects), hopeless)
         return self.made(fit.effects, further.vector, further.shared)
 
     def _across(self, fit: Fit) -> Fit:
@@ -276,6 +276,7 @@ class Problem(Equations):
         before = {effects: self.fits[effects] for effects in self.fits if fit.effects < effects}
         for effects in before:
             del self.fits[effects]
+            self.known.pop(effects, None)
         for _ in self._grow([fit]):
             pass
         for effects, old in before.items():
@@ -312,7 +313,7 @@ class Problem(Equations):
         less, vector, gone = best.effects - {name}, best.vector.copy(), self.library.indices(name)
         vector[gone] = self.base[gone] + best.shared[gone]
         fit = self._descended(self.made(less, vector, best.shared), self.free(less), hopeless)
-        fit = self._whole(fit)
+        fit = self._whole(fit, hopeless)
         self.fits[less] = max(self.fits.get(less, fit), fit, key=self.log_evidence)
         return self.fits[less]
 

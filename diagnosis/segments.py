@@ -171,7 +171,9 @@ class _Drone:
         shift = log.t[0] - zero
         unknown = [*unknown, *((a + shift, b + shift) for a, b in ignored)]
         ends = [(begin, end, WINDOW * math.ceil(end / WINDOW - 1e-9)) for begin, end in unknown]
-        self.unknown = [(-math.inf, 0.0, 0.0), *ends]
+        begin = float(self.t[0])
+        again = WINDOW * math.ceil(begin / WINDOW - 1e-9)
+        self.unknown = [(-math.inf, begin, again), *ends]
 
     def command(self, t: Float[np.ndarray, "segments steps"]) -> Float[np.ndarray, "..."]:
         """The command that is held at each time."""
@@ -211,7 +213,7 @@ class _Drone:
 
     def _fit(self, t: float) -> Float[np.ndarray, "4 3"]:
         """Position, velocity, Euler angles and their rates: steady motion within 0.06 s."""
-        t = max(t, self.t[0])
+        t = min(max(t, self.t[0]), self.t[-1])
         low, high = np.searchsorted(self.t, (t - 0.06, t + 0.06))
         if high - low < 3:
             near = int(_nearest(self.t, np.asarray(t)))

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from scipy import stats
 
 from diagnosis.fit import Fit
-from diagnosis.gap import channels, drifts
+from diagnosis.gap import channels, drifts, rms
 from diagnosis.likelihood import Likelihood, Normal, Tracks
 from diagnosis.search import Problem
 from diagnosis.segments import WINDOW
@@ -69,7 +69,7 @@ def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> dict:
     before, after = (np.linalg.norm(drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after))
     flights = np.unique(drift.before.flight)
     pairs = [
-        (_rms(before[drift.before.flight == f]), _rms(after[drift.after.flight == f]))
+        (rms(before[drift.before.flight == f]), rms(after[drift.after.flight == f]))
         for f in flights
     ]
     pairs = [(a, b) for a, b in pairs if a > 0 and b > 0]
@@ -80,7 +80,7 @@ def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> dict:
         return {**unit, **empty, "by_channel": {}, "reason": reason}
     ratio = np.log([b / a for a, b in pairs])
     half = stats.t.ppf(0.975, n - 1) * np.std(ratio, ddof=1) / np.sqrt(n)
-    a, b = _rms(before), _rms(after)
+    a, b = rms(before), rms(after)
     return {
         **unit,
         "before": a,
@@ -97,15 +97,10 @@ def _by_channel(drift: Drift, sigma: Float[np.ndarray, " 9"]) -> dict[str, dict]
     found = {}
     pairs = zip(channels(drift.before, sigma), channels(drift.after, sigma), strict=True)
     for old, new in pairs:
-        a, b = _rms(old.value), _rms(new.value)
+        a, b = rms(old.value), rms(new.value)
         percent = 100.0 * (1.0 - b / a) if a > 0 else None
         found[old.name] = {"before": a, "after": b, "percent": percent, "unit": old.unit}
     return found
-
-
-def _rms(value: np.ndarray) -> float:
-    finite = value[np.isfinite(value)]
-    return float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0
 
 
 def misfits(problem: Problem, fit: Fit) -> Float[np.ndarray, " flights"]:

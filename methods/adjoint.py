@@ -32,14 +32,16 @@ LARGEST = 128e6
 """Bytes of activations above which they are computed again; a choice."""
 
 
-def buffers(policy: Policy, task: AbstractTask, n_worlds: int) -> list[Array] | None:
+def buffers(
+    policy: Policy, task: AbstractTask, n_worlds: int, n_trainings: int = 0
+) -> list[Array] | None:
     """Room for what the layers give in an epoch; None where it does not pay.
 
     One world is what training in an expensive simulator flies: there its steps cost, not products,
-    and memory is to stay small.
+    and memory is to stay small. With `n_trainings` there is an axis of as many before the others.
     """
-    rows = n_worlds * task.n_drones
-    shapes = [(task.horizon, rows, size) for size in policy.sizes]
+    rows, several = n_worlds * task.n_drones, (n_trainings,) if n_trainings else ()
+    shapes = [(*several, task.horizon, rows, size) for size in policy.sizes]
     size = sum(4.0 * math.prod(shape) for shape in shapes)
     if n_worlds == 1 or size > LARGEST:
         return None

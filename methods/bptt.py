@@ -17,7 +17,7 @@ epoch, and equals one that was not. Its bill is that of its epochs, each counted
 import dataclasses
 import functools
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -31,6 +31,7 @@ from methods.adjoint import buffers, gradient
 from methods.checkpoint import next_place
 from methods.contract import Progress
 from methods.policy import Policy
+from methods.together import current_team
 from simulators.contract import AbstractSimulator
 from tasks.contract import AbstractTask
 
@@ -88,13 +89,16 @@ class BPTT(eqx.Module):
         course = _Course(self, policy)
         if (kept := place.load()) is not None:
             course.restore(kept)
-        kept = buffers(policy, task, self.worlds(task.n_drones))
+        step = _step(functools.partial(buffers, policy, task, self.worlds(task.n_drones)))
+        others = 0.0
         while not course.over():
             epoch = len(course.history)
             epoch_key = jax.random.fold_in(key, epoch)
             given = (self, task, simulator, course.policy, course.opt_state, epoch_key)
-            updated, opt_state, row, kept = update(given, kept)
-            course.add(updated, opt_state, jax.tree.map(float, row))
+            begun = time.perf_counter()
+            (updated, opt_state, row), share = step(given)
+            course.add(updated, opt_state, {name: float(x) for name, x in row.items()})
+            others += (1.0 - share) * (time.perf_counter() - begun)
             if place.due():
                 place.save(course.arrays())
             progress(stage, epoch + 1, self.epochs, course.history[-1]["reward"])
@@ -106,8 +110,22 @@ class BPTT(eqx.Module):
             curves=curves,
             stopped_early=len(history) < self.epochs,
             best_reward=course.best,
-            seconds=time.perf_counter() - start,
+            seconds=time.perf_counter() - start - others,
         )
+
+
+def _step(room: Callable[[int], Any]) -> Callable[[tuple], tuple[tuple, float]]:
+    """An epoch, and which share of its time it cost: alone, or in one program with a team's."""
+    if (team := current_team()) is not None:
+        return lambda given: team.call(_update, given, room)
+    kept = room(0)
+
+    def step(given: tuple) -> tuple[tuple, float]:
+        nonlocal kept
+        *results, kept = update(given, kept)
+        return tuple(results), 1.0
+
+    return step
 
 
 class _Course:
@@ -181,7 +199,7 @@ class Training:
     best_reward: float
     """Best smoothed training return."""
     seconds: float
-    """Wall time in this process [s]."""
+    """Wall time in this process [s]; of epochs flown together, its share."""
 
     @property
     def epochs(self) -> int:
@@ -219,8 +237,7 @@ def optimizer(settings: BPTT) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(settings.clip), optax.adam(schedule))
 
 
-@eqx.filter_jit(donate="all-except-first")
-def update(
+def _update(
     given: tuple[BPTT, AbstractTask, AbstractSimulator, Policy, Any, PRNGKeyArray],
     kept: Any,
 ) -> tuple[Policy, Any, dict[str, Array], Any]:
@@ -251,3 +268,7 @@ def update(
         jax.tree.map(keep, new, old) for new, old in ((updated, policy), (new_state, opt_state))
     )
     return policy, opt_state, row, kept
+
+
+update = eqx.filter_jit(_update, donate="all-except-first")
+"""`_update`, compiled."""

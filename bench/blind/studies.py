@@ -91,7 +91,7 @@ def run_studies(names: Sequence[str], reality: str, out: Path | None, notes: Pat
 def run_study(study: Study, folders: Folders, console: Console) -> Path:
     """The table that was written, after everything that was still to be measured."""
     kept = folders.runs / study.name
-    sources = sources_digest()
+    sources = sources_digest(with_generator=True)
     rows = {item: _read(kept / f"{item}.json", sources) for item in study.items}
     left = [item for item, found in rows.items() if found is None]
     done = len(rows) - len(left)

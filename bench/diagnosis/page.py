@@ -49,7 +49,6 @@ def diagnosis_page(diagnosis: Json, request: Request) -> str:
             regimes=figures.regime_panels(diagnosis),
             effects=_effects(diagnosis),
             candidates=tables.candidates_table(diagnosis),
-            more_candidates=max(0, len(diagnosis.get("candidates") or []) - tables.MOST_CANDIDATES),
             support=tables.support_table(diagnosis),
             shared=tables.shared_table(diagnosis),
             not_observable=tables.not_observable_table(diagnosis),

@@ -79,9 +79,11 @@ def remarks(diagnosis: Json, request: Request) -> list[str]:
     if reason and diagnosis["verdict"] == "effect":
         said.append(f"How far the gap shrinks is not known: {clean(reason).rstrip('.')}.")
     aside = (diagnosis.get("details") or {}).get("set_aside") or []
-    if aside:
-        at = join(f"{clean(line['flight'])} at {number(line['t'], 2)} s" for line in aside)
-        said.append(f"Left out, half a second each, for standing out alone: {at}.")
+    for soon, why in ((False, "alone"), (True, "soon after a gap in the log or its start")):
+        lines = [line for line in aside if line["after_gap"] is soon]
+        if lines:
+            at = join(f"{clean(line['flight'])} at {number(line['t'], 2)} s" for line in lines)
+            said.append(f"Left out, half a second each, for standing out {why}: {at}.")
     if request.excluded:
         names = join(effect_words(clean(name)).label for name in request.excluded)
         said.append(f"Withheld from the candidates, with all that looks alike: {names}.")

@@ -17,9 +17,7 @@ from bench.diagnosis.numbers import (
     with_unit,
 )
 from bench.diagnosis.sentences import Json, chosen_set, parameter_texts, set_label
-
-MOST_CANDIDATES = 12
-"""Candidates that are shown; the file diagnosis.json has them all."""
+from diagnosis.noise import CHANNELS, UNITS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,13 +79,8 @@ def _channel_texts(channel: Json) -> tuple[str, str, str]:
     return (
         with_unit(value, unit),
         interval or MISSING,
-        quantity(channel["noise_floor"], unit_of(channel)),
+        quantity(channel["noise_floor"], clean(channel["unit"])),
     )
-
-
-def unit_of(channel: Json) -> str:
-    """The unit in which a channel is reported."""
-    return clean(channel["unit"])
 
 
 def _in_noise_floors(channel: Json) -> list[float | None]:
@@ -122,7 +115,7 @@ def candidates_table(diagnosis: Json) -> Table | None:
     candidates = sorted(
         diagnosis.get("candidates") or [],
         key=lambda c: (-_or_zero(c["probability"]), -_or_zero(c["evidence"])),
-    )[:MOST_CANDIDATES]
+    )
     if not candidates:
         return None
     chosen = chosen_set(diagnosis)
@@ -248,7 +241,7 @@ def shared_table(diagnosis: Json) -> Table | None:
 
 def noise_table(diagnosis: Json) -> Table | None:
     """Noise of each channel as estimated from the logs."""
-    units = {c["channel"]: unit_of(c) for c in diagnosis["where"]}
+    units = dict(zip(CHANNELS, UNITS, strict=True))
     noise = (diagnosis.get("details") or {}).get("noise") or {}
     rows = [
         (clean(channel), quantity(sigma, units.get(channel, "")))

@@ -184,13 +184,6 @@ def write_cases(directory: Path, labels_directory: Path, cases: Sequence[Case]) 
     return write_labels(labels_directory / "labels.json", cases)
 
 
-def write_reference(directory: Path, reality: str, seed: int, **settings: Any) -> None:
-    """Flights of the undisturbed vehicle of a reality; `settings` as for `make_case`."""
-    case = make_case("clean", (), np.random.default_rng(seed), reality=reality, **settings)
-    flown = fly_case(dataclasses.replace(case, drones=1))
-    write_flights(directory, [one.logged for one in flown])
-
-
 def write_labels(path: Path, cases: Sequence[Case]) -> str:
     """SHA-256 of a file with what `cases` are and 32 random bytes, so that it cannot be guessed."""
     labels = {

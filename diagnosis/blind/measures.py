@@ -64,7 +64,9 @@ class Workbench:
         """The replay for flights of one drone or of several."""
         several = _several(flights)
         if several not in self._replays:
-            library = make_library(nominal_simulator(OWN, flights), (), several)
+            library = make_library(
+                nominal_simulator(OWN, flights), (), several, referenced=self.with_reference
+            )
             self._replays[several] = make_replay(library, STEPS[OWN])
         return self._replays[several]
 

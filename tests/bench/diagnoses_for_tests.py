@@ -83,8 +83,11 @@ def details():
             }
         ],
         "chi2_per_dof": {"before": 21.3, "after": 1.08},
-        "noise": {"specific force z": 0.16, "attitude roll": None},
-        "set_aside": [{"flight": HOSTILE, "t": 4.5, "misfit": 80.0}],
+        "noise": {"position x": 0.00031, "velocity z": 0.012, "attitude roll": None},
+        "set_aside": [
+            {"flight": HOSTILE, "t": 4.5, "misfit": 80.0, "after_gap": False},
+            {"flight": HOSTILE, "t": 7.0, "misfit": 6.0, "after_gap": True},
+        ],
         "where_left": [channel("velocity drift z", "m/s", 0.02, 0.014, 0.7)],
         "not_observable": [{"effect": "downwash", "why": "one drone flew alone"}],
         "limits": [

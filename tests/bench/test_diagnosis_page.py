@@ -92,6 +92,8 @@ def test_verdict_of_a_pair_names_both_with_the_probability_of_the_set():
     assert "probability 0.91" in said
     aside = f"Left out, half a second each, for standing out alone: {HOSTILE} at 4.5 s."
     assert aside in remarks(diagnoses_for_tests.pair(), REQUEST)
+    soon = "Left out, half a second each, for standing out soon after a gap in the log"
+    assert any(line.startswith(soon) for line in remarks(diagnoses_for_tests.pair(), REQUEST))
     left = "12 % of the gap stays unexplained, mostly in velocity drift z (70 %)."
     assert left in remarks(diagnoses_for_tests.pair(), REQUEST)
 
@@ -368,3 +370,10 @@ def test_a_failure_while_writing_leaves_what_was_there(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="disk full"):
         write_documents(diagnoses_for_tests.none(), REQUEST, tmp_path)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
+
+
+def test_noise_has_units():
+    rows = {row[0]: row[1] for row in tables.noise_table(diagnoses_for_tests.effect()).rows}
+    assert rows["position x"].endswith("mm")
+    assert rows["velocity z"].endswith("m/s")
+    assert rows["attitude roll"] == tables.MISSING

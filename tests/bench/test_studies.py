@@ -43,7 +43,7 @@ def test_a_study_goes_on_where_it_was_interrupted(tmp_path):
 def test_what_another_program_measured_is_measured_again(tmp_path, monkeypatch):
     assert measured(tmp_path) == ["a", "bb", "ccc"]
     assert measured(tmp_path) == []
-    monkeypatch.setattr(studies, "sources_digest", lambda: "f" * 64)
+    monkeypatch.setattr(studies, "sources_digest", lambda **_: "f" * 64)
     assert measured(tmp_path) == ["a", "bb", "ccc"]
 
 

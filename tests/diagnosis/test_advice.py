@@ -13,6 +13,12 @@ def test_a_pair_that_looks_alike_is_separated_by_its_manoeuvre():
     assert said.startswith("To separate mass from thrust_gain: fast straight lines at 2 m/s")
 
 
+def test_of_several_pairs_one_with_a_tested_manoeuvre_comes_first():
+    assert frozenset(("mass", "drag")) not in MANOEUVRES
+    said = next_flight("effect", {"mass": ["drag", "thrust_gain"]}, None, [])
+    assert said.startswith("To separate mass from thrust_gain: fast straight lines")
+
+
 def test_a_pair_without_a_manoeuvre_is_flown_one_after_the_other():
     pair = frozenset(("yaw_gains", "rotor_inertia"))
     assert pair not in MANOEUVRES

@@ -88,6 +88,27 @@ def test_with_many_flights_a_third_is_never_fitted():
     assert not fit & held
     assert len(fit | held) == 12
     assert content["shrink"]["percent"] > 60
+    curves = {line["flight"] for line in content["details"]["before_after"]}
+    assert curves == held
+
+
+def test_flights_of_different_team_sizes_are_diagnosed_together():
+    """Two flights of one drone and one of two, each left out in turn."""
+    first, second, third, fourth = point_mass_set(Wind(x=0.5), n_flights=4).flights
+    (beside,) = fourth.drones
+    beside = dataclasses.replace(beside, pos=beside.pos + np.asarray([5.0, 0.0, 0.0]))
+    both = dataclasses.replace(third, drones=(*third.drones, beside))
+    content = diagnose(flight_set([first, second, both]), simulator="point_mass").to_json()
+    (effect,) = content["effects"]
+    assert effect["name"] == "wind"
+    assert content["shrink"]["n"] == 3
+
+
+def test_of_a_single_flight_nothing_is_called_held_out():
+    content = diagnose(point_mass_set(Wind(x=0.5), n_flights=1), simulator="point_mass").to_json()
+    assert content["flights"]["held_out"] == []
+    assert content["details"]["before_after"] == []
+    assert {line["evidence"] for line in content["candidates"]} == {None}
 
 
 def test_a_gust_has_an_onset_in_its_channel():

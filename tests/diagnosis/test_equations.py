@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.equations import Switched, loosened, moved, spread_between
+from diagnosis.equations import Switched, dispersion, loosened, moved, spread_between
 from diagnosis.likelihood import Normal
 from diagnosis.whitening import shaken
 
@@ -125,3 +125,11 @@ def test_shaken_windows_move_as_white_noise_moves_them():
         np.testing.assert_allclose(found, drawn, rtol=0.2)
         np.testing.assert_allclose(found[3, 3], (noise * seconds) ** 2, rtol=1e-6)
     assert not A[:, :, [2, 5, 6, 7, 8]].any()
+
+
+def test_what_two_flights_draw_for_themselves_is_no_dispersion():
+    """Its entries stand after all windows and would make a block of time of their own."""
+    rng = np.random.default_rng(4)
+    normal = normal_of(draws(rng, 2, own=(0.5, 0.0, 0.0), rows=2000))
+    loose = loosened(normal, np.asarray([0.25, 0.0, 0.0]))
+    assert dispersion(loose, 2) == pytest.approx(dispersion(normal, 2))

@@ -90,3 +90,16 @@ def test_effects_on_the_attitude_are_not_observable_without_its_command():
     assert "prescribed" in hidden["trim"]
     assert found["flights"]["input"] == "rotor speeds"
     assert found["effects"] == []
+
+
+def test_both_sets_are_replayed_by_what_both_have():
+    """Rotor speeds where only the reference logs commands as well."""
+    spec = VEHICLES["cf21B_500"]
+    logged = fly(PointMass(), n_flights=1, seconds=2.0)
+    (bare,) = rotors_only(logged, spec)
+    (drone,), (cmd,) = bare.drones, logged
+    both = dataclasses.replace(bare, drones=(dataclasses.replace(drone, cmd=cmd.drones[0].cmd),))
+    target, reference = flight_set([bare]), flight_set([both])
+    assert choose_inputs(reference).kind == "commands"
+    assert choose_inputs(reference, beside=target).kind == "rotor speeds"
+    assert choose_inputs(target, beside=reference).kind == "rotor speeds"

@@ -96,6 +96,7 @@ def test_the_noise_of_measured_attitudes_is_no_effect():
     content = diagnose(logged, simulator="point_mass").to_json()
     assert content["verdict"] == "none"
     assert content["details"]["structure"]["before"] == pytest.approx(1.0, abs=0.15)
+    assert content["details"]["chi2_per_dof"]["before"] == pytest.approx(1.0, abs=0.1)
     where = {line["channel"]: line for line in content["where"]}
     assert not any("attitude" in name for name in where)
     for axis, shaken in (("x", True), ("y", True), ("z", False)):

@@ -1,10 +1,12 @@
 """Fits of reference flights are remembered for the same arrays, and made anew for others."""
 
+import sys
+
 import numpy as np
 import pytest
 
 from diagnosis.library import make_library
-from diagnosis.programs import remembered
+from diagnosis.programs import _files, _key, remembered
 from simulators.point_mass import PointMass
 
 
@@ -63,3 +65,18 @@ def test_a_folder_that_cannot_be_written_to_is_no_error(fitted, tmp_path, monkey
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "file"))
     assert fit(np.arange(3.0))["sum"] == 3.0
     assert len(made) == 1
+
+
+def test_a_package_of_nothing_but_a_name_can_be_hashed(tmp_path, monkeypatch):
+    """An effect's package may have an empty `__init__.py`."""
+    (tmp_path / "hollow_plugin").mkdir()
+    empty = tmp_path / "hollow_plugin" / "__init__.py"
+    empty.touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    __import__("hollow_plugin")
+    library = make_library(PointMass(dt=0.01))
+    assert empty in _files(library, "hollow_plugin")
+    before = _key(library, "", (), "hollow_plugin")
+    empty.write_text("LENGTH = 1\n")
+    assert _key(library, "", (), "hollow_plugin") != before
+    monkeypatch.delitem(sys.modules, "hollow_plugin")

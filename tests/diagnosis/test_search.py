@@ -230,3 +230,21 @@ def test_what_a_start_may_err_is_flown_only_where_it_is_asked_for(replay):
     np.testing.assert_allclose(less.value, whole.value, rtol=1e-5, atol=1e-5)
     assert less.slope.shape == whole.slope.shape
     np.testing.assert_allclose(less.slope, whole.slope, rtol=1e-3, atol=1e-4)
+
+
+def test_larger_sets_are_tried_from_the_polished_one_not_from_where_they_were(replay):
+    problem = Problem(
+        make_likelihood(replay, point_mass_set(Drag(c=0.4), n_flights=3).flights, SIGMA)
+    )
+    drag, both = frozenset({"drag"}), frozenset({"drag", "wind"})
+    fit = problem.refit(drag, problem.nominal())
+    problem.refit(both, fit)
+    problem.renew()
+    fit = problem.refit(drag, problem.nominal())
+    problem.refit(both, fit)
+    begun = []
+    problem.refit = lambda effects, near: begun.append((effects, problem.known.get(effects)))
+    problem._grow = lambda front: [problem.refit(both, front[0])]
+    problem._outgrow(fit)
+    assert begun == [(both, None)]
+    assert both in problem.fits

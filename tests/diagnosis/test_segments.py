@@ -100,3 +100,30 @@ def test_noise_is_recovered_when_time_is_not_uniform(flights):
     rng = np.random.default_rng(0)
     thinned = [without(f, rng.choice(300, 30, replace=False)) for f in flights]
     np.testing.assert_allclose(estimate_noise(thinned), SIGMA, rtol=0.2)
+
+
+def test_a_drone_that_logs_later_is_not_flown_before(flights):
+    """Nothing of it counts until its attitude was measured and its rotors have followed."""
+    early, late = (flight.drones[0] for flight in flights)
+    keep = late.t >= 1.8
+    names = ("t", "pos", "vel", "quat", "cmd")
+    late = dataclasses.replace(late, **{n: getattr(late, n)[keep] for n in names})
+    (group,) = cut([FlightLog("both", (early, late))], 0.005)
+    edges = group.start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
+    at = edges[:, :, None] + 0.005 * group.place[:, :, 1]
+    assert at[group.valid[:, :, 1]].min() >= 2.0 + FORGET - 1e-6
+    assert edges[group.fresh[:, :, 1]] == pytest.approx([2.0])
+    assert edges[group.fresh[:, :, 0]] == pytest.approx([0.0])
+    assert group.doubtful[np.abs(edges - 2.0) < 1e-6].all()
+
+
+def test_a_drone_that_has_landed_does_not_fly_away(flights):
+    """After its last row it stays where it was seen last, for what others feel of it."""
+    early, late = (flight.drones[0] for flight in flights)
+    keep = late.t < 2.0
+    names = ("t", "pos", "vel", "quat", "cmd")
+    late = dataclasses.replace(late, **{n: getattr(late, n)[keep] for n in names})
+    (group,) = cut([FlightLog("both", (early, late))], 0.005)
+    edges = group.start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
+    after = group.pos[edges > 2.0][:, 1]
+    np.testing.assert_allclose(after, np.broadcast_to(late.pos[-1], after.shape), atol=0.01)

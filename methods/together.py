@@ -1,0 +1,144 @@
+"""Trainings of one shape flown in one program: what fills an accelerator, and some of a core.
+
+Trainings that differ in numbers only (seeds, a residual's weights, an effect's size) do the same
+operations. The members of a `Team` train in threads of their own, and no method has to know: a
+trainer's call waits for those of the others, and all calls of one shape become one call over a
+leading axis. A member that has ended its task is waited for no more; one that is at something else
+(calibration flights, deployment) is. Products over that axis round differently, so that a training
+equals the one that is alone up to rounding, as on another machine.
+"""
+
+import contextlib
+import contextvars
+import threading
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Function = Callable[[Any, Any], tuple]
+"""Of (given, room) -> (*results, room): a pytree, and memory that calls hand on."""
+
+
+class _Call:
+    """What one member wants, and what came of it."""
+
+    def __init__(self, function: Function, given: Any, make_room: Callable[[int], Any]) -> None:
+        self.function, self.make_room = function, make_room
+        self.numbers, self.rest = eqx.partition(given, _is_array)
+        leaves, structure = jax.tree.flatten(self.numbers)
+        fixed, other = jax.tree.flatten(self.rest)
+        shapes = tuple((np.shape(x), str(x.dtype)) for x in leaves)
+        self.shape: Hashable = (function, structure, shapes, other, tuple(fixed))
+        self.results: tuple | None = None
+        self.error: BaseException | None = None
+        self.share = 1.0
+
+
+def _is_array(x: Any) -> bool:
+    return eqx.is_array(x) or isinstance(x, np.ndarray | np.generic)
+
+
+class Team:
+    """So many members, each a thread that enters `member` once."""
+
+    def __init__(self, members: int) -> None:
+        self._size = self._left = members
+        self._waiting: list[_Call] = []
+        self._rooms: dict[Hashable, Any] = {}
+        self._change = threading.Condition()
+
+    @contextlib.contextmanager
+    def member(self) -> Iterator[None]:
+        """Inside, this thread's trainings are the team's."""
+        token = _TEAM.set(self)
+        try:
+            yield
+        finally:
+            _TEAM.reset(token)
+            with self._change:
+                self._left -= 1
+                self._change.notify_all()
+
+    def call(
+        self, function: Function, given: Any, make_room: Callable[[int], Any]
+    ) -> tuple[tuple, float]:
+        """Results of `function` for `given`, and this member's share of the common call.
+
+        Args:
+            function: Traced; it must be the same object in every thread.
+            given: Its argument; arrays are what may differ between members of one call.
+            make_room: Memory for so many members, with a leading axis; None for none.
+        """
+        mine = _Call(function, given, make_room)
+        with self._change:
+            self._waiting.append(mine)
+            self._change.notify_all()
+            while not self._over(mine) and len(self._waiting) < self._left:
+                self._change.wait()
+            calls = []
+            if not self._over(mine):
+                calls, self._waiting = self._waiting, []
+        if calls:
+            self._fly(calls)
+            with self._change:
+                self._change.notify_all()
+        with self._change:
+            while not self._over(mine):
+                self._change.wait()
+        if mine.error is not None:
+            raise mine.error
+        assert mine.results is not None
+        return mine.results, mine.share
+
+    @staticmethod
+    def _over(call: _Call) -> bool:
+        return call.results is not None or call.error is not None
+
+    def _fly(self, calls: Sequence[_Call]) -> None:
+        groups: dict[Hashable, list[_Call]] = {}
+        for call in calls:
+            groups.setdefault(call.shape, []).append(call)
+        for group in groups.values():
+            try:
+                self._fly_group(group)
+            except BaseException as error:
+                for call in group:
+                    call.error = error
+
+    def _fly_group(self, group: Sequence[_Call]) -> None:
+        """One call for all; the program stays the same until half of its places are empty."""
+        first, size = group[0], self._size
+        while (size + 1) // 2 >= len(group) and size > 1:
+            size = (size + 1) // 2
+        filled = [*group, *[group[-1]] * (size - len(group))]
+        key = (first.shape, size)
+        room = self._rooms.pop(key, None)
+        if room is None:
+            self._rooms.clear()
+            room = first.make_room(size)
+        numbers = tuple(call.numbers for call in filled)
+        every, self._rooms[key] = _together((first.function, first.rest, numbers), room)
+        for call, results in zip(group, every, strict=False):
+            call.results, call.share = results, 1.0 / len(group)
+
+
+@eqx.filter_jit(donate="all-except-first")
+def _together(given: tuple[Function, Any, tuple], room: Any) -> tuple[list[tuple], Any]:
+    """Results for every entry, and the room for the next call."""
+    function, rest, numbers = given
+    stacked = eqx.combine(jax.tree.map(lambda *x: jnp.stack(x), *numbers), rest)
+    *results, room = eqx.filter_vmap(function)(stacked, room)
+    one = lambda i: jax.tree.map(lambda x: x[i] if _is_array(x) else x, tuple(results))  # noqa: E731
+    return [one(i) for i in range(len(numbers))], room
+
+
+_TEAM: contextvars.ContextVar[Team | None] = contextvars.ContextVar("team", default=None)
+
+
+def current_team() -> Team | None:
+    """The team of this thread, None outside of one."""
+    return _TEAM.get()
