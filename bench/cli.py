@@ -60,9 +60,9 @@ class Part:
         )
 
 
-def _check_jobs(jobs: int | None) -> None:
-    if jobs is not None and jobs < 1:
-        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+def _check_number(option: str, value: int | None) -> None:
+    if value is not None and value < 1:
+        raise UsageError(f"`--{option}` must be at least 1, got {value}.")
 
 
 @app.command
@@ -74,6 +74,7 @@ def run(
     out: Path | None = None,
     jobs: int | None = None,
     executor: Literal["local", "ray"] = "local",
+    together: int | None = None,
     fail_fast: Annotated[bool, Repeatable] = False,
     retry_failed: Annotated[bool, Repeatable] = False,
 ) -> int:
@@ -89,16 +90,20 @@ def run(
     out
         Folder for everything; without it, tables go to results/SUITE, documents to reports/SUITE.
     jobs
-        Number of worker processes; without it, one per core.
+        Number of worker processes; without it, one per core, or 4 on an accelerator.
     executor
         Where they are: on this machine, or on the Ray cluster that RAY_ADDRESS names.
+    together
+        Most runs, alike but for their seed, that a worker trains in one program; without it, 1, or
+        16 on an accelerator.
     fail_fast
         Stop at the first run that fails.
     retry_failed
         Try runs again that failed in an earlier call. Interrupted ones are tried again anyway.
     """
     chosen = (part or Part()).of(suite)
-    _check_jobs(jobs)
+    _check_number("jobs", jobs)
+    _check_number("together", together)
     tables_dir = out or Path("results") / chosen.name
     documents_dir = out or Path("reports") / chosen.name
     _check_folders(tables_dir, documents_dir)
@@ -112,6 +117,7 @@ def run(
         documents_dir,
         jobs,
         executor=executor,
+        together=together,
         fail_fast=fail_fast,
         retry_failed=retry_failed,
     )
@@ -144,7 +150,7 @@ def plan(
         Show a line for every missing run.
     """
     chosen = (part or Part()).of(suite)
-    _check_jobs(jobs)
+    _check_number("jobs", jobs)
     from rich.console import Console
 
     from bench.outlook import show_plan

@@ -6,6 +6,7 @@ the results under the same path.
 
 import contextlib
 import importlib
+import math
 import os
 import time
 import warnings
@@ -45,7 +46,10 @@ class RayExecutor(AbstractExecutor):
         self._mailbox: Any = (
             ray.remote(_Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
         )
-        self._perform = ray.remote(num_cpus=1, max_retries=0, max_calls=TASKS_PER_PROCESS)(_perform)
+        # Ray hides accelerators from tasks that ask for none.
+        share = gpu_share(ray.cluster_resources().get("GPU", 0.0), self._slots)
+        options = {"num_cpus": 1, "num_gpus": share, "max_retries": 0}
+        self._perform = ray.remote(**options, max_calls=TASKS_PER_PROCESS)(_perform)
         self._given = 0
         self._tasks: dict[Any, int] = {}
         self._slots_of: dict[int, int] = {}
@@ -109,6 +113,12 @@ class RayExecutor(AbstractExecutor):
             cause = f"its worker process or machine is gone ({type(lost).__name__}: {line})"
             return Ended(slot, error=cause, killed=True)
         return Ended(slot, value=value, error=error)
+
+
+def gpu_share(gpus: float, slots: int) -> float:
+    """Accelerators that each of so many tasks asks for, a part of one if they must share."""
+    per_task = gpus / slots
+    return math.floor(per_task) if per_task >= 1.0 else math.floor(1e4 * per_task) / 1e4
 
 
 def _load_ray() -> Any:

@@ -1,5 +1,6 @@
 """Environment of processes that compute: one XLA thread, whole loops compiled, programs kept."""
 
+import importlib.util
 import os
 import platform
 from pathlib import Path
@@ -18,6 +19,23 @@ if platform.machine() in ("x86_64", "AMD64"):
     # No fused multiply-add, whose rounding depends on what stands around a product: with it a
     # neutral effect would change the last bit. Matrix products are a library's and keep it.
     OPTIONS["xla_cpu_max_isa"] = "--xla_cpu_max_isa=AVX"
+
+
+TOGETHER = 16
+"""Runs of one kind that an accelerator trains in one program: a cell's seeds, mostly; a guess."""
+
+
+def accelerated() -> bool:
+    """Whether JAX will find an accelerator: a plug-in of JAX and a device, nothing is started."""
+    allowed = os.environ.get("JAX_PLATFORMS", "")
+    if allowed.split(",")[0] == "cpu" or importlib.util.find_spec("jax_plugins") is None:
+        return False
+    return any(Path(device).exists() for device in ("/dev/nvidiactl", "/dev/dxg", "/dev/kfd"))
+
+
+def seeds_together() -> int:
+    """Runs of one kind that a worker trains in one program, if nobody says."""
+    return TOGETHER if accelerated() else 1
 
 
 def xla_flags() -> str:
@@ -39,4 +57,6 @@ def environment() -> dict[str, str]:
         "OPENBLAS_NUM_THREADS": "1",
         "MKL_NUM_THREADS": "1",
     }
+    if accelerated():  # else products of 32-bit numbers are rounded to 19 bits before
+        defaults["JAX_DEFAULT_MATMUL_PRECISION"] = "highest"
     return {k: os.environ.get(k, v) for k, v in defaults.items()} | {"XLA_FLAGS": xla_flags()}

@@ -10,7 +10,7 @@ from bench.plan import Run
 from bench.progress import Display
 from bench.record import Outcome
 from bench.store import Store
-from bench.worker import do_run
+from bench.worker import Done, do_runs
 
 
 def execute(
@@ -21,6 +21,7 @@ def execute(
     done: Iterable[str] = (),
     failed: Iterable[str] = (),
     *,
+    together: int = 1,
     fail_fast: bool = False,
 ) -> dict[str, str]:
     """Status of each of `runs` that ended, by name; all of them but for `fail_fast`.
@@ -36,9 +37,10 @@ def execute(
         display: Told what happens.
         done: Names of parents that are in the store already.
         failed: Names of parents that are there as failed and are not tried again.
+        together: Most runs, alike but for their seed, that a worker does at once.
         fail_fast: Whether the first failure ends everything.
     """
-    return _Execution(runs, store, executor, display, done, failed, fail_fast).result()
+    return _Execution(runs, store, executor, display, done, failed, together, fail_fast).result()
 
 
 class _Execution:
@@ -52,6 +54,7 @@ class _Execution:
         display: Display,
         done: Iterable[str],
         failed: Iterable[str],
+        together: int,
         fail_fast: bool,
     ) -> None:
         self._schedule = _Schedule(runs, done)
@@ -59,9 +62,10 @@ class _Execution:
         self._executor = executor
         self._display = display
         self._failed = list(failed)
+        self._together = together
         self._fail_fast = fail_fast
         self._blocked: set[str] = set()
-        self._slots: dict[int, Run | None] = dict.fromkeys(range(executor.slots))
+        self._slots: dict[int, list[Run]] = {slot: [] for slot in range(executor.slots)}
 
     def result(self) -> dict[str, str]:
         """Executes; the statuses."""
@@ -70,8 +74,8 @@ class _Execution:
                 self._fail(child, f"parent {parent} failed", interrupted=True)
         self._blocked = {*self._schedule.status}
         while not self._over():
-            for slot, run in self._slots.items():
-                if run is None and (given := self._schedule.next()) is not None:
+            for slot, runs in self._slots.items():
+                if not runs and (given := self._schedule.next(self._together)):
                     self._start(slot, given)
             if not any(self._slots.values()):
                 break
@@ -89,21 +93,22 @@ class _Execution:
             status[name] == "failed" for name in status.keys() - self._blocked
         )
 
-    def _start(self, slot: int, run: Run) -> None:
-        self._slots[slot] = run
-        task = functools.partial(do_run, run, self._store.directory)
+    def _start(self, slot: int, runs: list[Run]) -> None:
+        self._slots[slot] = runs
+        task = functools.partial(do_runs, runs, self._store.directory)
         self._executor.start(slot, task)
-        self._display.started(slot, run)
+        self._display.started(slot, runs)
 
     def _end(self, event: Ended) -> None:
-        run, self._slots[event.slot] = self._slots[event.slot], None
-        assert run is not None
-        if not event.error:
-            self._finish(run, *event.value)
-        elif (status := self._store.status(run.name)) not in ("", "failed"):
-            self._finish(run, status, "")  # it died after it had committed
-        else:
-            self._fail(run, event.error, interrupted=True)
+        runs, self._slots[event.slot] = self._slots[event.slot], []
+        lost = [Done("", "", event.error)] * len(runs)
+        for run, done in zip(runs, lost if event.error else event.value, strict=True):
+            if not done.error:
+                self._finish(run, done.status, done.cause)
+            elif (status := self._store.status(run.name)) not in ("", "failed"):
+                self._finish(run, status, "")  # it died after it had committed
+            else:
+                self._fail(run, done.error, interrupted=True)
 
     def _fail(self, run: Run, cause: str, interrupted: bool) -> None:
         """Stores that a run failed for a reason that is not its own."""
@@ -147,13 +152,23 @@ class _Schedule:
         if set(self._runs[name].parents.values()) <= self._done:
             heapq.heappush(self._ready, (-self._chain[name], self._order[name], name))
 
-    def next(self) -> Run | None:
-        """The ready run with the longest chain of work behind it, None if none is ready."""
-        if not self._ready:
-            return None
-        name = heapq.heappop(self._ready)[-1]
-        self.started[name] = time.monotonic()
-        return self._runs[name]
+    def next(self, most: int = 1) -> list[Run]:
+        """The ready run with the longest chain of work behind it, and others of its kind.
+
+        Those are ready, too, and differ in their seed only; none at all if nothing is ready.
+        """
+        chosen: list[Run] = []
+        kept = []
+        while self._ready and len(chosen) < most:
+            entry = heapq.heappop(self._ready)
+            run = self._runs[entry[-1]]
+            alike = not chosen or run.kind == chosen[0].kind
+            (chosen.append(run) if alike else kept.append(entry))
+        for entry in kept:
+            heapq.heappush(self._ready, entry)
+        for run in chosen:
+            self.started[run.name] = time.monotonic()
+        return chosen
 
     def end(self, name: str, status: str) -> list[Run]:
         """Notes how a run ended; the children that can never start because it failed."""

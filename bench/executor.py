@@ -14,12 +14,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
+from bench.environment import accelerated
+
 Report = Callable[..., None]
 """Sends its arguments to whoever started the task."""
 Task = Callable[[Report], Any]
 """What a slot does."""
 Name = Literal["local", "ray"]
 """The executors."""
+PROCESSES = 4
+"""Processes that share an accelerator, so that it works while one of them compiles; a guess."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,11 +83,12 @@ class AbstractExecutor(abc.ABC):
 
 
 def make_executor(name: Name, jobs: int | None, most: int, logs: Path) -> AbstractExecutor:
-    """An executor with `jobs` slots, by default one per core, but no more than `most`.
+    """An executor with `jobs` slots, but no more than `most`.
 
     Args:
         name: Which one.
-        jobs: Number of slots; None: one per core, of the machine or of the cluster.
+        jobs: Number of slots; None: one per core, of the machine or of the cluster, and few on a
+            machine with an accelerator.
         most: Tasks that there will be.
         logs: Folder for what processes of this machine print.
 
@@ -96,7 +101,8 @@ def make_executor(name: Name, jobs: int | None, most: int, logs: Path) -> Abstra
         return RayExecutor(jobs, most)
     from bench.pool import LocalExecutor
 
-    return LocalExecutor(max(1, min(jobs or cores(), most)), logs)
+    usual = min(PROCESSES, cores()) if accelerated() else cores()
+    return LocalExecutor(max(1, min(jobs or usual, most)), logs)
 
 
 def cores() -> int:

@@ -75,6 +75,11 @@ class Run:
         return hashlib.sha256(rfc8785.dumps(dict(self.resolved))).hexdigest()[:16]
 
     @property
+    def kind(self) -> tuple[str, str, str, str, int]:
+        """What runs that differ only in their seed have in common."""
+        return self.method, self.residual, self.variant, self.task, self.team_size
+
+    @property
     def label(self) -> str:
         """Short text for people, e.g. "hybrid-mlp circle n3 s0"."""
         method = f"{self.method}-{self.residual}" if self.residual else self.method

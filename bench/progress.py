@@ -18,14 +18,25 @@ from bench.plan import Run
 class _Line:
     """What one worker is doing."""
 
-    run: Run
+    runs: list[Run]
     stage: str = "starting, compiling"
     epoch: int = 0
     epochs: int = 0
     reward: float = math.nan
     stage_start: float = dataclasses.field(default_factory=time.monotonic)
     furthest: float = 0.0
-    """Largest share of any stage so far: what the run counts in the overall bar."""
+    """Largest share of any stage so far: what the runs count in the overall bar."""
+
+    @property
+    def label(self) -> str:
+        """The first run, and how many go with it."""
+        others = len(self.runs) - 1
+        return self.runs[0].label + (f" and {others} like it" if others else "")
+
+    @property
+    def cost(self) -> float:
+        """That of all its runs."""
+        return sum(run.cost for run in self.runs)
 
     @property
     def fraction(self) -> float:
@@ -72,9 +83,9 @@ class Display:
         if self._live is not None:
             self._live.stop()
 
-    def started(self, worker: int, run: Run) -> None:
-        """A worker began a run."""
-        self._lines[worker] = _Line(run)
+    def started(self, worker: int, runs: list[Run]) -> None:
+        """A worker began one run, or several at once."""
+        self._lines[worker] = _Line(list(runs))
 
     def progress(self, worker: int, stage: str, epoch: int, epochs: int, reward: float) -> None:
         """A worker reports an epoch and the training return there."""
@@ -89,8 +100,10 @@ class Display:
         self.count += 1
         self.kept += status != "failed"
         self._cost_done += run.cost
-        for worker in [w for w, line in self._lines.items() if line.run.name == run.name]:
-            del self._lines[worker]
+        for worker, line in list(self._lines.items()):
+            line.runs = [other for other in line.runs if other.name != run.name]
+            if not line.runs:
+                del self._lines[worker]
         style = {"ok": "green", "budget": "green", "diverged": "yellow"}.get(status, "red")
         text = Text(f"[{self.count}/{self._total}] {run.label}: ")
         text.append(status, style)
@@ -99,7 +112,7 @@ class Display:
 
     def _render(self) -> Group:
         elapsed = time.monotonic() - self._start
-        done = self._cost_done + sum(l.furthest * l.run.cost for l in self._lines.values())
+        done = self._cost_done + sum(l.furthest * l.cost for l in self._lines.values())
         left = elapsed * (self._cost - done) / done if done > 0.0 else math.nan
         overall = Table.grid(padding=(0, 1))
         overall.add_row(
@@ -112,7 +125,7 @@ class Display:
             reward = "" if math.isnan(line.reward) else f"return {line.reward:.1f}"
             epochs = f"{line.epoch}/{line.epochs}" if line.epochs > 1 else ""
             left = "" if math.isnan(line.left) else f"{_clock(line.left)} left"
-            lines.add_row(line.run.label, line.stage, epochs, reward, left)
+            lines.add_row(line.label, line.stage, epochs, reward, left)
         return Group(overall, lines)
 
 

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from bench.environment import seeds_together
 from bench.execute import execute
 from bench.executor import Name, make_executor
 from bench.leaderboard import COLUMNS, leaderboard_rows, write_leaderboard
@@ -38,6 +39,7 @@ def sweep(
     jobs: int | None,
     *,
     executor: Name = "local",
+    together: int | None = None,
     fail_fast: bool = False,
     retry_failed: bool = False,
 ) -> int:
@@ -47,8 +49,10 @@ def sweep(
         plan: What should be there in the end.
         tables_dir: Folder of the tables and of `runs/`.
         documents_dir: Folder of the leaderboard and the report.
-        jobs: Number of worker processes; None: one per core.
+        jobs: Number of worker processes; None: as many as suit the machine.
         executor: Where they are: `local` or `ray`.
+        together: Most runs, alike but for their seed, that each does in one program; None: as many
+            as suit the device.
         fail_fast: Whether the first failure ends the sweep.
         retry_failed: Whether runs that failed in an earlier sweep are tried again.
     """
@@ -70,7 +74,15 @@ def sweep(
             try:
                 with display:
                     names = ([r.name for r in runs] for runs in (standing.done, standing.failed))
-                    status = execute(missing, store, workers, display, *names, fail_fast=fail_fast)
+                    status = execute(
+                        missing,
+                        store,
+                        workers,
+                        display,
+                        *names,
+                        together=together or seeds_together(),
+                        fail_fast=fail_fast,
+                    )
             except KeyboardInterrupt:
                 _say(errors, _interruption(len(standing.done) + display.kept, len(plan.runs)))
                 return 130

@@ -1,4 +1,4 @@
-"""Trains and evaluates one run; this is what a worker process does, on whatever machine.
+"""Trains and evaluates runs; this is what a worker process does, on whatever machine.
 
 Every policy is deployed twice with the initial states of its seed: in the high-fidelity simulator
 (the row of the leaderboard) and in the nominal point mass, which tells how much of a return was
@@ -7,11 +7,15 @@ For the built-in methods no high-fidelity flight is hidden by this, because thei
 baseline, flies none.
 """
 
+import contextlib
 import dataclasses
 import platform
 import time
 import traceback
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -27,6 +31,7 @@ from methods.checkpoint import kept_by
 from methods.contract import Progress, Setup, Trained
 from methods.evaluate import Evaluation, evaluate
 from methods.policy import PolicyController, make_policy
+from methods.together import Team
 from simulators import registry
 
 REPORT_EVERY = 0.2
@@ -56,6 +61,42 @@ def do_run(run: Run, directory: Path, report: Report) -> tuple[str, str]:
         outcome = attempt(run, store, _progress(report))
         store.commit(run, outcome)
     return outcome.status, outcome.cause
+
+
+@dataclasses.dataclass(frozen=True)
+class Done:
+    """How a run of several ended."""
+
+    status: str
+    """In the store; empty if it is not there."""
+    cause: str
+    """Why it failed."""
+    error: str = ""
+    """One line on what kept it from being stored."""
+
+
+def do_runs(runs: Sequence[Run], directory: Path, report: Report) -> list[Done]:
+    """How each ended; several train at once, each in a thread, in one program (`Team`).
+
+    Reports are those of the first that has not ended.
+    """
+    team, going = Team(len(runs)), set(range(len(runs)))
+
+    def one(place: int) -> Done:
+        def told(*content: Any) -> None:
+            if place == min(going):
+                report(*content)
+
+        try:
+            with team.member() if len(runs) > 1 else contextlib.nullcontext():
+                return Done(*do_run(runs[place], directory, told))
+        except Exception as error:
+            return Done("", "", one_line(error))
+        finally:
+            going.discard(place)
+
+    with ThreadPoolExecutor(len(runs)) as pool:
+        return list(pool.map(one, range(len(runs))))
 
 
 def attempt(run: Run, store: Store, progress: Progress) -> Outcome:

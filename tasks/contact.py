@@ -36,6 +36,11 @@ _MARGIN = 0.2
 _REACH = CONTACT_DISTANCE + _MARGIN
 
 
+def _swept(pos: Float[Array, "drones 3"]) -> bool:
+    """Whether pairs are found by sweeps: loops of few steps, which only a processor likes."""
+    return len(pos) >= MANY and jax.default_backend() == "cpu"
+
+
 def distances(pos: Float[Array, "drones 3"]) -> Float[Array, "drones drones"]:
     """Distances between all pairs [m], infinite on the diagonal, smooth at zero."""
     return _length(_squared(pos))
@@ -49,7 +54,7 @@ def nearest(pos: Float[Array, "drones 3"], k: int) -> Int[Array, "drones k"]:
     """
     if k >= len(pos):
         raise ValueError(f"`k` must be below the {len(pos)} drones, got {k}.")
-    if len(pos) >= MANY and k:
+    if k and _swept(pos):
         return sweep.nearest(pos, k)
     squared, place, found = _squared(pos), jnp.arange(len(pos)), [jnp.zeros((0, len(pos)), int)]
     for _ in range(k):
@@ -98,7 +103,7 @@ def _summed(
     pos: Float[Array, "drones 3"], reach: float, term: sweep.Pair
 ) -> Float[Array, " drones"]:
     """Sum of `term` over the others within `reach` [m]; without a gradient in large teams."""
-    if len(pos) >= MANY:
+    if _swept(pos):
         return sweep.summed(pos, reach, term)
     return jnp.sum(term(_squared(pos)), axis=-1)
 
@@ -133,7 +138,7 @@ def _pushed(
 
     All pairs stand with the drone that is moved last: sums over it would not be vectorised.
     """
-    if len(pos) >= MANY:
+    if _swept(pos):
         return (sweep.pulled(pos, weight, _REACH, _slope),)
     apart = pos.T[:, None] - pos.T[:, :, None]
     force = (weight + weight[:, None]) * _slope(jnp.sum(apart**2, axis=0))

@@ -283,7 +283,8 @@ def test_long_chains_start_first_and_parents_before_children(plugins, seeds):
     suite = Suite("test", "", ("spread",), (2, 4), seeds, rows)
     schedule = _Schedule(expand(suite).runs, done=())
     order = []
-    while (run := schedule.next()) is not None:
+    while runs := schedule.next():
+        (run,) = runs
         order.append((run.method, run.team_size))
         assert schedule.end(run.name, "ok") == []
     assert order == [
@@ -301,11 +302,49 @@ def test_long_chains_start_first_and_parents_before_children(plugins, seeds):
     assert set(schedule.status.values()) == {"ok"}
 
 
+def test_runs_that_differ_in_their_seed_are_given_together(plugins):
+    suite = Suite("test", "", ("spread",), (2, 4), 3, (Row("instant"), Row("child")))
+    schedule = _Schedule(expand(suite).runs, done=())
+    given = []
+    while runs := schedule.next(2):
+        given.append([(run.method, run.team_size, run.seed) for run in runs])
+        for run in runs:
+            assert schedule.end(run.name, "ok") == []
+    assert sorted(map(len, given)) == [1] * 4 + [2] * 4
+    for group in given:
+        assert len({(method, size) for method, size, _ in group}) == 1
+    assert len({run for group in given for run in group}) == 12
+
+
+def test_a_group_costs_nothing_but_its_own_runs(plugins, write_suite, tmp_path, capsys):
+    """Seeds at once in one process: what fails is told apart, what dies takes its group along."""
+    log = tmp_path / "trainings"
+    suite = write_suite(f'method = "child"\nsettings.log = "{log}"', "failing", "dying", seeds=3)
+    out = tmp_path / "out"
+    arguments = ["run", str(suite), "--out", str(out), "--jobs", "1", "--together", "3"]
+    assert main(arguments) == 1
+    runs = runs_of(out)
+    for seed in range(3):
+        assert runs["instant", seed] == runs["child", seed] == ("ok", "")
+        assert runs["failing", seed] == ("failed", "RuntimeError: the propellers fell off")
+        assert "ended by SIGKILL" in runs["dying", seed][1]
+    assert log.read_text().count("\n") == 3
+    alone = tmp_path / "alone"
+    assert main([*arguments[:3], str(alone), *arguments[4:6]]) == 1
+    columns = ["method", "seed", "metric", "value"]
+    one, other = (Tables.load(place).results for place in (out, alone))
+    timed = one["metric"] == "train_seconds"
+    pd.testing.assert_frame_equal(one.loc[~timed, columns], other.loc[~timed, columns])
+    capsys.readouterr()
+    assert main([*arguments[:-1], "0"]) == 2
+    assert "`--together` must be at least 1, got 0." in capsys.readouterr().err
+
+
 def test_the_display_of_a_terminal_shows_run_stage_epoch_return_and_time_left(plugins):
     runs = expand(Suite("test", "", ("spread",), (2,), 2, (Row("instant"),))).runs
     console = Console(file=io.StringIO(), width=120, force_terminal=True, color_system=None)
     display = Display(runs, console)
-    display.started(0, runs[1])
+    display.started(0, [runs[1]])
     display.progress(0, "HF training", 30, 120, -41.25)
     display.finished(runs[0], "diverged", "", 61.0)
     console.print(display._render())
@@ -315,3 +354,18 @@ def test_the_display_of_a_terminal_shows_run_stage_epoch_return_and_time_left(pl
     assert lines[1].rstrip().endswith(" left")
     words = " ".join(lines[2].split())
     assert words.startswith("instant spread n2 s1 HF training 30/120 return -41.2 0 s left")
+
+
+def test_the_display_of_a_group_names_the_first_and_counts_the_others(plugins):
+    runs = expand(Suite("test", "", ("spread",), (2,), 3, (Row("instant"),))).runs
+    console = Console(file=io.StringIO(), width=120, force_terminal=True, color_system=None)
+    display = Display(runs, console)
+    display.started(0, runs)
+    display.finished(runs[0], "ok", "", 2.0)
+    display.progress(0, "HF training", 30, 120, -41.25)
+    console.print(display._render())
+    text = " ".join(console.file.getvalue().split())
+    assert "instant spread n2 s1 and 1 like it HF training 30/120" in text
+    display.finished(runs[1], "ok", "", 2.0)
+    display.finished(runs[2], "ok", "", 2.0)
+    assert not display._lines

@@ -15,7 +15,8 @@ import pytest
 from chores import task
 
 from bench import pool
-from bench.cluster import RayExecutor
+from bench.cluster import RayExecutor, gpu_share
+from bench.environment import accelerated, environment, seeds_together
 from bench.errors import UsageError
 from bench.executor import Ended, Message, make_executor
 from bench.pool import LocalExecutor, share_of_cores
@@ -257,3 +258,27 @@ def test_a_machine_that_is_killed_loses_only_its_task(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(HERE), str(HERE.parents[1]))))
     script = textwrap.dedent(NODE_KILLED)
     subprocess.run([sys.executable, "-c", script, str(tmp_path), str(HERE)], check=True)
+
+
+@pytest.mark.parametrize(
+    ("gpus", "slots", "share"), [(0.0, 4, 0.0), (1.0, 4, 0.25), (8.0, 4, 2.0), (1.0, 3, 0.3333)]
+)
+def test_tasks_on_ray_share_the_accelerators(gpus, slots, share):
+    assert gpu_share(gpus, slots) == share
+    assert slots * gpu_share(gpus, slots) <= gpus
+
+
+def test_without_an_accelerator_seeds_train_apart(monkeypatch):
+    monkeypatch.setenv("JAX_PLATFORMS", "cpu")
+    assert not accelerated()
+    assert seeds_together() == 1
+    assert "JAX_DEFAULT_MATMUL_PRECISION" not in environment()
+
+
+def test_an_accelerator_trains_seeds_together_and_in_full_precision(monkeypatch):
+    monkeypatch.delenv("JAX_PLATFORMS", raising=False)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
+    monkeypatch.setattr(Path, "exists", lambda self: str(self) == "/dev/nvidiactl")
+    assert accelerated()
+    assert seeds_together() > 1
+    assert environment()["JAX_DEFAULT_MATMUL_PRECISION"] == "highest"
