@@ -5,6 +5,8 @@ rate of the policy's (`methods/profile.py`), measured in the same process; besid
 over that of the forward part and the memory.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import pytest
@@ -12,12 +14,13 @@ import pytest
 from benchmarks.training import epoch_of
 from methods.bptt import BPTT
 from methods.contract import Setup
+from methods.evaluate import fly
 from methods.hybrid import Hybrid
 from methods.policy import PolicyController, make_policy
 from methods.profile import profile, trained_in
 from simulators import registry
 from tasks.circle import Circle
-from tasks.rollout import record, start
+from tasks.rollout import start
 
 TEAMS = (3, 12, 18)
 CELLS = [(name, n) for name in ("low fidelity", "hybrid", "high fidelity") for n in TEAMS]
@@ -45,10 +48,13 @@ def test_one_epoch_of_circle(benchmark, capsys, name, n_drones):
         "over_forward": found.ratio,
         "megabytes": found.memory / 1e6,
         "compile_s": found.compile_seconds,
+        "gflop": found.flops / 1e9,
+        "gflop_per_s": found.rate / 1e9,
     }
     with capsys.disabled():
         print(  # noqa: T201
             f"\n{name}, N = {n_drones}: epoch {1e3 * found.seconds['epoch']:.1f} ms, "
+            f"{found.flops / 1e9:.2f} GFLOP in products that reach {found.rate / 1e9:.0f} GFLOP/s, "
             f"{100 * found.share:.0f} % of the limit, {found.ratio:.1f} times its forward part, "
             f"{found.memory / 1e6:.3f} MB a drone and episode, compiled in "
             f"{found.compile_seconds:.0f} s"
@@ -64,25 +70,21 @@ def test_deployment_of_32_episodes(benchmark, simulator_name, what):
     controller = PolicyController(task, policy)
     keys = jax.random.split(jax.random.key(1), 32)
 
-    def episode(key):
-        return record(task, simulator, controller, key)
-
     def physics(key, actions):
-        """The same steps under the same actions."""
+        """The same steps under the same actions, and all that is known of the flight."""
 
         def step(state, action):
             state = simulator.step(state, action)
-            return state, simulator.flight(state).pos
+            return state, simulator.flight(state)
 
         return jax.lax.scan(step, start(task, simulator, key)[0], actions)[1]
 
     if what == "episodes":
-        flown, given = jax.jit(jax.vmap(lambda key: episode(key).reward)), (keys,)
+        flown = functools.partial(fly, task, simulator, controller, keys)
     else:
-        actions = jax.jit(jax.vmap(lambda key: episode(key).action))(keys)
-        flown, given = jax.jit(jax.vmap(physics)), (keys, actions)
-    found = benchmark.pedantic(
-        lambda: jax.block_until_ready(flown(*given)), rounds=7, warmup_rounds=1
-    )
-    assert found.shape[:3] == (32, task.horizon, 18)
-    assert jnp.isfinite(found).all()
+        actions = fly(task, simulator, controller, keys).action
+        flown = functools.partial(jax.jit(jax.vmap(physics)), keys, actions)
+    found = benchmark.pedantic(lambda: jax.block_until_ready(flown()), rounds=7, warmup_rounds=1)
+    pos = found.flight.pos if what == "episodes" else found.pos
+    assert pos.shape == (32, task.horizon, 18, 3)
+    assert jnp.isfinite(pos).all()

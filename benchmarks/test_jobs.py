@@ -45,6 +45,7 @@ def work(executor, n_tasks):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.usefixtures("all_cores")
 def test_four_trainings(benchmark, tmp_path, jobs):
     with LocalExecutor(jobs, tmp_path) as executor:
         work(executor, 2 * jobs)  # processes are there, programs compiled

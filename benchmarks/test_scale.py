@@ -3,16 +3,15 @@
 `make bench` prints a line a team size; `reports/performance.md` has the table and the figure.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import pytest
 
 from benchmarks.training import epoch_of
 from methods.bptt import BPTT
+from methods.evaluate import fly
 from methods.policy import PolicyController, make_policy
 from simulators import registry
-from tasks.rollout import record
 from tasks.spread import Spread
 
 TEAMS = (3, 18, 63, 64, 100, 300, 1000)
@@ -43,13 +42,12 @@ def test_deployment_per_drone_and_step(benchmark, name, n_drones):
     task, simulator, policy = given(name, n_drones)
     keys = jax.random.split(KEY, max(1, 64 // n_drones))
     controller = PolicyController(task, policy)
-    fly = eqx.filter_jit(
-        lambda keys: jax.vmap(lambda key: record(task, simulator, controller, key))(keys).reward
+    flown = benchmark.pedantic(
+        lambda: jax.block_until_ready(fly(task, simulator, controller, keys)),
+        rounds=5,
+        warmup_rounds=1,
     )
-    rewards = benchmark.pedantic(
-        lambda: jax.block_until_ready(fly(keys)), rounds=5, warmup_rounds=1
-    )
-    assert jnp.isfinite(rewards).all()
+    assert jnp.isfinite(flown.reward).all()
     _per_step(benchmark, n_drones * len(keys))
 
 

@@ -6,7 +6,6 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from methods.adjoint import buffers
 from methods.bptt import BPTT, optimizer, update
 from methods.policy import Policy
 from simulators.contract import AbstractSimulator
@@ -20,12 +19,13 @@ def epoch_of(
 
     It gives the epoch's row. It ran once, so it is compiled, and skipped no update.
     """
-    state = optimizer(trainer).init(eqx.filter(policy, eqx.is_inexact_array))
-    kept = buffers(policy, task, trainer.worlds(task.n_drones))
+    state = optimizer(trainer.clip).init(eqx.filter(policy, eqx.is_inexact_array))
+    rule, rates = trainer.rule(task.n_drones), (trainer.learning_rate(0), key)
+    kept = trainer.room(policy, task)
 
     def epoch() -> dict[str, Any]:
         nonlocal kept
-        *_, row, kept = update((trainer, task, simulator, policy, state, key), kept)
+        *_, row, kept = update((rule, task, simulator, policy, state, *rates), kept)
         return jax.block_until_ready(row)
 
     assert not epoch()["skipped"]

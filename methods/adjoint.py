@@ -35,15 +35,14 @@ LARGEST = 128e6
 def buffers(
     policy: Policy, task: AbstractTask, n_worlds: int, n_trainings: int = 0
 ) -> list[Array] | None:
-    """Room for what the layers give in an epoch; None where it does not pay.
+    """Room for what the layers give in an epoch; None where it would be more than `LARGEST`.
 
-    One world is what training in an expensive simulator flies: there its steps cost, not products,
-    and memory is to stay small. With `n_trainings` there is an axis of as many before the others.
+    With `n_trainings` there is an axis of as many before the others.
     """
     rows, several = n_worlds * task.n_drones, (n_trainings,) if n_trainings else ()
     shapes = [(*several, task.horizon, rows, size) for size in policy.sizes]
     size = sum(4.0 * math.prod(shape) for shape in shapes)
-    if n_worlds == 1 or size > LARGEST:
+    if size > LARGEST:
         return None
     return [jnp.zeros(shape) for shape in shapes]
 

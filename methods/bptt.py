@@ -35,6 +35,19 @@ from methods.together import current_team
 from simulators.contract import AbstractSimulator
 from tasks.contract import AbstractTask
 
+
+@dataclasses.dataclass(frozen=True)
+class Rule:
+    """What of a trainer's settings goes into its program; whoever has it alike, shares that."""
+
+    n_worlds: int
+    """Episodes per update."""
+    decay: float
+    """Share of the gradient that each step passes back."""
+    clip: float
+    """Largest global norm of the gradient."""
+
+
 LARGEST_SKIPPED_SHARE = 0.1
 """Share of left-out updates above which a run counts as diverged."""
 
@@ -74,6 +87,24 @@ class BPTT(eqx.Module):
         """Episodes per update of a team: each drone's view is a sample for the shared policy."""
         return max(1, min(self.n_worlds, self.max_drones // n_drones))
 
+    def rule(self, n_drones: int) -> Rule:
+        """What the program of a team's epochs depends on."""
+        return Rule(self.worlds(n_drones), self.decay, self.clip)
+
+    def learning_rate(self, epoch: int) -> Float[Array, ""]:
+        """That of an epoch."""
+        return _schedule(self.lr, self.epochs, self.final_lr)(epoch)
+
+    def room(self, policy: Policy, task: AbstractTask, n_trainings: int = 0) -> Any:
+        """What an epoch keeps of the policy's layers (`methods/adjoint.py`), or None.
+
+        Who trains in one world at a time, trains in an expensive simulator: there its steps cost,
+        not products, and memory is to stay small.
+        """
+        if self.n_worlds == 1:
+            return None
+        return buffers(policy, task, self.worlds(task.n_drones), n_trainings)
+
     def train(
         self,
         task: AbstractTask,
@@ -89,12 +120,14 @@ class BPTT(eqx.Module):
         course = _Course(self, policy)
         if (kept := place.load()) is not None:
             course.restore(kept)
-        step = _step(functools.partial(buffers, policy, task, self.worlds(task.n_drones)))
+        rule = self.rule(task.n_drones)
+        step = _step(functools.partial(self.room, policy, task))
         others = 0.0
         while not course.over():
             epoch = len(course.history)
             epoch_key = jax.random.fold_in(key, epoch)
-            given = (self, task, simulator, course.policy, course.opt_state, epoch_key)
+            rates = (self.learning_rate(epoch), epoch_key)
+            given = (rule, task, simulator, course.policy, course.opt_state, *rates)
             begun = time.perf_counter()
             (updated, opt_state, row), share = step(given)
             course.add(updated, opt_state, {name: float(x) for name, x in row.items()})
@@ -134,7 +167,7 @@ class _Course:
     def __init__(self, settings: BPTT, policy: Policy) -> None:
         self.settings = settings
         self.policy = policy
-        self.opt_state = optimizer(settings).init(eqx.filter(policy, eqx.is_inexact_array))
+        self.opt_state = optimizer(settings.clip).init(eqx.filter(policy, eqx.is_inexact_array))
         self.history: list[dict[str, float]] = []
         self.best = -np.inf
         self.best_policy = policy
@@ -231,14 +264,19 @@ class Training:
 
 
 @functools.cache
-def optimizer(settings: BPTT) -> optax.GradientTransformation:
-    """Adam behind a clip of the gradient's global norm."""
-    schedule = optax.cosine_decay_schedule(settings.lr, settings.epochs, settings.final_lr)
-    return optax.chain(optax.clip_by_global_norm(settings.clip), optax.adam(schedule))
+def optimizer(clip: float) -> optax.GradientTransformation:
+    """Adam at a learning rate of -1, behind a clip of the gradient's global norm."""
+    return optax.chain(optax.clip_by_global_norm(clip), optax.scale_by_adam())
+
+
+@functools.cache
+def _schedule(lr: float, epochs: int, final_lr: float) -> Callable[[int], Array]:
+    """The cosine, as a program of its own: what depends on an epoch is a number to the other."""
+    return jax.jit(optax.cosine_decay_schedule(lr, epochs, final_lr))
 
 
 def _update(
-    given: tuple[BPTT, AbstractTask, AbstractSimulator, Policy, Any, PRNGKeyArray],
+    given: tuple[Rule, AbstractTask, AbstractSimulator, Policy, Any, Array, PRNGKeyArray],
     kept: Any,
 ) -> tuple[Policy, Any, dict[str, Array], Any]:
     """Policy and optimiser's state after one epoch, its row, and the buffers of `kept`.
@@ -246,14 +284,14 @@ def _update(
     The history's row describes the policy before the update. `kept` comes from `buffers` and may
     not be used again.
     """
-    settings, task, simulator, policy, opt_state, key = given
-    n_worlds = settings.worlds(task.n_drones)
-    keys = jax.random.split(key, n_worlds)
-    episodes, grads, kept = gradient(task, simulator, policy, keys, settings.decay, kept)
-    grads = jax.tree.map(lambda g: g / (n_worlds * task.horizon * task.n_drones), grads)
+    rule, task, simulator, policy, opt_state, lr, key = given
+    keys = jax.random.split(key, rule.n_worlds)
+    episodes, grads, kept = gradient(task, simulator, policy, keys, rule.decay, kept)
+    grads = jax.tree.map(lambda g: g / (rule.n_worlds * task.horizon * task.n_drones), grads)
     norm = optax.tree.norm(grads)
     finite = jnp.isfinite(norm)
-    updates, new_state = optimizer(settings).update(grads, opt_state)
+    steps, new_state = optimizer(rule.clip).update(grads, opt_state)
+    updates = jax.tree.map(lambda step: (-lr * step).astype(step.dtype), steps)
     updated = eqx.apply_updates(policy, updates)
     keep = lambda new, old: jnp.where(finite, new, old) if eqx.is_array(new) else new  # noqa: E731
     row = {

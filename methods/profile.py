@@ -20,7 +20,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from methods.adjoint import buffers
 from methods.bptt import BPTT, Training, optimizer, update
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import Policy, PolicyController, make_policy
@@ -106,11 +105,12 @@ def trained_in(method: AbstractMethod, setup: Setup) -> AbstractSimulator:
 def profile(task: AbstractTask, simulator: AbstractSimulator, trainer: BPTT) -> Profile:
     """The parts of one epoch of `trainer`."""
     policy = make_policy(task, simulator.spec, simulator.action_space, _KEY)
-    state = optimizer(trainer).init(eqx.filter(policy, eqx.is_inexact_array))
+    state = optimizer(trainer.clip).init(eqx.filter(policy, eqx.is_inexact_array))
     n_worlds, n_drones = trainer.worlds(task.n_drones), task.n_drones
     keys = jax.random.split(_KEY, n_worlds)
-    given = (trainer, task, simulator, policy, state, _KEY)
-    room = [buffers(policy, task, n_worlds)]
+    rates = (trainer.learning_rate(0), _KEY)
+    given = (trainer.rule(n_drones), task, simulator, policy, state, *rates)
+    room = [trainer.room(policy, task)]
     start = time.perf_counter()
     lowered = update.lower(given, room[0])  # pyright: ignore[reportFunctionMemberAccess]
     compiled = lowered.compile()

@@ -8,6 +8,7 @@ import pytest
 from flying import SIMULATORS, attached, x64
 
 from methods.adjoint import LARGEST, buffers, gradient
+from methods.bptt import BPTT
 from methods.policy import PolicyController, make_policy
 from methods.residual_effect import ResidualEffect
 from methods.residuals.contract import AbstractResidualModel
@@ -116,12 +117,18 @@ def test_a_frozen_residual_is_computed_once_a_step():
     assert len(calls) == 7
 
 
-def test_room_is_kept_for_many_worlds_only_and_not_without_end():
+def test_room_is_not_kept_where_one_world_is_asked_for_nor_without_end():
+    """A large team flies in one world as well, but in a cheap simulator."""
     simulator = SIMULATORS["point_mass"]()
-    for n_drones, n_worlds, keeps in ((12, 8, True), (12, 1, False), (300, 4, False)):
+    for n_drones, n_worlds, keeps in (
+        (12, 8, True),
+        (12, 1, False),
+        (100, 8, True),
+        (300, 4, False),
+    ):
         task = Circle(n_drones=n_drones)
         policy = make_policy(task, simulator.spec, simulator.action_space, KEY)
-        room = buffers(policy, task, n_worlds)
+        room = BPTT(n_worlds=n_worlds).room(policy, task)
         assert (room is not None) == keeps
         if room:
             assert [x.shape[-1] for x in room] == [task.obs_size, 128, 128, 3]

@@ -241,3 +241,9 @@ def test_counts_below_one_are_refused(name):
 def test_a_decay_outside_its_range_is_refused(decay):
     with pytest.raises(ValueError, match=r"`decay` must lie in \(0, 1\]"):
         BPTT(decay=decay)
+
+
+def test_the_learning_rate_falls_as_a_cosine():
+    trainer = BPTT(epochs=100, lr=2e-3, final_lr=0.1)
+    rates = [float(trainer.learning_rate(epoch)) for epoch in (0, 50, 100)]
+    assert rates == pytest.approx([2e-3, 0.5 * (2e-3 + 2e-4), 2e-4])

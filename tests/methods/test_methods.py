@@ -10,7 +10,7 @@ import pytest
 from cells import FLIGHTS, METHODS, RESIDUALS, TINY, Hold, fresh, leaning, same, setup, small
 from jaxtyping import TypeCheckError
 
-from methods.contract import Setup
+from methods.contract import Setup, silent
 from methods.evaluate import evaluate, fly
 from methods.policy import PolicyController
 from methods.residual_effect import ResidualEffect
@@ -112,6 +112,19 @@ def test_another_seed_compiles_nothing(train, cell, row):
     deployed = PolicyController(TASK, train(row, key=jax.random.key(9)).policy)
     evaluate(TASK, cell.reality, deployed, 9)
     assert len(COMPILED) == before
+
+
+def test_another_schedule_shares_the_program_of_an_epoch(cell):
+    """Scratch and hot start of a cell fly the same program; only their learning rates differ."""
+
+    def train(trainer):
+        return trainer.train(TASK, cell.reality, INIT, jax.random.key(3), silent, "test")
+
+    train(TINY)
+    before = len(COMPILED)
+    trained = train(dataclasses.replace(TINY, epochs=5, lr=1e-3, final_lr=0.1, patience=50))
+    assert trained.epochs == 5
+    assert len(COMPILED) - before <= 1  # that of the schedule
 
 
 def test_a_new_program_is_counted():
