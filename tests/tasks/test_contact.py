@@ -108,9 +108,15 @@ def test_the_surrogate_pushes_drones_apart_even_when_they_coincide():
     assert not pushed[2].any()
 
 
-@pytest.mark.parametrize("n", [2, 3, 12, 63])
-def test_the_push_is_the_derivative_of_all_pairs(n):
+@pytest.mark.parametrize("n", [2, 3, 12, contact.MANY - 1, contact.MANY])
+@pytest.mark.parametrize(("wide", "tolerance"), [(False, 1e-4), (True, 1e-10)])
+def test_the_push_is_the_derivative_of_all_pairs(n, wide, tolerance):
     """Two worlds of drones within reach of each other, against automatic differentiation."""
+    with jax.enable_x64(wide):
+        _push_of_all_pairs(n, tolerance)
+
+
+def _push_of_all_pairs(n, tolerance):
     pos = 0.15 * jax.random.normal(jax.random.key(n), (2, n, 3))
     weight = jnp.cos(jnp.arange(n))
     others = ~jnp.eye(n, dtype=bool)
@@ -123,7 +129,7 @@ def test_the_push_is_the_derivative_of_all_pairs(n):
         for f in (soft_penalty, paired)
     )
     assert float(jnp.abs(expected).max()) > 0.5
-    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
 
 
 def formation(n, kind, key=0):
