@@ -5,7 +5,10 @@ rate of the policy's (`methods/profile.py`), measured in the same process; besid
 over that of the forward part and the memory.
 """
 
+import contextlib
+import dataclasses
 import functools
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -13,16 +16,19 @@ import pytest
 
 from benchmarks.training import epoch_of
 from methods.bptt import BPTT
-from methods.contract import Setup
+from methods.contract import Setup, silent
 from methods.evaluate import fly
 from methods.hybrid import Hybrid
 from methods.policy import PolicyController, make_policy
 from methods.profile import profile, trained_in
+from methods.together import Team
 from simulators import registry
 from tasks.circle import Circle
 from tasks.rollout import start
 
 TEAMS = (3, 12, 18)
+EPOCHS = 8
+"""Of a training with several seeds."""
 CELLS = [(name, n) for name in ("low fidelity", "hybrid", "high fidelity") for n in TEAMS]
 
 
@@ -59,6 +65,31 @@ def test_one_epoch_of_circle(benchmark, capsys, name, n_drones):
             f"{found.memory / 1e6:.3f} MB a drone and episode, compiled in "
             f"{found.compile_seconds:.0f} s"
         )
+
+
+@pytest.mark.parametrize("seeds", [1, 2, 4])
+@pytest.mark.parametrize("n_drones", TEAMS)
+@pytest.mark.parametrize("name", ["low fidelity", "high fidelity"])
+def test_seeds_in_one_program(benchmark, name, n_drones, seeds):
+    task = Circle(n_drones=n_drones)
+    simulator, trainer = trained(name, task)
+    trainer = dataclasses.replace(trainer, epochs=EPOCHS)
+    policy = make_policy(task, simulator.spec, simulator.action_space, jax.random.key(0))
+
+    def train(team, seed):
+        with team.member() if seeds > 1 else contextlib.nullcontext():
+            key = jax.random.key(seed)
+            return trainer.train(task, simulator, policy, key, silent, "benchmark").seconds
+
+    def together():
+        """Time of an epoch of one seed [s]."""
+        with ThreadPoolExecutor(seeds) as pool:
+            seconds = list(pool.map(functools.partial(train, Team(seeds)), range(seeds)))
+        return sum(seconds) / (seeds * EPOCHS)
+
+    together()  # compiled
+    found = benchmark.pedantic(lambda: [together() for _ in range(3)], rounds=1)
+    benchmark.extra_info["ms_per_seed_and_epoch"] = 1e3 * min(found)
 
 
 @pytest.mark.parametrize("what", ["episodes", "physics alone"])
