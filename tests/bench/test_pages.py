@@ -2,12 +2,15 @@
 
 import re
 
+import diagnoses_for_tests
 import matplotlib.image
 import numpy as np
 import pytest
 import tables_for_tests
 from browser import needs_chromium, tab
 
+from bench.diagnosis.page import diagnosis_page
+from bench.diagnosis.sentences import Request
 from bench.replay import write_replay
 from bench.report import write_report
 
@@ -189,3 +192,15 @@ def test_a_report_of_nothing_and_of_one_seed_open_without_complaint(chromium, tm
     chromium.run("location.hash = '#run-1'")
     chromium.wait_for("document.getElementById('run').open")
     assert np.isfinite(seconds(chromium))
+
+
+def test_bars_of_a_diagnosis_are_seen(tmp_path):
+    """A rule of another page's class of the same name once left them no height."""
+    path = tmp_path / "diagnosis.html"
+    path.write_text(diagnosis_page(diagnoses_for_tests.effect(), Request("flights")))
+    with tab(tmp_path / "profile") as opened:
+        opened.open(path)
+        bars = "[...document.querySelectorAll('.gauge rect')]"
+        heights = opened.run(f"{bars}.map((bar) => bar.getBoundingClientRect().height)")
+    assert len(heights) > 5
+    assert min(heights) > 5.0
