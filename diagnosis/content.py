@@ -101,11 +101,14 @@ def _set_aside(study: "Study") -> list[dict]:
 
 
 def _support(study: "Study") -> list[dict]:
-    """What left-out flights say of the best set where the simulator does not follow flights."""
+    """What left-out flights say of the best set where the simulator does not follow flights.
+
+    And of what they kept out of it.
+    """
     verdict, followed = study.verdict, study.base is None or study.base.floor.unlike == 0.0
     if verdict.kind != "unexplained" and followed:
         return []
-    found = support(study.problem, verdict.chosen.fit)
+    found = [*support(study.problem, verdict.chosen.fit), *study.dropped]
     return [dataclasses.asdict(one) | {"clear": one.clear} for one in found]
 
 

@@ -23,7 +23,8 @@ from diagnosis.reference import Reference, fit_reference
 from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut, uncounted
-from diagnosis.verdict import FOLLOWED, SLIGHT, Verdict, judge
+from diagnosis.support import Support, judged
+from diagnosis.verdict import FOLLOWED, SLIGHT, Verdict
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.vehicle import GRAVITY, VEHICLES
@@ -98,6 +99,8 @@ class Study:
     """Fits of candidate sets."""
     verdict: Verdict
     """Which set."""
+    dropped: tuple[Support, ...]
+    """Effects that flights left out of the fit did not confirm."""
     every: Likelihood
     """All flights."""
     drift: shrinkage.Drift
@@ -110,8 +113,15 @@ class Study:
     """Noise of the logs, before a reference enlarged it."""
 
     def attitude_lost(self) -> bool:
-        """Whether nothing explains the attitude, so that it spoils what thrust and forces say."""
-        if self.inputs.prescribed or self.verdict.kind != "unexplained":
+        """Whether nothing explains the attitude, so that it spoils what thrust and forces say.
+
+        Beside reference flights whose own attitude nothing explains, no change is clear either.
+        """
+        if self.inputs.prescribed:
+            return False
+        if self.base is not None and np.max(self.base.enlarged[6:]) ** 2 > ATTITUDE_LOST:
+            return True
+        if self.verdict.kind != "unexplained":
             return False
         normal = self.verdict.chosen.fit.normal
         chi2 = normal.kind.sum(axis=0)[6:] / (normal.dof.sum() / 9.0)
@@ -178,14 +188,16 @@ def _study(
     lofo = fit_ids == held
     likelihood = every if lofo else _part(every, logs, fit_ids)
     problem, fits = attribute(likelihood, len(fit_ids), base, progress)
-    verdict = judge(problem, fits, base.floor if base else FOLLOWED)
+    verdict, dropped = judged(problem, fits, base.floor if base else FOLLOWED)
     progress("scoring held-out flights", 0.9)
     scored = every if lofo else _part(every, logs, held)
     if not lofo:
         for other in (every, scored):
             other.settle(verdict.chosen.fit.total, beyond(DISTRUST))
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
-    return Study(inputs, compared, base, problem, verdict, every, drift, fit_ids, held, sigma)
+    return Study(
+        inputs, compared, base, problem, verdict, dropped, every, drift, fit_ids, held, sigma
+    )
 
 
 def _voltage_known(inputs: Inputs, sets: Iterable[Sequence[FlightLog]]) -> bool:

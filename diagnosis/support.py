@@ -7,6 +7,7 @@ followed less well, by more than they differ among each other (t-interval, 95 %)
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from scipy import stats
@@ -14,6 +15,7 @@ from scipy import stats
 from diagnosis.fit import Fit
 from diagnosis.search import Problem
 from diagnosis.shrinkage import FEW, misfits
+from diagnosis.verdict import STRUCTURE, Floor, Verdict, judge
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,11 +38,35 @@ class Support:
         """Whether the effect helps beyond what flights differ."""
         return self.low is not None and self.low > 0.0
 
+    @property
+    def idle(self) -> bool:
+        """Whether there are flights enough to say so, and they do not."""
+        return self.percent is not None and not self.clear
+
 
 def support(problem: Problem, fit: Fit) -> list[Support]:
     """What each effect of a set does for flights left out in turn; most helpful first."""
     found = [_of(problem, fit, name) for name in sorted(fit.effects)]
     return sorted(found, key=lambda one: -(one.percent or 0.0))
+
+
+def judged(
+    problem: Problem, fits: Sequence[Fit], floor: Floor
+) -> tuple[Verdict, tuple[Support, ...]]:
+    """The verdict, and effects that stood on top but that left-out flights did not confirm.
+
+    Only beside reference flights that the simulator does not follow at all are effects dropped for
+    that: there, evidence would name a small second one for what is only the simulator's.
+    """
+    verdict, dropped = judge(problem, fits, floor), []
+    while floor.value > STRUCTURE and verdict.kind == "effect":
+        idle = [one for one in support(problem, verdict.chosen.fit) if one.idle]
+        if not idle:
+            break
+        dropped.append(idle[-1])
+        gone = {one.effect for one in dropped}
+        verdict = judge(problem, [f for f in problem.ranked() if not gone & f.effects], floor)
+    return verdict, tuple(dropped)
 
 
 def _of(problem: Problem, fit: Fit, name: str) -> Support:

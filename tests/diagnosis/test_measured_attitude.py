@@ -34,6 +34,18 @@ def test_forces_convince_only_with_a_gap_and_a_clear_cause(found, kind, share, c
     assert study.convinces() is convinces
 
 
+@pytest.mark.parametrize(("enlarged", "lost"), [(24.0, True), (1.5, False)])
+def test_beside_a_reference_whose_attitude_nothing_explains_none_is_believed(enlarged, lost):
+    """Whatever was found of a change there; what the reference leaves would excuse anything."""
+    study = object.__new__(Study)
+    study.__dict__.update(
+        inputs=types.SimpleNamespace(prescribed=False),
+        verdict=types.SimpleNamespace(kind="effect"),
+        base=types.SimpleNamespace(enlarged=np.r_[np.ones(6), enlarged, 1.0, 1.0]),
+    )
+    assert study.attitude_lost() is lost
+
+
 def fine_set(*effects):
     """Flights in steps so fine that a measured attitude is that of the forces, too."""
     return point_mass_set(*effects, dt=0.001, n_flights=4)

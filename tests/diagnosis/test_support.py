@@ -10,7 +10,8 @@ from diagnosis.diagnose import diagnose, make_likelihood
 from diagnosis.library import make_library
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
-from diagnosis.support import support
+from diagnosis.support import judged, support
+from diagnosis.verdict import Floor
 from simulators.effects.drag import Drag
 from simulators.effects.wind import Wind
 from simulators.point_mass import PointMass
@@ -49,6 +50,18 @@ def test_the_others_are_fitted_again_without_it(replay):
     assert alone.objective - fit.objective < 25.0
     (at,) = replay.library.indices("drag")
     assert alone.vector[at] == pytest.approx(0.4, abs=0.05)
+
+
+@pytest.mark.parametrize(("floor", "names"), [(2.0, {"wind"}), (1.2, {"wind", "drag"})])
+def test_what_they_do_not_confirm_is_not_named_where_references_are_not_followed(
+    replay, floor, names
+):
+    flights = point_mass_set(Wind(x=0.3), n_flights=6).flights
+    problem, both = fitted(replay, flights, {"wind", "drag"})
+    verdict, dropped = judged(problem, [both], Floor(floor))
+    assert verdict.kind == "effect"
+    assert verdict.chosen.effects == names
+    assert [one.effect for one in dropped] == sorted({"wind", "drag"} - names)
 
 
 def test_two_flights_say_nothing(replay):
