@@ -14,7 +14,6 @@ from diagnosis.logs import FlightLog, FlightSet
 from diagnosis.noise import CHANNELS
 from diagnosis.outliers import standing_out
 from diagnosis.search import Problem
-from diagnosis.support import support
 from diagnosis.verdict import Verdict, intervals, limits
 from simulators import registry
 
@@ -68,7 +67,7 @@ def content(
         | {
             "not_observable": _not_observable(study, exclude),
             "where_left": left,
-            "support": _support(study),
+            "support": [dataclasses.asdict(x) | {"clear": x.clear} for x in study.support],
             "set_aside": _set_aside(study),
         },
     }
@@ -98,18 +97,6 @@ def _set_aside(study: "Study") -> list[dict]:
         }
         for i, t, m, doubtful in lines
     ]
-
-
-def _support(study: "Study") -> list[dict]:
-    """What left-out flights say of the best set where the simulator does not follow flights.
-
-    And of what they kept out of it.
-    """
-    verdict, followed = study.verdict, study.base is None or study.base.floor.unlike == 0.0
-    if verdict.kind != "unexplained" and followed:
-        return []
-    found = [*support(study.problem, verdict.chosen.fit), *study.dropped]
-    return [dataclasses.asdict(one) | {"clear": one.clear} for one in found]
 
 
 def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:

@@ -99,8 +99,8 @@ class Study:
     """Fits of candidate sets."""
     verdict: Verdict
     """Which set."""
-    dropped: tuple[Support, ...]
-    """Effects that flights left out of the fit did not confirm."""
+    support: tuple[Support, ...]
+    """What flights left out of the fit say where the simulator does not follow flights."""
     every: Likelihood
     """All flights."""
     drift: shrinkage.Drift
@@ -188,7 +188,7 @@ def _study(
     lofo = fit_ids == held
     likelihood = every if lofo else _part(every, logs, fit_ids)
     problem, fits = attribute(likelihood, len(fit_ids), base, progress)
-    verdict, dropped = judged(problem, fits, base.floor if base else FOLLOWED)
+    verdict, lines = judged(problem, fits, base.floor if base else FOLLOWED)
     progress("scoring held-out flights", 0.9)
     scored = every if lofo else _part(every, logs, held)
     if not lofo:
@@ -196,7 +196,7 @@ def _study(
             other.settle(verdict.chosen.fit.total, beyond(DISTRUST))
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
     return Study(
-        inputs, compared, base, problem, verdict, dropped, every, drift, fit_ids, held, sigma
+        inputs, compared, base, problem, verdict, lines, every, drift, fit_ids, held, sigma
     )
 
 

@@ -53,20 +53,22 @@ def support(problem: Problem, fit: Fit) -> list[Support]:
 def judged(
     problem: Problem, fits: Sequence[Fit], floor: Floor
 ) -> tuple[Verdict, tuple[Support, ...]]:
-    """The verdict, and effects that stood on top but that left-out flights did not confirm.
+    """The verdict, and what left-out flights say where the simulator does not follow flights.
 
-    Only beside reference flights that the simulator does not follow at all are effects dropped for
-    that: there, evidence would name a small second one for what is only the simulator's.
+    Only beside reference flights that it does not follow at all are effects dropped that they do
+    not confirm: there, evidence would name a small second one for what is only the simulator's.
+    Those stand last.
     """
     verdict, dropped = judge(problem, fits, floor), []
-    while floor.value > STRUCTURE and verdict.kind == "effect":
-        idle = [one for one in support(problem, verdict.chosen.fit) if one.idle]
-        if not idle:
-            break
+    while verdict.kind == "unexplained" or floor.unlike > 0.0:
+        lines = support(problem, verdict.chosen.fit)
+        idle = [one for one in lines if one.idle]
+        if not idle or verdict.kind != "effect" or floor.value <= STRUCTURE:
+            return verdict, (*lines, *dropped)
         dropped.append(idle[-1])
         gone = {one.effect for one in dropped}
         verdict = judge(problem, [f for f in problem.ranked() if not gone & f.effects], floor)
-    return verdict, tuple(dropped)
+    return verdict, ()
 
 
 def _of(problem: Problem, fit: Fit, name: str) -> Support:

@@ -281,8 +281,8 @@ def _update(
 ) -> tuple[Policy, Any, dict[str, Array], Any]:
     """Policy and optimiser's state after one epoch, its row, and the buffers of `kept`.
 
-    The history's row describes the policy before the update. `kept` comes from `buffers` and may
-    not be used again.
+    The history's row describes the policy before the update. `kept` comes from `BPTT.room` and
+    may not be used again.
     """
     rule, task, simulator, policy, opt_state, lr, key = given
     keys = jax.random.split(key, rule.n_worlds)

@@ -37,6 +37,11 @@ class _Call:
         self.error: BaseException | None = None
         self.share = 1.0
 
+    @property
+    def over(self) -> bool:
+        """Whether it was flown."""
+        return self.results is not None or self.error is not None
+
 
 def _is_array(x: Any) -> bool:
     return eqx.is_array(x) or isinstance(x, np.ndarray | np.generic)
@@ -77,26 +82,18 @@ class Team:
         with self._change:
             self._waiting.append(mine)
             self._change.notify_all()
-            while not self._over(mine) and len(self._waiting) < self._left:
-                self._change.wait()
+            self._change.wait_for(lambda: mine.over or len(self._waiting) >= self._left)
             calls = []
-            if not self._over(mine):
+            if not mine.over:  # the last to call flies for all
                 calls, self._waiting = self._waiting, []
         if calls:
             self._fly(calls)
             with self._change:
                 self._change.notify_all()
-        with self._change:
-            while not self._over(mine):
-                self._change.wait()
         if mine.error is not None:
             raise mine.error
         assert mine.results is not None
         return mine.results, mine.share
-
-    @staticmethod
-    def _over(call: _Call) -> bool:
-        return call.results is not None or call.error is not None
 
     def _fly(self, calls: Sequence[_Call]) -> None:
         groups: dict[Hashable, list[_Call]] = {}

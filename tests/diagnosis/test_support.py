@@ -58,10 +58,11 @@ def test_what_they_do_not_confirm_is_not_named_where_references_are_not_followed
 ):
     flights = point_mass_set(Wind(x=0.3), n_flights=6).flights
     problem, both = fitted(replay, flights, {"wind", "drag"})
-    verdict, dropped = judged(problem, [both], Floor(floor))
+    verdict, lines = judged(problem, [both], Floor(floor))
     assert verdict.kind == "effect"
     assert verdict.chosen.effects == names
-    assert [one.effect for one in dropped] == sorted({"wind", "drag"} - names)
+    # Dropped or not, what was not confirmed is told, after the others.
+    assert [(one.effect, one.clear) for one in lines] == [("wind", True), ("drag", False)]
 
 
 def test_two_flights_say_nothing(replay):

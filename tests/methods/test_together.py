@@ -168,13 +168,13 @@ def test_an_error_concerns_those_of_its_call_only():
 
 
 def test_time_is_shared():
-    works = [training(seed) for seed in range(3)]
-    as_team(works)  # compiled
-    team, alone = as_team(works), works[0]()
-    whole = sum(one.seconds for one in team)
-    assert all(one.seconds > 0.0 for one in team)
-    assert max(one.seconds for one in team) < whole
-    assert alone.seconds > 0.0
+    """Of a common call, each of three has a third; of one that nobody shares, the whole."""
+
+    def work(n):
+        return lambda: current_team().call(_double, jnp.ones(n), lambda size: None)[1]
+
+    assert as_team([work(2)] * 3) == [pytest.approx(1 / 3)] * 3
+    assert as_team([work(2), work(2), work(5)]) == [0.5, 0.5, 1.0]
 
 
 @pytest.mark.parametrize("name", ["hf_scratch", "hybrid"])
