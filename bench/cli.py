@@ -145,7 +145,7 @@ def plan(
     out
         Folder of the tables; without it, results/SUITE.
     jobs
-        Number of worker processes to reckon with; without it, one per core.
+        Number of worker processes to reckon with; without it, as many as `bench run` starts.
     every
         Show a line for every missing run.
     """

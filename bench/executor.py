@@ -101,8 +101,12 @@ def make_executor(name: Name, jobs: int | None, most: int, logs: Path) -> Abstra
         return RayExecutor(jobs, most)
     from bench.pool import LocalExecutor
 
-    usual = min(PROCESSES, cores()) if accelerated() else cores()
-    return LocalExecutor(max(1, min(jobs or usual, most)), logs)
+    return LocalExecutor(max(1, min(jobs or usual_jobs(), most)), logs)
+
+
+def usual_jobs() -> int:
+    """Processes on this machine if nobody says: one per core, few where they share a device."""
+    return min(PROCESSES, cores()) if accelerated() else cores()
 
 
 def cores() -> int:

@@ -1,6 +1,5 @@
 """`bench plan`: what a suite comes to, what of it is there, what the rest will cost."""
 
-import os
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from bench.executor import usual_jobs
 from bench.forecast import BASES, Guess, Past, guess, longest_chain, past_of_states, past_of_tables
 from bench.missing import State, states
 from bench.numbers import number, seconds
@@ -31,7 +31,7 @@ def show_plan(
         name: Of the suite.
         plan: What it comes to.
         tables_dir: Folder of its tables and of `runs/`.
-        jobs: Number of worker processes to reckon with; None: one per core.
+        jobs: Number of worker processes to reckon with; None: as many as suit the machine.
         every: Whether every missing run gets a line.
         console: Where it is shown.
     """
@@ -49,7 +49,7 @@ def show_plan(
     console.print(_table(found, guesses))
     for line in reasons(missing):
         _say(console, line)
-    for line in expectations(missing, guesses, jobs or _cores(), len(past)):
+    for line in expectations(missing, guesses, jobs or usual_jobs(), len(past)):
         _say(console, line)
     if every:
         for state in missing:
@@ -132,13 +132,6 @@ def _cost(found: Guess | None) -> str:
     if found is None:
         return "cost unknown"
     return f"{number(found.minutes, 0)} fleet-minutes, {seconds(found.seconds)} ({found.basis})"
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1  # macOS
 
 
 def _say(console: Console, text: str) -> None:

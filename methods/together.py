@@ -53,7 +53,7 @@ class Team:
     def __init__(self, members: int) -> None:
         self._size = self._left = members
         self._waiting: list[_Call] = []
-        self._rooms: dict[Hashable, Any] = {}
+        self._rooms: dict[tuple[Hashable, int], Any] = {}
         self._change = threading.Condition()
 
     @contextlib.contextmanager
@@ -115,7 +115,7 @@ class Team:
         key = (first.shape, size)
         room = self._rooms.pop(key, None)
         if room is None:
-            self._rooms.clear()
+            self._rooms = {k: x for k, x in self._rooms.items() if k[0] != first.shape}
             room = first.make_room(size)
         numbers = tuple(call.numbers for call in filled)
         every, self._rooms[key] = _together((first.function, first.rest, numbers), room)
