@@ -124,7 +124,7 @@ class Study:
         if self.verdict.kind != "unexplained":
             return False
         normal = self.verdict.chosen.fit.normal
-        chi2 = normal.kind.sum(axis=0)[6:] / (normal.dof.sum() / 9.0)
+        chi2 = normal.kind.sum(axis=0)[6:] / (normal.dof.sum() / self.every.n_channels)
         enlarged = (self.every.sigma / self.noise)[6:] ** 2
         return bool(np.max(chi2 * enlarged) > ATTITUDE_LOST)
 

@@ -123,8 +123,7 @@ class Likelihood:
     """The likelihood of flights under one library; flights with as many drones make a group.
 
     `shake` is the noise of a window's mean force [m/s^2] where measured attitudes are prescribed.
-    `aside` are the windows that do not count, `typical` is the misfit of those that do, when it was
-    settled.
+    `aside` are the windows that do not count, `typical` is the misfit of those that do.
     """
 
     def __init__(
@@ -143,6 +142,11 @@ class Likelihood:
         self._settled = np.array(replay.library.neutral, float)
         self._turns: dict[tuple[int, int], Turns] = {}
         self._slopes: dict[tuple[int, int], np.ndarray] = {}
+
+    @property
+    def n_channels(self) -> int:
+        """Numbers that a node measures: nine, six without a prescribed attitude's."""
+        return int(np.count_nonzero(self.sigma < UNSEEN))
 
     def normal(
         self,
@@ -271,8 +275,7 @@ class Likelihood:
 
     def _numbers(self, valid: Bool[np.ndarray, "segments windows drones nodes"]) -> np.ndarray:
         """Numbers of each window less those of the start; a prescribed attitude counts none."""
-        count, channels = valid.sum(axis=3), np.count_nonzero(self.sigma < UNSEEN)
-        return np.sum(channels * count - 6 * (count > 0), axis=2)
+        return np.sum(self.n_channels * valid.sum(axis=3) - 6 * valid.any(axis=3), axis=2)
 
     def _equations(
         self, group: Segments, chosen: slice, r: np.ndarray, J: np.ndarray, turns: Turns

@@ -94,7 +94,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     likelihood.settle(vector, beyond(6.0))
     vector = _descended(likelihood, library, vector)
     normal = likelihood.normal(vector)
-    per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / 9.0)
+    per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / likelihood.n_channels)
     # A channel that these flights hardly excited would be believed too much: both horizontal
     # directions, and roll and pitch, take the larger of their two.
     per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from flights_for_tests import flight_set, point_mass_set
 
-from diagnosis.diagnose import Study, diagnose
-from diagnosis.inputs import PRESCRIBED
+from diagnosis.diagnose import Study, diagnose, nominal_simulator, reference_of
+from diagnosis.inputs import PRESCRIBED, choose_inputs
+from diagnosis.library import make_library
+from diagnosis.replay import make_replay
 from diagnosis.verdict import Structure
 from simulators.effects.thrust_gain import ThrustGain
 from simulators.effects.wind import Wind
@@ -116,3 +118,16 @@ def test_the_noise_of_measured_attitudes_is_no_effect():
         assert line["gap_rms"] == pytest.approx(line["noise_floor"], rel=0.25)
         above = line["noise_floor"] > 1.05 * where["specific force z"]["noise_floor"]
         assert above == shaken
+
+
+def test_a_prescribed_reference_without_a_gap_enlarges_no_noise():
+    """Its attitude holds no numbers, so that those of position and velocity count alone."""
+    flights = fine_set()
+    spec = VEHICLES[flights.vehicle.drone]
+    logged = flight_set([rotor_logged(f, spec) for f in flights.flights])
+    library = make_library(
+        nominal_simulator("point_mass", logged), prescribed=True, referenced=True
+    )
+    replay = make_replay(library, 0.005, prescribed=True)
+    found = reference_of(replay, choose_inputs(logged).flights)
+    assert found.enlarged.max() < 1.15
