@@ -32,12 +32,10 @@ class Checkpoints(AbstractKeeper):
             about: Text that says what the run is; what was saved under another is not used.
             disk: Writes and removes.
         """
-        self.earlier_seconds = 0.0
-        """Wall time that earlier processes spent on what was restored [s]."""
         self._folder = folder
         self._about = about
         self._disk = disk
-        self._start = self._last = time.monotonic()
+        self._last = time.monotonic()
 
     def due(self) -> bool:
         """Whether the last save is long enough ago."""
@@ -50,7 +48,6 @@ class Checkpoints(AbstractKeeper):
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
                 arrays = dict(stored)
             identity = (str(arrays.pop("about")), str(arrays.pop("fingerprint")))
-            seconds = float(arrays.pop("seconds"))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
@@ -59,19 +56,16 @@ class Checkpoints(AbstractKeeper):
         if identity != (self._about, fingerprint):
             LOG.warning("%s is of another training, which starts again.", path)
             return None
-        self.earlier_seconds = max(self.earlier_seconds, seconds)
         return arrays
 
     def save(self, index: int, fingerprint: str, arrays: Mapping[str, np.ndarray]) -> None:
         """Keeps `arrays` instead of what was saved before; a full disk costs only the save."""
-        now = time.monotonic()
         file = io.BytesIO()
         np.savez(
             file,
             allow_pickle=False,
             about=np.asarray(self._about),
             fingerprint=np.asarray(fingerprint),
-            seconds=np.asarray(self.earlier_seconds + now - self._start),
             **arrays,
         )
         path = self._path(index)

@@ -54,9 +54,10 @@ def _document(tables: Tables, notes: Path | None, figure: list[str]) -> list[str
         "Hybrid is the one with the MLP ensemble unless said otherwise. Every number is computed "
         "from the tables of the sweep: means over training seeds, default settings, deployed in "
         "the undisturbed high-fidelity simulator; ± is one standard deviation over seeds; "
-        '"significant" means that the 95 % t-interval of the difference (paired by seed where the '
-        "seeds match, else Welch's) excludes 0. Crashes are onsets of contact, and contacts are "
-        "flags in this simulator: drones never push each other.",
+        '"significant" means that the 95 % t-interval of the difference (paired by seed, over the '
+        "seeds that both have) excludes 0. Initial states depend on the seed, so ± holds their "
+        "differences, too, which a paired difference does not. Crashes are onsets of contact, and "
+        "contacts are flags in this simulator: drones never push each other.",
         _ended(tables),
         *figure,
         markdown.table(("claim", "paper", "ours", "verdict"), overview, range(4)),
@@ -91,14 +92,15 @@ def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         for entry in sorted(entry for entry in found if entry.variant):
             default = found.get(entry._replace(variant=""), {})
             # Only the seeds that both have: a row of few seeds is compared with the same few.
-            base = {seed: value for seed, value in default.items() if seed in found[entry]}
-            apart = difference(found[entry], base)
+            common = [seed for seed in found[entry] if seed in default]
+            base, other = ({s: x[s] for s in common} for x in (default, found[entry]))
+            apart = difference(other, base)
             lines.append(
                 (
                     markdown.escape(cell.label),
                     markdown.escape(entry.label),
                     summary(estimate(base.values())),
-                    summary(estimate(found[entry].values())),
+                    summary(estimate((other or found[entry]).values())),
                     number(apart.mean, 1),
                     interval(apart),
                     verdict(apart, "better", "worse"),

@@ -45,7 +45,7 @@ class Part:
     residual: Annotated[list[str] | None, Repeatable] = None
     """Only methods with this residual, and those that --method names and that take none."""
     seeds: int | None = None
-    """Seeds 0 to SEEDS - 1."""
+    """Number of seeds, from the suite's first; rows with a number of their own keep that."""
 
     def of(self, suite: str) -> "Suite":
         """That part of the suite."""
@@ -132,6 +132,7 @@ def plan(
     out: Path | None = None,
     jobs: int | None = None,
     every: Annotated[bool, Repeatable] = False,
+    retry_failed: Annotated[bool, Repeatable] = False,
 ) -> int:
     """Show what `bench run` would do with the same arguments, and what it would cost; runs nothing.
 
@@ -148,6 +149,8 @@ def plan(
         Number of worker processes to reckon with; without it, as many as `bench run` starts.
     every
         Show a line for every missing run.
+    retry_failed
+        Reckon with runs that failed in an earlier call, too.
     """
     chosen = (part or Part()).of(suite)
     _check_number("jobs", jobs)
@@ -157,7 +160,9 @@ def plan(
     from bench.plan import expand
 
     place = out or Path("results") / chosen.name
-    return show_plan(chosen.name, expand(chosen), place, jobs, every, Console())
+    return show_plan(
+        chosen.name, expand(chosen), place, jobs, every, Console(), retry_failed=retry_failed
+    )
 
 
 @app.command(name="list")

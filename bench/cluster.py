@@ -15,10 +15,16 @@ from typing import Any
 
 from bench.environment import environment
 from bench.errors import UsageError
-from bench.executor import AbstractExecutor, Ended, Message, Task, cores, one_line
+from bench.executor import (
+    TASKS_PER_PROCESS,
+    AbstractExecutor,
+    Ended,
+    Message,
+    Task,
+    cores,
+    one_line,
+)
 
-TASKS_PER_PROCESS = 24
-"""Tasks after which a process is replaced, so that compiled programs do not pile up in memory."""
 POLL = 0.2
 """Longest time that a message waits to be read [s]; an end is noticed at once."""
 PATIENCE = 10.0
@@ -39,7 +45,9 @@ class RayExecutor(AbstractExecutor):
         if self._joined:
             _join(ray, max(1, min(slots or cores(), most)))
         self._slots = max(1, min(slots or int(ray.cluster_resources().get("CPU", 1)), most))
-        self._environment = environment() | {"NPROC": "1"}
+        gpus = ray.cluster_resources().get("GPU", 0.0)
+        # The machines that train have accelerators or not, whatever is in this one.
+        self._environment = environment(accelerator=gpus > 0.0) | {"NPROC": "1"}
         here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
             ray.get_runtime_context().get_node_id(), soft=False
         )
@@ -47,7 +55,7 @@ class RayExecutor(AbstractExecutor):
             ray.remote(_Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
         )
         # Ray hides accelerators from tasks that ask for none.
-        share = gpu_share(ray.cluster_resources().get("GPU", 0.0), self._slots)
+        share = gpu_share(gpus, self._slots)
         options = {"num_cpus": 1, "num_gpus": share, "max_retries": 0}
         self._perform = ray.remote(**options, max_calls=TASKS_PER_PROCESS)(_perform)
         self._given = 0
@@ -111,14 +119,18 @@ class RayExecutor(AbstractExecutor):
         except self._ray.exceptions.RayError as lost:
             line = next(iter(str(lost).splitlines()), "")
             cause = f"its worker process or machine is gone ({type(lost).__name__}: {line})"
-            return Ended(slot, error=cause, killed=True)
+            return Ended(slot, error=cause)
         return Ended(slot, value=value, error=error)
 
 
 def gpu_share(gpus: float, slots: int) -> float:
-    """Accelerators that each of so many tasks asks for, a part of one if they must share."""
-    per_task = gpus / slots
-    return math.floor(per_task) if per_task >= 1.0 else math.floor(1e4 * per_task) / 1e4
+    """Accelerators that each of so many tasks asks for, a part of one if they must share.
+
+    A task's part lies on one accelerator, so that so many parts fit on each as it must hold.
+    """
+    if gpus <= 0.0 or gpus >= slots:
+        return math.floor(gpus / slots)
+    return math.floor(1e4 / math.ceil(slots / gpus)) / 1e4
 
 
 def _load_ray() -> Any:

@@ -21,12 +21,10 @@ from bench.endings import endings, lost
 from bench.errors import UsageError
 from bench.numbers import mean_std, number, seconds, span
 from bench.scores import flown_settings, scored
-from bench.statistics import Cell, Entry, difference, estimate, seed_values
+from bench.statistics import FEWEST, Cell, Entry, difference, estimate, seed_values
 from bench.tables import Tables
 from simulators.registry import unknown
 
-FEWEST = 2
-"""Seeds that both sides need in a stratum."""
 SECONDARY = {
     "crashes": ("crashes per episode", lambda x: number(x, 2)),
     "fleet_minutes": ("HF fleet-minutes", lambda x: number(x, 0)),

@@ -6,7 +6,16 @@ from collections.abc import Sequence
 
 from bench import markdown
 from bench.numbers import MISSING, mean_std, number, span
-from bench.statistics import Cell, Entry, Estimate, Values, difference, estimate, seed_values
+from bench.statistics import (
+    Cell,
+    Entry,
+    Estimate,
+    Values,
+    difference,
+    estimate,
+    matched,
+    seed_values,
+)
 from bench.tables import Tables
 
 
@@ -40,11 +49,18 @@ def duels(values: Values, a: Entry, b: Entry) -> tuple[tuple[tuple[str, ...], ..
 
 
 def pairs(values: Values, a: Entry, b: Entry) -> list[tuple[Cell, Estimate, Estimate]]:
-    """Estimates of both entries, for each cell in which both have a finished run."""
-    return [
-        (cell, estimate(found[a].values()), estimate(found[b].values()))
+    """Estimates of both entries, for each cell in which both have a finished run.
+
+    They are those of the seeds that are compared (`statistics.matched`).
+    """
+    compared = (
+        (cell, *matched(found[a], found[b]))
         for cell, found in values.items()
         if a in found and b in found
+    )
+    return [
+        (cell, estimate(mine.values()), estimate(theirs.values()))
+        for cell, mine, theirs in compared
     ]
 
 
@@ -54,6 +70,20 @@ def undisturbed(tables: Tables, metric: str) -> Values:
     return {
         cell: entries for cell, entries in found.items() if cell == Cell(cell.task, cell.team_size)
     }
+
+
+def shared(values: Values, entries: Sequence[Entry]) -> Values:
+    """Values on the tasks that all of `entries` have at each team size at which they have any.
+
+    Where team sizes or entries are compared by their means, tasks must not differ.
+    """
+    flown: dict[tuple[Entry, int], set[str]] = {}
+    for cell, found in values.items():
+        for entry in entries:
+            if entry in found:
+                flown.setdefault((entry, cell.team_size), set()).add(cell.task)
+    tasks = set.intersection(*flown.values()) if flown else set()
+    return {cell: found for cell, found in values.items() if cell.task in tasks}
 
 
 def by_size(values: Values, entry: Entry, team_size: int) -> list[float]:

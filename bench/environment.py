@@ -25,12 +25,25 @@ TOGETHER = 16
 """Runs of one kind that an accelerator trains in one program: a cell's seeds, mostly; a guess."""
 
 
+DEVICES = {
+    "/dev/nvidiactl": "CUDA_VISIBLE_DEVICES",
+    "/dev/dxg": "CUDA_VISIBLE_DEVICES",
+    "/dev/kfd": "HIP_VISIBLE_DEVICES",
+}
+"""What is there where there is an accelerator, and the variable that hides it."""
+HIDDEN = ("", "-1")
+"""Values of those variables that hide all."""
+
+
 def accelerated() -> bool:
     """Whether JAX will find an accelerator: a plug-in of JAX and a device, nothing is started."""
     allowed = os.environ.get("JAX_PLATFORMS", "")
     if allowed.split(",")[0] == "cpu" or importlib.util.find_spec("jax_plugins") is None:
         return False
-    return any(Path(device).exists() for device in ("/dev/nvidiactl", "/dev/dxg", "/dev/kfd"))
+    return any(
+        Path(device).exists() and os.environ.get(variable) not in HIDDEN
+        for device, variable in DEVICES.items()
+    )
 
 
 def seeds_together() -> int:
@@ -44,8 +57,11 @@ def xla_flags() -> str:
     return " ".join([flags, *(text for name, text in OPTIONS.items() if name not in flags)]).strip()
 
 
-def environment() -> dict[str, str]:
-    """The variables; those that are set already keep their say."""
+def environment(accelerator: bool | None = None) -> dict[str, str]:
+    """The variables; those that are set already keep their say.
+
+    `accelerator`: whether the processes have one; None: as this machine has.
+    """
     cache = Path.home() / ".cache" / "fidelity-bench" / "jax"
     defaults = {
         "JAX_COMPILATION_CACHE_DIR": str(cache),
@@ -57,6 +73,8 @@ def environment() -> dict[str, str]:
         "OPENBLAS_NUM_THREADS": "1",
         "MKL_NUM_THREADS": "1",
     }
-    if accelerated():  # else products of 32-bit numbers are rounded to 19 bits before
+    if (
+        accelerated() if accelerator is None else accelerator
+    ):  # else products of 32-bit numbers are rounded to 19 bits before
         defaults["JAX_DEFAULT_MATMUL_PRECISION"] = "highest"
     return {k: os.environ.get(k, v) for k, v in defaults.items()} | {"XLA_FLAGS": xla_flags()}

@@ -1,5 +1,6 @@
 """Executes planned runs, parents before children, longest chains first, on any executor."""
 
+import datetime
 import functools
 import heapq
 import time
@@ -107,8 +108,17 @@ class _Execution:
                 self._finish(run, done.status, done.cause)
             elif (status := self._store.status(run.name)) not in ("", "failed"):
                 self._finish(run, status, "")  # it died after it had committed
+            elif status == "failed" and (cause := self._own_failure(run)):
+                self._finish(run, status, cause)  # by itself, before the others died
             else:
                 self._fail(run, done.error, interrupted=True)
+
+    def _own_failure(self, run: Run) -> str:
+        """Why a run failed by itself since it was started; empty if it did not."""
+        content = self._store.read(run.name)
+        begun = datetime.datetime.fromtimestamp(self._schedule.clock[run.name], datetime.UTC)
+        late = datetime.datetime.fromisoformat(content["committed"]) >= begun
+        return content["cause"] if late and not content.get("interrupted", True) else ""
 
     def _fail(self, run: Run, cause: str, interrupted: bool) -> None:
         """Stores that a run failed for a reason that is not its own."""
@@ -123,7 +133,8 @@ class _Execution:
         seconds = time.monotonic() - self._schedule.started.get(run.name, time.monotonic())
         self._display.finished(run, status, cause, seconds)
         for child in self._schedule.end(run.name, status):
-            self._fail(child, f"parent {run.name} failed", interrupted=True)
+            if child.name not in self._schedule.status:  # not by way of another child
+                self._fail(child, f"parent {run.name} failed", interrupted=True)
 
 
 class _Schedule:
@@ -132,6 +143,8 @@ class _Schedule:
     def __init__(self, runs: Iterable[Run], done: Iterable[str]) -> None:
         self.status: dict[str, str] = {}
         self.started: dict[str, float] = {}
+        self.clock: dict[str, float] = {}
+        """When each was started, as the calendar counts [s]."""
         self._runs = {run.name: run for run in runs}
         self._done = set(done)
         self._children: dict[str, list[str]] = {}
@@ -167,7 +180,7 @@ class _Schedule:
         for entry in kept:
             heapq.heappush(self._ready, entry)
         for run in chosen:
-            self.started[run.name] = time.monotonic()
+            self.started[run.name], self.clock[run.name] = time.monotonic(), time.time()
         return chosen
 
     def end(self, name: str, status: str) -> list[Run]:

@@ -22,6 +22,8 @@ Task = Callable[[Report], Any]
 """What a slot does."""
 Name = Literal["local", "ray"]
 """The executors."""
+TASKS_PER_PROCESS = 24
+"""Tasks after which a process is replaced, so that compiled programs do not pile up in memory."""
 PROCESSES = 4
 """Processes that share an accelerator, so that it works while one of them compiles; a guess."""
 
@@ -46,8 +48,6 @@ class Ended:
     """What it returned."""
     error: str = ""
     """One line on what it raised or what happened to its process; empty if it returned."""
-    killed: bool = False
-    """Whether its process, or the machine, went away under it."""
 
 
 class AbstractExecutor(abc.ABC):

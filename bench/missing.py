@@ -22,6 +22,8 @@ class State(NamedTuple):
     """Content of run.json if the run is finished."""
     reason: str
     """Why it is missing; empty if it is finished."""
+    failed: bool = False
+    """Whether it failed by itself, so that it is tried again only if asked for."""
 
 
 def states(runs: list[Run], store: Store) -> list[State]:
@@ -42,8 +44,9 @@ def _state(run: Run, store: Store, there: set[str], alike: list[str]) -> State:
         if content["status"] != "failed":
             return State(run, content, "")
         # What was interrupted is tried again; what failed by itself only with --retry-failed.
-        ended = "interrupted" if content.get("interrupted", True) else "failed"
-        return State(run, None, f"{ended}: {content['cause']}")
+        interrupted = content.get("interrupted", True)
+        ended = "interrupted" if interrupted else "failed"
+        return State(run, None, f"{ended}: {content['cause']}", not interrupted)
     older = [found for name in alike if (found := _same(run, store, name)) is not None]
     if not older:
         return State(run, None, "never run")

@@ -23,7 +23,13 @@ NAMED = 3
 
 
 def show_plan(
-    name: str, plan: Plan, tables_dir: Path, jobs: int | None, every: bool, console: Console
+    name: str,
+    plan: Plan,
+    tables_dir: Path,
+    jobs: int | None,
+    every: bool,
+    console: Console,
+    retry_failed: bool = False,
 ) -> int:
     """Prints the outlook; exit status 0, or 1 if a plug-in is broken.
 
@@ -34,20 +40,29 @@ def show_plan(
         jobs: Number of worker processes to reckon with; None: as many as suit the machine.
         every: Whether every missing run gets a line.
         console: Where it is shown.
+        retry_failed: Whether runs that failed by themselves are to be tried again.
     """
     found = states(plan.runs, Store(tables_dir))
-    missing = [state for state in found if state.reason]
+    failed = set() if retry_failed else _failed(found)
+    missing = [state for state in found if state.reason and state.run.name not in failed]
     past = {p.run: p for p in [*past_rows(tables_dir, console), *past_of_states(found)]}
     guesses = {s.run.name: guess(s.run, past.values()) for s in missing}
+    n_finished = sum(not state.reason for state in found)
     _say(
         console,
-        f"Suite '{name}': {len(found)} runs, {len(found) - len(missing)} finished in {tables_dir}, "
-        f"{len(missing)} missing.",
+        f"Suite '{name}': {len(found)} runs, {n_finished} finished in {tables_dir}, "
+        f"{len(missing)} to do.",
     )
     for line in plan.broken:
         _say(console, f"Left out: {line}")
+    if failed:
+        _say(
+            console,
+            f"{len(failed)} failed earlier, or start from one that did; --retry-failed tries them "
+            "again.",
+        )
     console.print(_table(found, guesses))
-    for line in reasons(missing):
+    for line in reasons(state for state in found if state.reason):
         _say(console, line)
     for line in expectations(missing, guesses, jobs or usual_jobs(), len(past)):
         _say(console, line)
@@ -55,6 +70,15 @@ def show_plan(
         for state in missing:
             _say(console, f"  {state.run.label}: {state.reason}; {_cost(guesses[state.run.name])}")
     return 1 if plan.broken else 0
+
+
+def _failed(found: Iterable[State]) -> set[str]:
+    """Names of runs that `bench run` leaves alone, and of those that start from them."""
+    names: set[str] = set()
+    for state in found:  # parents before their children
+        if state.failed or (state.reason and names & set(state.run.parents.values())):
+            names.add(state.run.name)
+    return names
 
 
 def past_rows(tables_dir: Path, console: Console) -> list[Past]:
@@ -119,11 +143,11 @@ def _table(found: list[State], guesses: dict[str, Guess | None]) -> Table:
         run = state.run
         by_entry.setdefault(Entry(run.method, run.residual, run.variant).label, []).append(state)
     for label, own in by_entry.items():
-        missing = [state for state in own if state.reason]
+        missing = [state for state in own if state.run.name in guesses]
         known = [g for s in missing if (g := guesses[s.run.name]) is not None]
         costs = (number(sum(g.minutes for g in known), 0), seconds(sum(g.seconds for g in known)))
         costs = costs if len(known) == len(missing) else tuple(f"{c} + ?" for c in costs)
-        counts = (str(len(own) - len(missing)), str(len(missing)))
+        counts = (str(sum(not state.reason for state in own)), str(len(missing)))
         table.add_row(*(Text(text) for text in (label, *counts, *costs)))
     return table
 

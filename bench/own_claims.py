@@ -6,7 +6,7 @@ at most half a fleet-minute.
 """
 
 from bench import markdown
-from bench.comparison import by_size, duels, pairs, sizes_of, spread, undisturbed
+from bench.comparison import by_size, duels, pairs, shared, sizes_of, spread, undisturbed
 from bench.leaderboard import MISSING, number
 from bench.paper_claims import HOTSTART, HYBRID, Claim
 from bench.statistics import Entry, estimate
@@ -74,10 +74,10 @@ def _hybrid(tables: Tables, entry: Entry) -> Claim:
 
 
 def _minutes(tables: Tables, entry: Entry) -> Claim:
-    values = undisturbed(tables, "fleet_minutes")
-    shown = (entry, HYBRID, HOTSTART)
+    whole, shown = undisturbed(tables, "fleet_minutes"), (entry, HYBRID, HOTSTART)
+    ours = [x for n in sizes_of(whole) for x in by_size(whole, entry, n)]
+    values = shared(whole, shown)
     sizes = [n for n in sizes_of(values) if by_size(values, entry, n)]
-    ours = [x for n in sizes for x in by_size(values, entry, n)]
     mean = {e: estimate(x for n in sizes for x in by_size(values, e, n)).mean for e in shown}
     theirs = f"Hybrid {number(mean[HYBRID], 0)}, hot start {number(mean[HOTSTART], 0)}"
     return Claim(

@@ -25,10 +25,15 @@ from joblib.externals.loky import process_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
 
 from bench.environment import environment
-from bench.executor import AbstractExecutor, Ended, Message, Task, one_line
+from bench.executor import (
+    TASKS_PER_PROCESS,
+    AbstractExecutor,
+    Ended,
+    Message,
+    Task,
+    one_line,
+)
 
-TASKS_PER_PROCESS = 24
-"""Tasks after which a process is replaced, so that compiled programs do not pile up in memory."""
 POLL = 0.1
 """Longest time that a message waits to be read [s]; an end is noticed at once."""
 
@@ -82,13 +87,20 @@ class LocalExecutor(AbstractExecutor):
         process = self._processes.get(slot)
         if process is not None and process.given >= TASKS_PER_PROCESS:
             self._drop(slot)
+        try:
+            future = self._submit(slot, task)
+        except BrokenProcessPool:  # it went away while it had nothing to do
+            self._drop(slot)
+            future = self._submit(slot, task)
+        future.add_done_callback(lambda future: self._ended.put((slot, future)))
+
+    def _submit(self, slot: int, task: Task) -> Future:
         if slot not in self._processes:
             self._processes[slot] = self._make_process(slot)
         process = self._processes[slot]
         process.given += 1
         with _interrupts_ignored():
-            future = process.pool.submit(_perform, task)
-        future.add_done_callback(lambda future: self._ended.put((slot, future)))
+            return process.pool.submit(_perform, task)
 
     def events(self, timeout: float) -> list[Message | Ended]:
         """What happened since the last call; waits at most `timeout` seconds for something."""
@@ -126,7 +138,7 @@ class LocalExecutor(AbstractExecutor):
         if not isinstance(error, BrokenProcessPool):
             return Ended(slot, error=one_line(error))
         self._drop(slot)
-        return Ended(slot, error=self._cause(slot, error), killed=True)
+        return Ended(slot, error=self._cause(slot, error))
 
     def _cause(self, slot: int, error: BrokenProcessPool) -> str:
         """Why a process is gone, from loky's text: it names signals and exit statuses."""

@@ -22,11 +22,11 @@ from bench.bootstrap import (
 )
 from bench.endings import endings, lost
 from bench.scores import scored
-from bench.statistics import Cell, Entry, Values, seed_values
+from bench.statistics import FEWEST, Cell, Entry, Values, seed_values
 from bench.tables import Tables
 
-FEWEST = 2
-"""Seeds that an entry needs in a cell."""
+MOST_SETS = 10_000
+"""Sets of cells that are compared; more arise only among many entries with gaps of their own."""
 GRID = 61
 """Scores at which profiles are drawn."""
 
@@ -99,8 +99,10 @@ def _largest(values: Values) -> tuple[list[Cell], list[Entry]]:
         for entry, seeds in own.items():
             if len(seeds) >= FEWEST:
                 covered[entry] = covered.get(entry, frozenset()) | {cell}
-    sets = set(covered.values())
-    sets |= {a & b for a, b in itertools.combinations(sets, 2)}
+    sets: set[frozenset[Cell]] = set()
+    for own in sorted(set(covered.values()), key=sorted):
+        sets |= {own} | {own & other for other in sets}  # every intersection of any number
+        sets = set(sorted(sets, key=lambda s: (-len(s), sorted(s)))[:MOST_SETS])
 
     def size(cells: frozenset[Cell]) -> tuple:
         n_entries = sum(cells <= own for own in covered.values())

@@ -65,6 +65,18 @@ def _is_text(line: ast.AST) -> bool:
     )
 
 
+def _base(module: str, node: ast.ImportFrom) -> str:
+    """The module after `from`, in full; empty where dots lead out of the package."""
+    if not node.level:
+        return node.module or ""
+    spec = importlib.util.find_spec(module)
+    parts = module.split(".")
+    # A package's own file stands inside of it already.
+    up = node.level - bool(spec is not None and spec.submodule_search_locations is not None)
+    base = parts[: len(parts) - up]
+    return ".".join([*base, node.module] if node.module else base) if base else ""
+
+
 @functools.cache
 def _imports(module: str, packages: frozenset[str]) -> frozenset[str]:
     """Modules of `packages` that a module imports, wherever the statement stands."""
@@ -72,7 +84,7 @@ def _imports(module: str, packages: frozenset[str]) -> frozenset[str]:
     for node in ast.walk(ast.parse(_text(module))):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.ImportFrom) and (base := _base(module, node)):
+            names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
     own = {name for name in names if name.split(".")[0] in packages}
     return frozenset(name for name in own if _text(name))

@@ -1,9 +1,10 @@
 """Estimates, intervals and ties with the training seed as the unit of replication.
 
     interval of a mean          mean +- t(0.975, n - 1) s / sqrt(n)
-    interval of a difference    the same on the differences, where both have the same seeds
-                                (the evaluation's initial states depend on the seed alone);
-                                otherwise Welch's, with Satterthwaite's degrees of freedom
+    interval of a difference    the same on the differences of the seeds that both have (the
+                                evaluation's initial states depend on the seed alone, and some are
+                                harder than others); where both have two seeds or more but share
+                                less, Welch's, with Satterthwaite's degrees of freedom
 
 An evaluation of 32 episodes is one number here. Runs that failed or diverged are no numbers: they
 are left out of every mean, and whoever shows a mean shows their count beside it. Intervals are
@@ -22,11 +23,15 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from bench.errors import UsageError
+
 COUNTED = ("ok", "budget")
 """Statuses of runs whose policy is averaged; `failed` and `diverged` never are."""
 
 LEVEL = 0.95
 """Coverage of every interval."""
+FEWEST = 2
+"""Seeds that an entry needs in a cell, where cells are compared or pooled."""
 
 
 class Entry(NamedTuple):
@@ -107,9 +112,10 @@ def estimate(values: Iterable[float]) -> Estimate:
 
 
 def difference(a: Mapping[int, float], b: Mapping[int, float]) -> Estimate:
-    """Mean of `a` minus mean of `b`, values by seed: paired where the seeds match, else Welch."""
-    if set(a) == set(b):
-        return estimate(a[seed] - b[seed] for seed in a)
+    """Mean of `a` minus mean of `b`, values by seed: paired over common seeds, else Welch."""
+    first, second = matched(a, b)
+    if set(first) == set(second):
+        return estimate(first[seed] - second[seed] for seed in first)
     first, second = estimate(a.values()), estimate(b.values())
     mean, n = first.mean - second.mean, min(first.n, second.n)
     if n < 2:
@@ -120,6 +126,19 @@ def difference(a: Mapping[int, float], b: Mapping[int, float]) -> Estimate:
     freedom = (u + v) ** 2 / (u**2 / (first.n - 1) + v**2 / (second.n - 1))
     half = _quantile(freedom) * math.sqrt(u + v)
     return Estimate(mean, math.nan, n, mean - half, mean + half)
+
+
+def matched(
+    a: Mapping[int, float], b: Mapping[int, float]
+) -> tuple[dict[int, float], dict[int, float]]:
+    """What of two samples, values by seed, is compared: the common seeds, or everything.
+
+    Everything is where less than two seeds are common, although both have two or more.
+    """
+    common = [seed for seed in a if seed in b]
+    if len(common) < min(2, len(a), len(b)):
+        return dict(a), dict(b)
+    return {seed: a[seed] for seed in common}, {seed: b[seed] for seed in common}
 
 
 def ranks(samples: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, int | None]:
@@ -149,7 +168,7 @@ def seed_values(results: pd.DataFrame, metric: str) -> Values:
     """Values of one metric by cell, entry and seed, of runs that count, cells in order.
 
     Raises:
-        ValueError: Two runs claim the same cell, entry and seed.
+        UsageError: Two runs claim the same cell, entry and seed.
     """
     values = np.asarray(results["value"], dtype=float)
     kept = results["metric"].eq(metric) & results["status"].isin(COUNTED) & np.isfinite(values)
@@ -159,7 +178,7 @@ def seed_values(results: pd.DataFrame, metric: str) -> Values:
         cell, entry, seed = cell_of(row), entry_of(row), int(row["seed"])
         first = owner.setdefault((cell, entry, seed), row["run"])
         if first != row["run"]:
-            raise ValueError(
+            raise UsageError(
                 f"Runs {first!r} and {row['run']!r} both report {entry.label} on {cell.label}, "
                 f"seed {seed}; the tables must hold one run for each. Remove one of them."
             )

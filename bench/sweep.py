@@ -84,7 +84,9 @@ def sweep(
                         fail_fast=fail_fast,
                     )
             except KeyboardInterrupt:
-                _say(errors, _interruption(len(standing.done) + display.kept, len(plan.runs)))
+                # By what is there: of runs done at once, some may have ended.
+                kept = sum(store.status(run.name) not in ("", "failed") for run in plan.runs)
+                _say(errors, _interruption(kept, len(plan.runs)))
                 return 130
         sound |= store.sound(warn, [run.name for run in missing])
         tables = store.tables(sound, {run.name for run in plan.runs})

@@ -47,9 +47,16 @@ def do_run(run: Run, directory: Path, report: Report) -> tuple[str, str]:
 
     Raises:
         OSError: It cannot be stored, e.g. because the disk is full.
+        RuntimeError: It was planned for another kind of device.
         ClaimedError: Another process is at it and does not end.
     """
-    store = Store(directory)
+    store, planned = Store(directory), run.resolved["numerics"]["backend"]
+    if planned != (found := jax.default_backend()):
+        raise RuntimeError(
+            f"The run was planned where JAX uses {planned}, but it uses {found} on "
+            f"{platform.node()}: results of the two must not stand for each other. Give the "
+            f"command on a machine that has the same."
+        )
     if not (store.runs / ".lock").exists():
         raise FileNotFoundError(
             f"{store.runs} is not on {platform.node()}: every machine must see the folder of the "
@@ -124,16 +131,12 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
     template = make_policy(task, nominal.spec, nominal.action_space, jax.random.key(0))
     parents = {name: store.trained(parent, template) for name, parent in run.parents.items()}
     setup = Setup(task, nominal, reality, parents, progress)
-    checkpoints = store.checkpoints(run)
-    with kept_by(checkpoints):
+    with kept_by(store.checkpoints(run)):
         trained = method.train(setup, jax.random.fold_in(jax.random.key(run.seed), 0))
     if not isinstance(trained, Trained):
         raise TypeError(f"`train` of '{run.method}' must return a Trained, got {trained!r:.80}.")
     if trained.status not in STATUSES or trained.status == "failed":
         raise ValueError(f"'{run.method}' returned the status '{trained.status}'; raise to fail.")
-    seconds = trained.ledger.train_seconds + checkpoints.earlier_seconds
-    ledger = dataclasses.replace(trained.ledger, train_seconds=seconds)
-    trained = dataclasses.replace(trained, ledger=ledger)
     progress("evaluation", 0, 2, float("nan"))
     controller = PolicyController(task, trained.policy)
     deployed = evaluate(task, reality, controller, run.seed)

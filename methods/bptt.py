@@ -117,12 +117,12 @@ class BPTT(eqx.Module):
         """The best policy found from `policy` on, with its history."""
         start = time.perf_counter()
         place = next_place(f"{stage} {self!r}", key, task, simulator, policy)
-        course = _Course(self, policy)
+        course, others = _Course(self, policy), 0.0
         if (kept := place.load()) is not None:
             course.restore(kept)
         rule = self.rule(task.n_drones)
         step = _step(functools.partial(self.room, policy, task))
-        others = 0.0
+        spent = lambda: course.seconds + time.perf_counter() - start - others  # noqa: E731
         while not course.over():
             epoch = len(course.history)
             epoch_key = jax.random.fold_in(key, epoch)
@@ -133,9 +133,9 @@ class BPTT(eqx.Module):
             course.add(updated, opt_state, {name: float(x) for name, x in row.items()})
             others += (1.0 - share) * (time.perf_counter() - begun)
             if place.due():
-                place.save(course.arrays())
+                place.save(course.arrays(spent()))
             progress(stage, epoch + 1, self.epochs, course.history[-1]["reward"])
-        place.save(course.arrays())
+        place.save(course.arrays(spent()))
         history = course.history
         curves = {name: np.asarray([r[name] for r in history], np.float32) for name in history[0]}
         return Training(
@@ -143,7 +143,7 @@ class BPTT(eqx.Module):
             curves=curves,
             stopped_early=len(history) < self.epochs,
             best_reward=course.best,
-            seconds=time.perf_counter() - start - others,
+            seconds=spent(),
         )
 
 
@@ -171,6 +171,8 @@ class _Course:
         self.history: list[dict[str, float]] = []
         self.best = -np.inf
         self.best_policy = policy
+        self.seconds = 0.0
+        """Wall time of processes that were killed, up to what was restored [s]."""
         self._window = min(settings.smoothing, settings.epochs)
         self._milestone = -np.inf
         self._milestone_epoch = self._window - 1
@@ -193,14 +195,15 @@ class _Course:
                 self._milestone, self._milestone_epoch = self.best, len(self.history) - 1
         self.policy, self.opt_state = updated, opt_state
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Everything as arrays, by name."""
+    def arrays(self, seconds: float) -> dict[str, np.ndarray]:
+        """Everything as arrays, by name; it took `seconds` of wall time until now."""
         trees = (self.policy, self.opt_state, self.best_policy)
         leaves = jax.tree.leaves(eqx.filter(trees, eqx.is_array))
         columns = list(self.history[0])
         return {
             "columns": np.asarray(columns),
             "history": np.asarray([[row[name] for name in columns] for row in self.history]),
+            "seconds": np.asarray(seconds),
             "patience": np.asarray([self.best, self._milestone, self._milestone_epoch], float),
         } | {f"{index:03d}": np.asarray(leaf) for index, leaf in enumerate(leaves)}
 
@@ -210,6 +213,7 @@ class _Course:
         self.history = [dict(zip(columns, row.tolist(), strict=True)) for row in arrays["history"]]
         self.best, self._milestone = arrays["patience"][:2].tolist()
         self._milestone_epoch = int(arrays["patience"][2])
+        self.seconds = float(arrays["seconds"])
         trees = (self.policy, self.opt_state, self.best_policy)
         found, rest = eqx.partition(trees, eqx.is_array)
         leaves, structure = jax.tree.flatten(found)
@@ -232,7 +236,7 @@ class Training:
     best_reward: float
     """Best smoothed training return."""
     seconds: float
-    """Wall time in this process [s]; of epochs flown together, its share."""
+    """Wall time, that before a kill included [s]; of epochs flown together, its share."""
 
     @property
     def epochs(self) -> int:

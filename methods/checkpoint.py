@@ -3,7 +3,8 @@
 The harness opens a keeper around the `train` of any method, and every trainer inside it asks for
 places of its own, in the order of the calls. No method has to know. Outside of a keeper nothing is
 kept. A method is called again from its start: what it does before its trainer, such as calibration
-flights, is done again with the same key and billed once, by the call that ends.
+flights, is done again with the same key and billed once, by the call that ends; what its trainings
+spent before the kill, each of them remembers itself.
 """
 
 import abc

@@ -58,7 +58,7 @@ class Ledger:
     skipped_updates: int = 0
     """Updates left out because their gradient was not finite."""
     train_seconds: float = 0.0
-    """Wall time, compilation included [s]."""
+    """Wall time, compilation included [s]; of what several runs do together, this run's share."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -19,7 +19,6 @@ flights gets right on the third decides which share of the correction is believe
 """
 
 import dataclasses
-import time
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -71,16 +70,16 @@ class GreyBox(AbstractMethod):
             raise ValueError(f"`spread` must lie in [0, 2), got {self.spread}.")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
-        start = time.perf_counter()
         policy_key, train_key = jax.random.split(key)
         task, nominal = setup.task, dataclasses.replace(setup.nominal, dt=self.dt)
         setup.progress("identification", 0, 1, float("nan"))
         arguments = (nominal, setup.reality, self.dt, self.largest)
-        found = once(identify, *arguments)
+        found, seconds = once(identify, *arguments)
         corrected, model, notes = with_effects(nominal, found.effects), None, dict(found.notes)
         if self.residual is not None:
             setup.progress("residual fit", 0, 1, float("nan"))
-            model, fit_notes = once(fit_residual, self.residual, *arguments)
+            (model, fit_notes), fit_seconds = once(fit_residual, self.residual, *arguments)
+            seconds += fit_seconds
             notes |= fit_notes
             corrected = with_effects(corrected, [ResidualEffect(model, nominal.spec.mass)])
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
@@ -101,7 +100,7 @@ class GreyBox(AbstractMethod):
                 lf_collisions=training.crashes,
                 epochs=training.epochs,
                 skipped_updates=training.skipped,
-                train_seconds=time.perf_counter() - start,
+                train_seconds=seconds + training.seconds,
             ),
             curves=training.curves,
             status="diverged" if training.diverged else "ok",
@@ -131,7 +130,7 @@ def fit_residual(
     `residual_share` is the multiple of the correction, limited to [0, 1], that fits each flight
     best when the residual was fitted to the others: sum(y h) / sum(h h), h predicted for y.
     """
-    found = once(identify, nominal, reality, dt, largest)
+    found, _ = once(identify, nominal, reality, dt, largest)
     flights = what_is_left(with_effects(nominal, found.effects), found)
     fit = lambda chosen: registry.load("residual", residual)().fit(  # noqa: E731
         jax.tree.map(lambda *x: jnp.concatenate(x), *chosen), jax.random.key(0)

@@ -20,8 +20,10 @@ class HFScratch(AbstractMethod):
     through the paper's 1400 epochs at N = 12 and 1900 at N = 18.
     """
 
-    trainer: BPTT = eqx.field(default=BPTT(lr=1e-3, n_worlds=1, patience=100, smoothing=20))
-    """How the policy is trained; `epochs` is replaced by the budget."""
+    trainer: BPTT = eqx.field(
+        default=BPTT(epochs=10**6, lr=1e-3, n_worlds=1, patience=100, smoothing=20)
+    )
+    """How the policy is trained; its `epochs` limits the budget, by default to nothing."""
     epochs_base: int = eqx.field(static=True, default=400)
     """Budget at N = 0 [epochs]."""
     epochs_per_drone: float = eqx.field(static=True, default=83.3)
@@ -33,7 +35,8 @@ class HFScratch(AbstractMethod):
 
     def budget(self, n_drones: int) -> int:
         """Largest number of epochs for a team."""
-        return round(self.epochs_base + self.epochs_per_drone * n_drones)
+        budget = round(self.epochs_base + self.epochs_per_drone * n_drones)
+        return min(budget, self.trainer.epochs)
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         policy_key, train_key = jax.random.split(key)

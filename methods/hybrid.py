@@ -66,6 +66,7 @@ class Hybrid(AbstractMethod):
         model = residual.fit(calibration.transitions, fit_key)
         corrected = with_effects(nominal, [ResidualEffect(model, nominal.spec.mass)])
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
+        before = time.perf_counter() - start
         training = self.trainer.train(
             task, corrected, policy, train_key, setup.progress, "hybrid training"
         )
@@ -78,7 +79,7 @@ class Hybrid(AbstractMethod):
                 lf_collisions=training.crashes,
                 epochs=training.epochs,
                 skipped_updates=training.skipped,
-                train_seconds=time.perf_counter() - start,
+                train_seconds=before + training.seconds,
             ),
             curves=training.curves,
             status="diverged" if training.diverged else "ok",

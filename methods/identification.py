@@ -26,6 +26,8 @@ the identified lag included, was below its weight.
 """
 
 import dataclasses
+import threading
+import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -107,14 +109,24 @@ class Identification:
         return int(jnp.sum(onsets(self.flights.contact)))
 
 
-_KEPT: dict[tuple, Any] = {}
+_KEPT: dict[tuple, tuple[Any, float]] = {}
+_MAKING: dict[tuple, threading.Lock] = {}
+_ONE = threading.Lock()
+"""Held while `_MAKING` is asked."""
 
 
-def once(make: Callable[..., T], *args: Any) -> T:
-    """`make(*args)`, called once per process for equal arguments: pytrees, numbers, texts."""
+def once(make: Callable[..., T], *args: Any) -> tuple[T, float]:
+    """`make(*args)`, and how long that took [s]; called once per process for equal arguments.
+
+    Arguments are pytrees, numbers, texts. Threads that ask for the same wait for the first.
+    """
     key = (make, *(_contents(arg) for arg in args))
-    if key not in _KEPT:
-        _KEPT[key] = make(*args)
+    with _ONE:
+        making = _MAKING.setdefault(key, threading.Lock())
+    with making:
+        if key not in _KEPT:
+            start = time.perf_counter()
+            _KEPT[key] = make(*args), time.perf_counter() - start
     return _KEPT[key]
 
 

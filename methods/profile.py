@@ -195,8 +195,9 @@ def attainable(policy: Policy, rows: int, steps: int) -> tuple[float, float]:
 
 
 def frozen_weights(simulator: AbstractSimulator) -> int:
-    """Weights of matrices in effects that nobody differentiates."""
-    frozen = [effect for effect in simulator.effects if isinstance(effect, FrozenEffect)]
+    """Weights of matrices in effects that nobody differentiates, those of what it varies, too."""
+    is_frozen = lambda x: isinstance(x, FrozenEffect)  # noqa: E731
+    frozen = [x for x in jax.tree.leaves(simulator, is_leaf=is_frozen) if is_frozen(x)]
     return sum(x.size for x in jax.tree.leaves(frozen) if eqx.is_inexact_array(x) and x.ndim > 1)
 
 

@@ -50,7 +50,7 @@ class ResidualEffect(FrozenEffect):
     ) -> tuple[Float[Array, "drones 3"], Float[Array, "drones 3"], Float[Array, "drones 3"]]:
         acc = self.model(jax.lax.stop_gradient(features(flight, self.mass)))
         acc = jax.lax.stop_gradient(acc)
-        return acc, self.mass * acc, jnp.zeros_like(acc)
+        return acc, vehicle.mass * acc, jnp.zeros_like(acc)
 
     def repeated(self, memory: Float[Array, "drones 3"]) -> "ResidualEffect":
         return ResidualEffect(_Known(jax.lax.stop_gradient(memory)), self.mass)

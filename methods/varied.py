@@ -28,7 +28,8 @@ class VariedState(eqx.Module):
 class Varied(AbstractSimulator):
     """Multiplies the times of its effects by exp(U(-spread, spread)), each drawn at reset.
 
-    Made by `make_varied`. Source: randomized dynamics, Peng et al. (2018), arXiv 1710.06537.
+    They stay within the bounds of their parameters: no delay outlasts its buffer. Made by
+    `make_varied`. Source: randomized dynamics, Peng et al. (2018), arXiv 1710.06537.
     """
 
     simulator: AbstractSimulator
@@ -63,8 +64,10 @@ class Varied(AbstractSimulator):
         self, state: VariedState, cmd: Float[Array, "drones 4"], duration: float
     ) -> VariedState:
         times = [
-            time * factor
-            for time, factor in zip(_times(self.simulator), state.factors, strict=True)
+            jnp.clip(time * factor, low, high)
+            for time, (low, high), factor in zip(
+                _times(self.simulator), _bounds(self.simulator), state.factors, strict=True
+            )
         ]
         simulator = eqx.tree_at(_times, self.simulator, times) if times else self.simulator
         return VariedState(state.factors, simulator.step_cmd(state.inner, cmd, duration))
@@ -99,5 +102,15 @@ def _times(simulator: AbstractSimulator) -> list[Any]:
         getattr(effect, name)
         for effect in simulator.effects
         for name, parameter in effect.parameters.items()
+        if parameter.unit in TIMES
+    ]
+
+
+def _bounds(simulator: AbstractSimulator) -> list[tuple[float, float]]:
+    """Least and largest value of each."""
+    return [
+        (parameter.low, parameter.high)
+        for effect in simulator.effects
+        for parameter in effect.parameters.values()
         if parameter.unit in TIMES
     ]

@@ -47,6 +47,12 @@ def check(plugin: str, assignments: Sequence[str], simulator_names: Sequence[str
     kind, cls = find(plugin)
     if assignments and kind != "method":
         raise UsageError(f"`--setting` is for methods, and '{plugin}' is of another kind: {kind}.")
+    if simulator_names and kind not in ("effect", "method"):
+        raise UsageError(
+            f"`--simulator` is for effects and methods, and '{plugin}' is of another kind: {kind}."
+        )
+    if len(simulator_names) > 1 and kind == "method":
+        raise UsageError("`--simulator` may be given once for a method: where it is deployed.")
     chosen = simulator_names or (registry.names("simulator") if kind == "effect" else [REALITY])
     realities = {name: registry.load("simulator", name) for name in chosen}
     settings = parse(assignments)

@@ -10,23 +10,26 @@ nominal policy and the hot start.
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from bench import markdown
 from bench.errors import UsageError
 from bench.plan import NOMINAL
+from bench.statistics import COUNTED
 from methods.contract import Setup, Trained
 from methods.evaluate import evaluate
 from methods.policy import PolicyController
 from simulators import registry
 from simulators.contract import AbstractSimulator, MissingDoorError, with_effects
 from simulators.effects.chain import canonical
+from simulators.effects.contract import Parameter
 
 WAYS = (
     ("lf_baseline", ""),
@@ -60,7 +63,7 @@ def parse_reality(text: str) -> AbstractSimulator:
         raise UsageError(f"`--reality`: {error}") from error
 
 
-def _values(effect: str, text: str, known: Sequence[str]) -> dict[str, float]:
+def _values(effect: str, text: str, known: Mapping[str, Parameter]) -> dict[str, float]:
     values = {}
     for pair in filter(None, (p.strip() for p in text.split(","))):
         name, _, number = (x.strip() for x in pair.partition("="))
@@ -72,6 +75,11 @@ def _values(effect: str, text: str, known: Sequence[str]) -> dict[str, float]:
             raise UsageError(
                 f"`--reality`: {pair!r} is no setting of '{effect}'; its parameters are "
                 f"{', '.join(known)}, each with a number."
+            )
+        low, high = known[name].low, known[name].high
+        if not low <= value <= high:
+            raise UsageError(
+                f"`--reality`: {name} of '{effect}' must lie in [{low:g}, {high:g}], got {value:g}."
             )
         values[name] = value
     return values
@@ -100,7 +108,8 @@ def deploy(
         "ways": _summary(rows),
     }
     out.mkdir(parents=True, exist_ok=True)
-    (out / "deploy.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    written = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    (out / "deploy.json").write_text(written, encoding="utf-8")
     (out / "deploy.md").write_text(_markdown(content), encoding="utf-8")
     _show(content, console)
     console.print(f"Written: {out / 'deploy.md'}", markup=False)
@@ -130,15 +139,16 @@ def _seed(
                 {
                     "way": way,
                     "seed": seed,
-                    "reward": deployed.reward,
-                    "crashes": deployed.crashes,
+                    "reward": _finite(deployed.reward),
+                    "crashes": _finite(deployed.crashes),
                     "fleet_minutes": trained.ledger.hf_fleet_seconds / 60.0,
                     "train_seconds": trained.ledger.train_seconds,
                     "status": trained.status,
                     "effects": canonical(trained.effects),
                 }
             )
-            console.print(f"seed {seed}, {way}: reward {deployed.reward:.1f}", markup=False)
+            said = "" if trained.status in COUNTED else f" ({trained.status})"
+            console.print(f"seed {seed}, {way}: reward {deployed.reward:.1f}{said}", markup=False)
     return rows
 
 
@@ -147,19 +157,34 @@ def _name(method: str, residual: str) -> str:
 
 
 def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Mean over seeds, and the share of the gap from nominal to hot start that is closed."""
-    mean: dict[str, dict[str, float]] = {}
-    for row in rows:
-        mine = [r for r in rows if r["way"] == row["way"]]
+    """Mean over seeds, and the share of the gap from nominal to hot start that is closed.
+
+    Diverged trainings are counted and are in no mean. The gap is that of the seeds in which
+    neither the way nor the two that span the gap diverged.
+    """
+    ok = {(r["way"], r["seed"]): r for r in rows if _counts(r)}
+    low, high = (_name(*way) for way in (WAYS[0], WAYS[-1]))
+    found = []
+    for way in dict.fromkeys(row["way"] for row in rows):
+        seeds = [row["seed"] for row in rows if row["way"] == way]
+        mine = [ok[way, seed] for seed in seeds if (way, seed) in ok]
         numbers = ("reward", "crashes", "fleet_minutes", "train_seconds")
-        mean[row["way"]] = {key: sum(r[key] for r in mine) / len(mine) for key in numbers}
-    low, high = (mean[_name(*way)]["reward"] for way in (WAYS[0], WAYS[-1]))
-    return [
-        {"way": way, **values, "closed": (values["reward"] - low) / (high - low)}
-        if abs(high - low) > 1e-9
-        else {"way": way, **values, "closed": None}
-        for way, values in mean.items()
-    ]
+        means = {key: float(np.mean([r[key] for r in mine])) if mine else None for key in numbers}
+        common = [s for s in seeds if all((name, s) in ok for name in (way, low, high))]
+        reward = lambda name, common=common: sum(ok[name, s]["reward"] for s in common)  # noqa: E731
+        gap = reward(high) - reward(low)
+        closed = (reward(way) - reward(low)) / gap if abs(gap) > 1e-9 else None
+        diverged = len(seeds) - len(mine)
+        found.append({"way": way, **means, "closed": closed, "diverged": diverged})
+    return found
+
+
+def _counts(row: dict[str, Any]) -> bool:
+    return row["status"] in COUNTED and row["reward"] is not None
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 _HEADINGS = ("trained by", "reward", "gap closed", "crashes", "HF fleet-minutes", "training time")
@@ -167,8 +192,11 @@ _HEADINGS = ("trained by", "reward", "gap closed", "crashes", "HF fleet-minutes"
 
 def _cells(line: dict[str, Any]) -> list[str]:
     closed = "" if line["closed"] is None else f"{100 * line['closed']:.0f} %"
+    diverged = f", {line['diverged']} diverged" if line["diverged"] else ""
+    if line["reward"] is None:
+        return [line["way"] + diverged, *["—"] * (len(_HEADINGS) - 1)]
     return [
-        line["way"],
+        line["way"] + diverged,
         f"{line['reward']:.1f}",
         closed,
         f"{line['crashes']:.2f}",

@@ -8,6 +8,7 @@ that is thrust, attitude projections, linear and quadratic drag (paper, Sec. V-D
 Position is not in it: no physical effect of free flight depends on it.
 """
 
+import threading
 import warnings
 from typing import ClassVar
 
@@ -32,6 +33,8 @@ TERMS = (
     *("v_x", "v_y", "v_z", "s v_x", "s v_y", "s v_z"),
 )
 """Names of the library's terms."""
+_QUIET = threading.Lock()
+"""Held while warnings are off: that is a state of the whole process."""
 
 
 def library(features: Float[Array, "*n 12"]) -> Float[Array, "*n terms"]:
@@ -79,7 +82,7 @@ class Sindy(AbstractResidual):
         size = np.where(terms.std(axis=0) > 1e-9, terms.std(axis=0), 1.0)
         root = np.sqrt(np.asarray(transitions.weight, float))[:, None]
         model = pysindy.STLSQ(threshold=self.threshold, alpha=self.alpha)
-        with warnings.catch_warnings():
+        with _QUIET, warnings.catch_warnings():
             # A collinear library is ridge-regularised; pysindy warns about each elimination.
             warnings.simplefilter("ignore")
             model.fit(root * terms / size, root * np.asarray(transitions.target, float))

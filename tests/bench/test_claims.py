@@ -155,7 +155,44 @@ def test_a_diverged_run_is_a_collapse():
 
 def test_crash_rates_are_percent_by_team_size(found):
     assert found["crash_rates"].holds is True
-    assert found["crash_rates"].lines == (("N = 3", "6.0", "3.0"), ("N = 12", "24.0", "12.0"))
+    assert ("circle, N = 12", "24.0", "12.0") in found["crash_rates"].lines
+    assert "larger for the largest team in" in found["crash_rates"].ours
+
+
+def test_crash_rates_must_grow_in_every_task():
+    """A mean over tasks would hide figure8, and tasks that were flown at one size only."""
+
+    def rates(circle, figure8):
+        sheet = Sheet()
+        for method in ("hf_scratch", "hf_hotstart"):
+            for n, task, rate in (
+                (3, "spread", 0.01),
+                (12, "spread", 0.2),
+                (3, "circle", 0.0),
+                (12, "circle", circle),
+                (3, "figure8", 0.05),
+                (12, "figure8", figure8),
+            ):
+                sheet.add(method, task=task, team_size=n, training_crash_step_rate=rate)
+        return by_name(sheet.tables())["crash_rates"]
+
+    assert rates(0.0, 0.06).holds is True
+    assert rates(0.0, 0.04).holds is False
+    assert "in 2 of 4 tasks and methods" in rates(0.0, 0.04).ours
+
+
+def test_means_at_team_sizes_are_of_the_same_tasks():
+    sheet = Sheet()
+    for method, residual, minutes in (
+        ("hf_scratch", "", 300.0),
+        ("hf_hotstart", "", 90.0),
+        ("hybrid", "mlp", 40.0),
+        ("lf_baseline", "", 0.0),
+    ):
+        sheet.add(method, residual, task="circle", team_size=3, fleet_minutes=minutes)
+        sheet.add(method, residual, task="circle", team_size=12, fleet_minutes=minutes)
+    sheet.add("hf_scratch", task="spread", team_size=12, fleet_minutes=1.0)
+    assert "scratch 300" in by_name(sheet.tables())["fleet_minutes"].ours.split(";")[1]
 
 
 def test_lf_policies_must_be_within_15_cm_in_every_cell(found):

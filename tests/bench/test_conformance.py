@@ -122,6 +122,14 @@ def test_the_number_of_checks_and_the_exit_status_are_those_of_the_suite(capsys,
         ),
         (["hybrid", "--setting", "flights"], "must be KEY=VALUE"),
         (["drag", "--simulator", "crazyflo"], "Did you mean 'crazyflow'?"),
+        (
+            ["circle", "--simulator", "crazyflow"],
+            "`--simulator` is for effects and methods, and 'circle' is of another kind: task.",
+        ),
+        (
+            ["hybrid", "--simulator", "crazyflow", "--simulator", "point_mass"],
+            "`--simulator` may be given once for a method",
+        ),
     ],
 )
 def test_a_wrong_request_gets_one_line(arguments, message, capsys):

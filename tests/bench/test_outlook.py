@@ -12,8 +12,8 @@ from tables_for_tests import Sheet
 from bench.cli import main
 from bench.forecast import Past, guess, longest_chain, past_of_states, past_of_tables
 from bench.missing import State, states
-from bench.outlook import expectations, past_rows
-from bench.plan import expand
+from bench.outlook import expectations, past_rows, show_plan
+from bench.plan import Plan, expand
 from bench.store import Outcome, Store
 from bench.suite import Row, Suite
 from bench.tables import table
@@ -79,6 +79,24 @@ def test_reasons_say_why_a_run_is_missing_and_leave_the_store_alone(runs, store)
     assert found[second.name].reason == "damaged: policy.npz is not as it was written"
     assert found[other.name].reason == "never run"
     assert content(store.directory) == before
+
+
+def test_what_failed_by_itself_and_its_children_cost_nothing_unless_tried_again(
+    runs, store, capsys
+):
+    first, *_ = runs
+    store.commit(first, Outcome(status="failed", cause="the propellers fell off"))
+    plan = Plan(runs, [])
+    show_plan("test", plan, store.directory, 1, False, Console(width=200))
+    said = capsys.readouterr().out
+    assert "4 runs, 0 finished" in said
+    assert "2 to do." in said
+    assert "2 failed earlier, or start from one that did; --retry-failed tries them" in said
+    assert "1 failed: the propellers fell off" in said
+    show_plan("test", plan, store.directory, 1, False, Console(width=200), retry_failed=True)
+    said = capsys.readouterr().out
+    assert "4 to do." in said
+    assert "failed earlier" not in said
 
 
 def test_a_run_that_was_killed_is_called_interrupted_not_failed(runs, store):

@@ -14,11 +14,13 @@ from methods.policy import make_policy
 from methods.profile import (
     NoTrainerError,
     attainable,
+    frozen_weights,
     profile,
     shortest,
     trained_in,
 )
 from methods.residual_effect import ResidualEffect
+from methods.varied import make_varied
 from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
 from tasks.circle import Circle
@@ -58,6 +60,8 @@ def test_a_method_is_profiled_where_it_trains():
     hybrid = trained_in(Hybrid(residual="affine", flights=2), SETUP)
     assert isinstance(hybrid, PointMass)
     assert [type(effect) for effect in hybrid.effects] == [ResidualEffect]
+    assert frozen_weights(hybrid) == frozen_weights(make_varied(hybrid, 0.5)) > 0
+    assert frozen_weights(PointMass()) == 0
 
 
 def test_a_method_without_a_trainer_is_refused():

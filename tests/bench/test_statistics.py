@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from bench.errors import UsageError
 from bench.statistics import Cell, Entry, difference, estimate, ranks, seed_values
 from bench.tables import table
 
@@ -59,16 +60,30 @@ def test_difference_pairs_by_seed_and_not_by_position():
     assert (found.low, found.high) == (1.0, 1.0)
 
 
+def test_a_seed_that_one_side_lost_is_left_out_of_both():
+    """Seed 0 begins far from the goal: the side that lost it must not look better for that."""
+    hard, all_three = {1: -50.2, 2: -52.2}, {0: -62.4, 1: -52.7, 2: -54.1}
+    found = difference(hard, all_three)
+    assert found.mean == pytest.approx(2.2)
+    assert found.n == 2
+    assert difference(all_three, hard).mean == pytest.approx(-2.2)
+
+
 def test_difference_over_other_seeds_is_welchs():
     rng = np.random.default_rng(1)
     a, b = rng.normal(0.0, 1.0, 5), rng.normal(1.0, 4.0, 3)
     expected = stats.ttest_ind(a, b, equal_var=False).confidence_interval(0.95)
-    found = difference(by_seed(*a), by_seed(*b))
+    found = difference(by_seed(*a), dict(enumerate(b, 4)))  # one seed in common
     assert (found.low, found.high) == pytest.approx(tuple(expected))
 
 
+def test_one_seed_in_common_with_the_only_one_of_a_side_is_that_seeds_difference():
+    found = difference({2: 5.0}, {0: 1.0, 2: 2.0})
+    assert (found.mean, found.n) == (3.0, 1)
+
+
 def test_welch_without_any_spread_is_a_point():
-    found = difference(by_seed(1.0, 1.0), by_seed(3.0, 3.0, 3.0))
+    found = difference(by_seed(1.0, 1.0), {5: 3.0, 6: 3.0, 7: 3.0})
     assert (found.low, found.high, found.excludes_zero) == (-2.0, -2.0, True)
 
 
@@ -121,5 +136,5 @@ def test_worlds_are_cells_of_their_own():
 
 def test_two_runs_for_one_seed_are_an_error():
     rows = pd.DataFrame([result_row(), result_row(run="r1")])
-    with pytest.raises(ValueError, match="'r0' and 'r1' both report a on spread, N = 3, seed 0"):
+    with pytest.raises(UsageError, match="'r0' and 'r1' both report a on spread, N = 3, seed 0"):
         seed_values(rows, "reward")

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from outcomes import FailingDisk, make_template, outcome, plan
 
+from bench import sources
 from bench.plan import expand
 from bench.record import FILES, Outcome, UnreadableRunError
 from bench.resume import make_standing, stale_lines
@@ -396,3 +397,24 @@ def test_words_change_no_hash_and_code_does(tmp_path, monkeypatch):
     assert found["their_first"] == found["their_words"] != found["their_other"]
     one = importlib.import_module("their_first").One
     assert set(shared_sources([one])) == set()  # another package's, which has a version
+
+
+@pytest.mark.parametrize(
+    "line", ["from .help import SIZE", "from . import help", "import their.help"]
+)
+def test_help_from_the_plug_ins_own_package_counts_however_it_is_imported(
+    tmp_path, monkeypatch, line
+):
+    monkeypatch.syspath_prepend(tmp_path)
+    package = tmp_path / "their"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "help.py").write_text("from . import deeper\nSIZE = 1\n")
+    (package / "deeper.py").write_text("DEPTH = 2\n")
+    (package / "plugin.py").write_text(f"{line}\n\nclass One:\n    pass\n")
+    one = importlib.import_module("their.plugin").One
+    assert {"their.help", "their.deeper"} <= set(shared_sources([one]))
+    for name in [name for name in sys.modules if name.split(".")[0] == "their"]:
+        del sys.modules[name]
+    sources._text.cache_clear()
+    sources._imports.cache_clear()

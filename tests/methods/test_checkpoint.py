@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cells import Hold, fresh, same, setup
 
+from methods import bptt
 from methods.bptt import BPTT
 from methods.checkpoint import AbstractKeeper, kept_by
 from methods.hf_hotstart import HFHotStart
@@ -91,6 +92,25 @@ def test_a_resumed_training_equals_the_uninterrupted_one_bit_for_bit(whole, die_
         train(keeper, die_at=die_at, epochs=flown)
     check_equal(train(keeper, epochs=flown), whole)
     assert flown == list(range(1, whole.ledger.epochs + 1))  # none twice
+
+
+def test_time_before_a_kill_is_billed_once(monkeypatch):
+    """By a clock on which an epoch takes a second and nothing else takes any."""
+    now = [0.0]
+    monkeypatch.setattr(bptt.time, "perf_counter", lambda: now[0])
+    course_add = bptt._Course.add
+
+    def add(course, *given):
+        now[0] += 1.0
+        course_add(course, *given)
+
+    monkeypatch.setattr(bptt._Course, "add", add)
+    keeper = Memory()
+    for die_at in (3, 5):
+        with pytest.raises(Killed):
+            train(keeper, die_at=die_at)
+        now[0] += 1000.0  # until somebody starts it again
+    assert train(keeper).ledger.train_seconds == train(Memory()).ledger.train_seconds == 8.0
 
 
 def test_two_kills_in_a_row_cost_nothing(whole):

@@ -1,6 +1,8 @@
 """Identification from three flights: what is found, in a known and in a disturbed reality."""
 
 import dataclasses
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax
@@ -26,6 +28,7 @@ from simulators.effects.thrust_gain import ThrustGain
 from simulators.effects.thrust_lag import ThrustLag
 from simulators.effects.wind import Wind
 from simulators.point_mass import PointMass
+from simulators.rotation import quat_to_rpy
 from tasks.circle import Circle
 from tasks.contract import TaskState
 
@@ -36,7 +39,7 @@ NOMINAL = PointMass(dt=DT)
 @pytest.fixture(scope="module")
 def found():
     """What the high-fidelity simulator differs by."""
-    return once(identify, NOMINAL, Crazyflow(), DT, LARGEST)
+    return once(identify, NOMINAL, Crazyflow(), DT, LARGEST)[0]
 
 
 def effect(identified, kind):
@@ -157,6 +160,9 @@ def test_tasks_team_sizes_and_seeds_share_one_identification(monkeypatch):
     assert same(first.effects, second.effects)
     assert first.ledger.hf_fleet_seconds == second.ledger.hf_fleet_seconds == 30.0
     assert first.ledger.calibration_flights == second.ledger.calibration_flights == 3
+    seconds = [seconds for value, seconds in identification._KEPT.values()]
+    assert len(seconds) == 1
+    assert min(t.ledger.train_seconds for t in trained) > seconds[0] > 0.0
 
 
 def test_identifying_again_gives_the_same_bits(found):
@@ -166,12 +172,27 @@ def test_identifying_again_gives_the_same_bits(found):
 
 
 def test_another_reality_is_not_taken_for_the_first():
-    first = once(lambda *a: a, 1, "a", Wind(x=1.0))
-    assert once(lambda *a: a, 1, "a", Wind(x=1.0)) is not first  # another function
+    first, _ = once(lambda *a: a, 1, "a", Wind(x=1.0))
+    assert once(lambda *a: a, 1, "a", Wind(x=1.0))[0] is not first  # another function
     make = lambda *a: object()  # noqa: E731
-    assert once(make, 1, Wind(x=1.0)) is once(make, 1, Wind(x=1.0))
-    assert once(make, 1, Wind(x=1.0)) is not once(make, 1, Wind(x=2.0))
-    assert once(make, 1, Wind(x=1.0)) is not once(make, 2, Wind(x=1.0))
+    assert once(make, 1, Wind(x=1.0)) == once(make, 1, Wind(x=1.0))
+    assert once(make, 1, Wind(x=1.0))[0] is not once(make, 1, Wind(x=2.0))[0]
+    assert once(make, 1, Wind(x=1.0))[0] is not once(make, 2, Wind(x=1.0))[0]
+
+
+def test_threads_that_ask_for_the_same_wait_for_the_first():
+    calls = []
+
+    def slow(x):
+        calls.append(x)
+        time.sleep(0.2)
+        return object()
+
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda x: once(slow, x), [1, 1, 1, 2]))
+    assert sorted(calls) == [1, 2]
+    assert found[0] == found[1] == found[2] != found[3]
+    assert all(seconds >= 0.2 for _, seconds in found)
 
 
 def test_what_is_left_vanishes_where_the_simulator_is_the_reality(found):
@@ -188,7 +209,7 @@ def test_what_is_left_vanishes_where_the_simulator_is_the_reality(found):
 
 def test_a_residual_is_believed_as_far_as_other_flights_confirm_it(found):
     arguments = (NOMINAL, Crazyflow(), DT, LARGEST)
-    model, notes = once(grey_box.fit_residual, "affine", *arguments)
+    (model, notes), _ = once(grey_box.fit_residual, "affine", *arguments)
     assert 0.0 <= notes["residual_share"] < 1.0
     assert float(model.share) == pytest.approx(notes["residual_share"])
     left = grey_box.what_is_left(with_effects(NOMINAL, found.effects), found)
@@ -250,6 +271,26 @@ def test_training_draws_every_time_of_the_effects_anew(found):
         flown(make_varied(simulator, 0.0), keys[0]), flown(simulator, keys[0]), rtol=1e-6
     )
     assert np.abs(flown(varied, keys[0]) - flown(varied, keys[1])).max() > 0.01
+
+
+def test_varied_times_stay_within_their_bounds():
+    """A delay beyond its buffer would be extrapolated from it: a step came out as -3 steps."""
+    varied = make_varied(with_effects(NOMINAL, [Delay(seconds=0.09)]), 0.5)
+    flat = make_varied(with_effects(NOMINAL, [Delay(seconds=0.1)]), 0.0)
+    hover, steep = (jnp.asarray([[roll, 0.0, 0.0, 0.4]]) for roll in (0.0, 0.5))
+
+    def rolled(simulator, key):
+        state, found = simulator.reset(jnp.asarray([[0.0, 0.0, 1.0]]), key), []
+        for cmd in [hover] * 8 + [steep] * 8:
+            state = simulator.step_cmd(state, cmd, 0.02)
+            found.append(quat_to_rpy(simulator.flight(state).quat)[0, 0])
+        return np.asarray(found)
+
+    keys = jax.random.split(jax.random.key(0), 50)
+    longest = max(keys, key=lambda k: float(varied.reset(jnp.ones((1, 3)), k).factors[0]))
+    assert float(varied.reset(jnp.ones((1, 3)), longest).factors[0]) * 0.09 > 0.12
+    np.testing.assert_allclose(rolled(varied, longest), rolled(flat, longest), atol=1e-6)
+    assert rolled(varied, longest).min() > -1e-6
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from cells import FLIGHTS, METHODS, RESIDUALS, TINY, Hold, fresh, leaning, same, setup, small
 from jaxtyping import TypeCheckError
 
+from methods.bptt import BPTT
 from methods.contract import Setup, silent
 from methods.evaluate import evaluate, fly
 from methods.policy import PolicyController
@@ -159,6 +160,15 @@ def test_every_step_of_high_fidelity_flight_is_billed(train, row):
     assert ledger.epochs == TINY.epochs
     assert ledger.skipped_updates == 0
     assert ledger.train_seconds > 0
+
+
+@pytest.mark.parametrize("row", ROWS, ids="".join)
+def test_training_time_is_what_the_trainer_says_and_what_came_before(train, row, monkeypatch):
+    """Of epochs that are flown for others, too, only a share: no method takes its own time."""
+    whole = BPTT.train
+    billed = lambda *given: dataclasses.replace(whole(*given), seconds=-1e6)  # noqa: E731
+    monkeypatch.setattr(BPTT, "train", billed)
+    assert -1e6 <= train(row, again=2).ledger.train_seconds < -1e6 + 1e3
 
 
 @pytest.mark.parametrize("row", ROWS, ids="".join)

@@ -14,6 +14,7 @@ from methods.residual_effect import ResidualEffect, features
 from methods.residuals.contract import AbstractResidualModel, Transitions
 from simulators.contract import with_effects
 from simulators.effects.contract import WrenchEffect
+from simulators.effects.mass import Mass
 from simulators.point_mass import PointMass
 from tasks.rollout import episode, record
 
@@ -47,6 +48,17 @@ class Replay(WrenchEffect):
     def wrench(self, memory, flight, vehicle, dt):
         force = vehicle.mass * self.acc[memory]
         return memory + 1, force, jnp.zeros_like(force)
+
+
+@pytest.mark.parametrize("effects", [(), (Mass(e=0.2),)], ids=["believed", "heavier"])
+def test_what_it_adds_is_an_acceleration_whatever_the_drone_weighs(effects):
+    vel = []
+    for more in (effects, (*effects, ResidualEffect(Damping(), SPEC.mass))):
+        simulator = with_effects(PointMass(), more)
+        state = simulator.reset(jnp.zeros((2, 3)).at[:, 2].set(1.0), KEY)
+        state = simulator.step_cmd(state, jnp.zeros((2, 4)).at[:, 3].set(0.4), 0.002)
+        vel.append(np.asarray(simulator.flight(state).vel))
+    np.testing.assert_allclose(vel[1] - vel[0], [[0.001, 0.0, 0.0]] * 2, atol=1e-7)
 
 
 def corrected(model):
