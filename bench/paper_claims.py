@@ -22,7 +22,7 @@ from bench.comparison import (
     undisturbed,
 )
 from bench.leaderboard import MISSING, number
-from bench.statistics import COUNTED, Entry, entry_of, estimate, records
+from bench.statistics import COUNTED, FEWEST, Entry, entry_of, estimate, records
 from bench.tables import Tables
 
 LF = Entry("lf_baseline")
@@ -219,11 +219,12 @@ def _residual_classes(tables: Tables) -> Claim:
     lines, collapsed, best = [], dict.fromkeys(classes, 0), dict.fromkeys(classes, 0)
     lost = _lost_cells(tables)
     for cell, found in undisturbed(tables, "reward").items():
-        seeds = [set(found[entry]) for entry in classes if entry in found]
+        # One class that lost many seeds must not cost the others theirs.
+        seeds = [set(found[e]) for e in classes if len(found.get(e, {})) >= FEWEST]
         alike = set.intersection(*seeds) if seeds else set()
         samples = {
-            entry: estimate(x for s, x in found.get(entry, {}).items() if s in alike or not alike)
-            for entry in classes
+            e: estimate(x for s, x in found.get(e, {}).items() if s in alike or not alike)
+            for e in classes
         }
         if sum(bool(s.n) for s in samples.values()) < 2:
             continue
@@ -266,10 +267,10 @@ def _crash_rates(tables: Tables) -> Claim:
     }
     tasks, sizes = sorted({cell.task for cell in values}), sizes_of(values)
     lines = tuple(
-        (f"{task}, N = {n}", *(spread(rate[e, task, n], 1) for e in entries))
+        (f"{markdown.escape(task)}, N = {n}", *(spread(rate[e, task, n], 1) for e in entries))
         for task in tasks
         for n in sizes
-        if (SCRATCH, task, n) in rate
+        if any(rate.get((e, task, n)) for e in entries)
     )
     grows = []
     for entry in entries:

@@ -25,6 +25,8 @@ DIAGNOSE = tuple(python("-m", "bench.blind.one"))
 """The command that diagnoses a folder."""
 TIMEOUT = 600.0
 """Longest time for one diagnosis [s]."""
+PROGRAM = "program.json"
+"""Which program a diagnosis says that it was given by, in the folder of its answer."""
 STATUS = "status.json"
 """How a diagnosis ended, in the folder of its answer."""
 
@@ -111,6 +113,8 @@ def _task(
 def _kept(ended: Ended, work: Path, answers: Path, sources: str) -> dict[str, Any]:
     """The status of a diagnosis, after its documents were moved to the answers."""
     made, cause = work / "answer", ended.cause
+    if (made / PROGRAM).is_file():  # what the child has imported, not what is there now
+        sources = _read(made / PROGRAM)["sources"]
     if not cause:
         try:
             content = _read(made / "diagnosis.json")

@@ -58,6 +58,7 @@ def run_blind(
     console = Console()
     with alone(folders):
         if not folders.state.is_file():
+            _keep_tables(folders)
             _generate(folders, reality, counts or scaled_counts(None), seed, console)
         return _work(folders, jobs, console, command, timeout, document_of(out), notes)
 
@@ -155,15 +156,27 @@ def alone(folders: Folders) -> Iterator[None]:
         raise UsageError(f"Another `bench blind` works in {folders.runs}.") from error
 
 
+def _keep_tables(folders: Folders) -> None:
+    """Nothing, if there are no tables of a draw whose flights are not there.
+
+    Raises:
+        UsageError: There are; another draw would be mixed with its notes and studies.
+    """
+    if (folders.out / "run.json").is_file():
+        raise UsageError(
+            f"{folders.out} holds the tables of a draw whose flights are not here. Give "
+            "`--out DIR` for a draw of your own, or remove the folder to put another in its place."
+        )
+
+
 def _generate(
     folders: Folders, reality: str, counts: Mapping[str, int], seed: int | None, console: Console
 ) -> None:
     """Draws and flies everything; a folder that was left half-way is begun anew."""
     if any(folders.answers.glob("*")):
         raise UsageError(f"{folders.runs} has answers but no run.json; remove it to begin anew.")
-    for old in folders.runs.iterdir():
-        if old.is_dir():
-            shutil.rmtree(old)
+    for old in folders.drawn():
+        shutil.rmtree(old, ignore_errors=True)
     settings = {
         "out": str(folders.out.resolve()),
         "reality": reality,
@@ -234,6 +247,7 @@ def _finish(
     answers, statuses = read_answers(folders, labels)
     measures = read_measures(folders, labels)
     state = folders.read_state()
+    state["measured_by"] = sorted({found.get("program", "") for found in measures.values()})
     tables = make_tables(labels, answers, statuses, measures, baselines, state)
     tables.save(folders.out)
     save_labels(folders)
@@ -243,4 +257,4 @@ def _finish(
     if failed:
         console.print(f"[red]{failed} of {len(labels)} diagnoses failed; the report names them.[/]")
     console.print(f"Tables: {folders.out}\nReport: {path}", soft_wrap=True, highlight=False)
-    return 1 if failed else 0
+    return 1 if failed or len(measures) < len(labels) else 0

@@ -73,6 +73,11 @@ class Folders:
         """More of them, a folder a flight set, on which baselines are calibrated."""
         return self.runs / "undisturbed"
 
+    def drawn(self) -> list[Path]:
+        """All that a draw makes; studies, which lie beside it, are none of it."""
+        made = (self.cases, self.labels.parent, self.reference, self.undisturbed)
+        return [*made, self.answers, self.measures, self.runs / "logs"]
+
     def read_state(self) -> dict[str, Any]:
         """What was drawn, and the SHA-256 of the labels."""
         return json.loads(self.state.read_text(encoding="utf-8"))

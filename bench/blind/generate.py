@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.blind.answering import sources_digest
 from bench.blind.folders import Folders, write_json
 from diagnosis.blind.cases import draw_cases, fly_case, make_case, write_cases, write_flights
 
@@ -51,6 +52,7 @@ def generate(
             "sha256": sha256,
             "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "versions": {name: _version(name) for name in PACKAGES},
+            "generator": sources_digest(with_generator=True),
         },
     )
 

@@ -62,14 +62,17 @@ def _file(folders: Folders, name: str) -> Path:
 
 def _measure(folders: Folders, names: list[str]) -> int:
     """Exit status: 1 if some case could not be measured."""
+    from bench.blind.answering import sources_digest
     from diagnosis.blind.measures import Workbench, measure  # JAX, only in the child
+
+    program = {"program": sources_digest(with_generator=True)}
 
     cases = read_labels(folders.labels)
     desk = Workbench(folders.runs, folders.read_state()["reality"] != "crazyflow")
     status = 0
     for name in names:
         try:
-            write_json(_file(folders, name), measure(desk, cases[name]))
+            write_json(_file(folders, name), measure(desk, cases[name]) | program)
         except Exception:
             # One case must not cost the others, whatever went wrong.
             print(f"Case {name}:", file=sys.stderr)  # noqa: T201

@@ -7,6 +7,7 @@ import numpy as np
 
 from bench import markdown
 from bench.blind.canvas import OUR_COLOR, saved
+from bench.blind.sections import measured_by
 from bench.blind.tables import Tables
 from bench.figures import COLORS
 from bench.statistics import records
@@ -16,7 +17,8 @@ NAME = "next_flight"
 """File name of the table."""
 CAPTION = (
     "How clearly one effect is told from another: bland flights, and the advised flight of the "
-    "same duration. The truth stands first; the line is five sigmas, margins below 1 are drawn at 1"
+    "same duration. The truth stands first; the line is a margin of 25, margins below 1 are drawn "
+    "at 1"
 )
 
 
@@ -34,7 +36,8 @@ def section(tables: Tables, picture: list[str]) -> list[str]:
         "Manoeuvres that the diagnosis advises for a pair were flown in simulation with either "
         "effect of the pair being true, beside bland flights as long. The margin is the "
         "chi-square of the best fit of the other effect alone beyond that of the truth, in flights "
-        f"without noise at the noise that is logged; {DECIDABLE:.0f} are five sigmas. The advised "
+        f"without noise at the noise that is logged; at {DECIDABLE:.0f} the two are 5 standard "
+        "deviations apart. The advised "
         f"flights separate {told} of {len(rows)} directions, bland ones {before}. Advice for pairs "
         "that are not in the table was not flown."
     )
@@ -58,6 +61,7 @@ def section(tables: Tables, picture: list[str]) -> list[str]:
     headings = ("pair", "advice", "flown", "margin, bland", "margin, advised")
     table = markdown.table(headings, cells, (0, 1))
     note = "Margins with the first and with the second effect of the pair being true."
+    notes += measured_by(tables, NAME)[:1]
     return ["### What to fly next", text, *filter(None, notes), note, table, *picture]
 
 

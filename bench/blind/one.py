@@ -7,6 +7,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from bench.blind.answering import PROGRAM, sources_digest
 from bench.blind.folders import write_json
 from diagnosis.diagnose import diagnose
 from diagnosis.logs import LogError, load_flights
@@ -27,6 +28,7 @@ def main() -> int:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
     asked.out.mkdir(parents=True, exist_ok=True)
+    write_json(asked.out / PROGRAM, {"sources": sources_digest()})
     write_json(asked.out / "diagnosis.json", found.to_json())
     return 0
 

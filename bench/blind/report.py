@@ -16,8 +16,10 @@ INTRODUCTION = (
     "of its own that was given nothing but a folder of flights with a random name; what was done "
     "to the vehicle stood in a separate, salted file whose SHA-256 was printed before the first "
     "diagnosis and checked after the last. The controller flew on the noisy estimates that are "
-    "logged, rows come at uneven times and some are missing. The generator's physics shares no "
-    "code with the effect library."
+    "logged, rows come at uneven times and some are missing. Air and loads have equations of the "
+    "generator's own; in the reality crazyflow, what changes the vehicle (its mass, thrust, "
+    "inertia, motors, battery) changes the same numbers of the same simulator that the diagnosis "
+    "has, which tests inference where the model is exact. RotorPy's equations are its own."
 )
 DECIDABLE = (
     "A case is *decidable* if its flights without noise differ, at the noise that was logged, from "

@@ -103,7 +103,8 @@ def run_study(study: Study, folders: Folders, console: Console) -> Path:
             display.at(number)
     table = pd.DataFrame([row for item in study.items for row in rows[item] or ()])
     path = folders.out / f"{study.name}.parquet"
-    table.assign(program=sources[:12]).to_parquet(path, index=False)
+    versions = {"program": sources[:12], "diagnosis": sources_digest()[:12]}
+    table.assign(**versions).to_parquet(path, index=False)
     table.to_csv(path.with_suffix(".csv"), index=False)
     return path
 

@@ -1,7 +1,8 @@
 """How close an estimate comes to the Cramer-Rao bound of its flights.
 
-An error is divided by the standard deviation that no unbiased estimator falls below, in the
-combination in which the parameter is compared: with efficient estimates the mean square is one.
+An error is divided by the smallest standard deviation of an unbiased estimator that looks at the
+same windows, whose starts are unknown, in the combination in which the parameter is compared: with
+efficient estimates the mean square is one.
 """
 
 import math

@@ -12,7 +12,7 @@ against RotorPy the offset counts in crazyflow's inertia (`seen`).
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from diagnosis.blind.catalogue import Withheld
 from simulators.vehicle import VEHICLES
@@ -79,6 +79,14 @@ def compare(truth: Withheld, name: str, values: Mapping[str, float]) -> list[Com
         quantity = f"{truth.name} {' '.join(group)}"
         found.append(Comparison(quantity, miss / size if relative else miss, relative))
     return found
+
+
+def distance(truth: Withheld, names: Sequence[str]) -> float:
+    """How far some of the true parameters are from neutral."""
+    return math.dist(
+        [truth.parameters.get(p, NEUTRAL.get(p, 0.0)) for p in names],
+        [NEUTRAL.get(p, 0.0) for p in names],
+    )
 
 
 def _groups(parameters: Mapping[str, float]) -> list[tuple[str, ...]]:

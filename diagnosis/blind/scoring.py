@@ -17,8 +17,9 @@ import pandas as pd
 from scipy import stats
 
 from diagnosis.blind.cases import Case
+from diagnosis.blind.catalogue import Withheld
 from diagnosis.blind.efficiency import Bounds, over_bound
-from diagnosis.blind.identifiable import compare, seen
+from diagnosis.blind.identifiable import Comparison, compare, distance, seen
 
 FLAGGED = 0.1
 """Unexplained share from which an answer that names an effect also says that more is there [-]."""
@@ -27,7 +28,7 @@ Answer = Mapping[str, Any]
 """Content of a `diagnosis.json`, schema 1; of it `verdict` and `effects` are required."""
 
 Measured = Mapping[str, Any]
-"""What `measures.measure` says of a case; without it, shrinks come from the answer's candidates."""
+"""What `measures.measure` says of a case; without it, no shrink is compared."""
 
 Row = dict[str, Any]
 """One row of a table."""
@@ -89,11 +90,12 @@ def score(
     stated = [row for name, case in cases.items() for row in _stated(case, answers.get(name))]
     singles = [row for row in judged if row["kind"] == "single"]
     columns = ["case", "effect", "size", "quantity", "error", "relative", "over_bound", "inside"]
+    columns += ["intervals", "half_width"]
     return Scores(
         cases=pd.DataFrame(judged),
         proportions=_proportions(judged, parameters),
         by_effect=_by_effect(singles),
-        parameters=pd.DataFrame(parameters, columns=[*columns, "intervals"]),
+        parameters=pd.DataFrame(parameters, columns=columns),
         reliability=_reliability(stated),
         confusion=pd.crosstab(
             pd.Series([row["truth"] for row in singles], name="truth", dtype=object),
@@ -130,22 +132,16 @@ def _judge(case: Case, answer: Answer | None, decidable: bool, measured: Measure
         "unexplained": verdict == "unexplained" or (not decidable and verdict == "none"),
         "abstained": abstained or (not decidable and verdict == "none"),
         "blamed": verdict == "effect" and not abstained,
-        **_shrink(answer or {}, truth, measured),
+        **_shrink(answer or {}, measured),
     }
 
 
-def _shrink(answer: Answer, truth: set[str], measured: Measured) -> dict[str, float | None]:
+def _shrink(answer: Answer, measured: Measured) -> dict[str, float | None]:
     """Shrink of the answer, of the true set and of the best without a true effect [%]."""
-    by_set = {
-        frozenset(candidate["effects"]): candidate["shrink_percent"]
-        for candidate in answer.get("candidates", ())
-        if candidate.get("shrink_percent") is not None
-    }
-    wrong = [percent for names, percent in by_set.items() if names and not names & truth]
     return {
         "shrink": (answer.get("shrink") or {}).get("percent"),
-        "shrink_oracle": measured.get("shrink_oracle", by_set.get(frozenset(truth))),
-        "shrink_wrong": measured.get("shrink_wrong", max(wrong, default=None)),
+        "shrink_oracle": measured.get("shrink_oracle"),
+        "shrink_wrong": measured.get("shrink_wrong"),
     }
 
 
@@ -154,21 +150,34 @@ def _compared(case: Case, answer: Answer | None, bounds: Bounds) -> list[Row]:
     rows: list[Row] = []
     if answer is None or answer["verdict"] != "effect" or case.kind not in ("single", "pair"):
         return rows
-    for truth in (seen(effect, case.reality) for effect in case.effects):
+    for flown in case.effects:
+        truth = seen(flown, case.reality)
         for effect in answer["effects"]:
             given = effect["parameters"]
             values = {name: entry["value"] for name, entry in given.items()}
+            # What is stated is compared with what was flown, in whatever unit it can be told.
             inside = [
                 given[p]["low"] <= true <= given[p]["high"]
-                for p, true in truth.parameters.items()
+                for p, true in flown.parameters.items()
                 if effect["name"] == truth.name and p in given and given[p]["low"] is not None
             ]
             for i, found in enumerate(compare(truth, effect["name"], values)):
                 own = {"case": case.id, "effect": truth.name, "size": case.size}
                 own |= {**dataclasses.asdict(found), "over_bound": over_bound(truth, found, bounds)}
+                own["half_width"] = _half_width(truth, found, given)
                 counts = {"inside": sum(inside), "intervals": len(inside)} if i == 0 else {}
                 rows.append({"inside": 0, "intervals": 0, **own, **counts})
     return rows
+
+
+def _half_width(truth: Withheld, found: Comparison, given: Mapping[str, Any]) -> float | None:
+    """Half of an interval, in the unit of the error; None for combinations of effects."""
+    names = [name for name in found.quantity.removeprefix(truth.name).split() if name in given]
+    known = [given[name] for name in names if given[name]["low"] is not None]
+    if not known or not found.quantity.startswith(truth.name):
+        return None
+    half = math.hypot(*((entry["high"] - entry["low"]) / 2.0 for entry in known))
+    return half / distance(truth, names) if found.relative else half
 
 
 def _stated(case: Case, answer: Answer | None) -> list[tuple[float, bool]]:

@@ -1,14 +1,17 @@
 """A blind run end to end with a stub in the place of `bench diagnose`, and what may go wrong."""
 
+import dataclasses
 import json
 import os
 import shutil
 import sys
+from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from bench.blind import command as blind
+from bench.blind import report, sections
 from bench.blind.answering import STATUS, answer_all, missing, read_answers
 from bench.blind.children import scrubbed
 from bench.blind.failures import failed
@@ -19,6 +22,7 @@ from bench.cli import main
 from bench.errors import UsageError
 from diagnosis.blind.cases import Case, read_labels, write_labels
 from diagnosis.blind.catalogue import Withheld
+from diagnosis.blind.scoring import clopper_pearson
 
 STUB = """
 import json, os, pathlib, sys
@@ -235,6 +239,21 @@ def test_a_wrong_request_gets_one_line(tmp_path, capsys, arguments, message):
     assert not (tmp_path / "out").exists()
 
 
+def test_another_draw_in_the_place_of_counted_tables_is_refused(tmp_path, capsys):
+    """A fresh clone has the tables and not the flights; notes and studies are of that draw."""
+    (tmp_path / "run.json").write_text("{}")
+    assert main(["blind", "--out", str(tmp_path), "--cases", "5"]) == 2
+    assert "holds the tables of a draw whose flights are not here" in capsys.readouterr().err
+
+
+def test_a_new_draw_leaves_studies_alone(tmp_path):
+    folders = made(tmp_path, (MASS, "mass"))
+    study = folders.runs / "limits" / "drag.json"
+    write_json(study, {})
+    assert folders.cases in folders.drawn()
+    assert not any(study.is_relative_to(place) for place in folders.drawn())
+
+
 def test_another_run_in_the_same_folder_is_refused(tmp_path, capsys):
     made(tmp_path, (MASS, "mass"))
     for arguments, message in (
@@ -273,6 +292,76 @@ def answer(*names, e=0.125):
         {"name": n, "probability": 0.9, "aliases": [], "parameters": {"e": interval}} for n in names
     ]
     return {"verdict": "effect" if effects else "none", "effects": effects}
+
+
+def test_what_was_not_measured_proves_nothing(tmp_path):
+    given = tables({MASS.id: answer("mass"), GAIN.id: answer(), CLEAN.id: answer()})
+    facts = " ".join(sections.facts(given))
+    assert "0 of 1 cases with an effect that were measured are undecidable" in facts
+    assert "2 cases were not measured, 0 of them with several drones" in facts
+    aims = "\n".join(sections.aims(given))
+    assert "| median shrink over the true effect's | n = 0 |" in aims
+    assert "decidable cases |" not in aims
+
+
+def test_coverage_is_resampled_by_case():
+    """Four intervals of one fit that miss together are not four misses of 40."""
+    rows = [{"case": str(i), "inside": 4.0 * (i > 0), "intervals": 4.0} for i in range(10)]
+    low, high = clopper_pearson(36, 40)
+    found = sections._by_case(pd.DataFrame(rows), {"low": low, "high": high})
+    assert found["low"] < low
+    assert found["high"] >= high
+
+
+def test_shrink_and_probability_are_counted_case_by_case():
+    cases = pd.DataFrame(
+        {
+            "kind": ["single", "pair", "single", "single", "clean"],
+            "decidable": [True, True, True, False, True],
+            "measured": [True, True, True, True, True],
+            "shrink": [80.0, 70.0, None, 0.0, None],
+            "shrink_oracle": [81.0, 90.0, 60.0, 90.0, None],
+        }
+    )
+    name, hits, value, *_ = sections._near(cases)
+    assert (hits, value) == ("1/3", "33.3 %")
+    assert "least 77.8 %" in name
+    given = tables({MASS.id: answer("drag"), GAIN.id: answer(), CLEAN.id: answer()})
+    line = sections._calibrated(given)
+    assert line[1] == "0/1"
+    assert line[4:] == ("90.0 %, as stated", "met")  # one case of one proves nothing
+
+
+def test_baselines_are_not_asked_what_they_cannot_say():
+    given = tables({MASS.id: answer("mass"), GAIN.id: answer(), CLEAN.id: answer()})
+    lines = "\n".join(sections.baselines(given)).splitlines()
+    (abstention,) = [line for line in lines if line.startswith("| abstention, both")]
+    assert abstention.count("—") == 1
+    assert "%" in abstention
+
+
+def test_a_study_of_another_program_says_so():
+    given = tables({MASS.id: answer("mass"), GAIN.id: answer(), CLEAN.id: answer()})
+    frame = pd.DataFrame({"effect": ["drag"], "diagnosis": ["a" * 12]})
+    studied = dataclasses.replace(given, studies={"limits": frame})
+    (line,) = sections.measured_by(studied, "limits")
+    assert line.startswith("Not measured:")
+    assert " drag," not in line
+    assert " mass," in line
+    old = dataclasses.replace(given, studies={"limits": frame.drop(columns="diagnosis")})
+    assert "another version of the program than the cases: an earlier one" in str(
+        sections.measured_by(old, "limits")
+    )
+
+
+def test_the_committed_report_is_built_from_the_committed_tables_and_notes():
+    """Markdown and page; what is edited without `bench blind --report` would differ."""
+    root = Path(__file__).parents[2] / "reports"
+    remarks, rest = report._notes(root / "blind_notes.md")
+    text = (root / "blind.md").read_text(encoding="utf-8")
+    assert rest
+    for part in [*rest, *remarks.values()]:
+        assert part in text
 
 
 def test_tables_survive_the_disk_and_compare_with_baselines(tmp_path):

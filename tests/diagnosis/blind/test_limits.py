@@ -89,8 +89,8 @@ def test_limits_scale_with_noise_and_with_the_root_of_the_flights():
     usual = one.limit(8, 1.0)
     assert one.limit(8, 3.0).bound == pytest.approx(3.0 * usual.bound)
     assert one.limit(8, 3.0).size == pytest.approx(3.0 * usual.size, rel=0.1)
-    # Of 96 flights, 64 are fitted: eight times as many.
-    assert one.limit(96, 1.0).bound == pytest.approx(usual.bound / np.sqrt(8.0), rel=0.01)
+    # The bound is that of all flights, those that are left out of the fit included.
+    assert one.limit(96, 1.0).bound == pytest.approx(usual.bound / np.sqrt(12.0), rel=0.01)
     assert one.named(usual.size, 8, 1.0) == pytest.approx(0.9, abs=0.03)
     assert one.named(2.0 * usual.size, 8, 1.0) > 0.97
 

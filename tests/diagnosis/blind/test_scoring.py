@@ -1,5 +1,6 @@
 """Scores of answers whose worth is known."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -176,16 +177,31 @@ def test_reliability_compares_stated_with_true():
 
 
 def test_shrink_stands_beside_the_oracles_and_the_best_wrong_ones():
-    listed = [
-        {"effects": ["mass"], "shrink_percent": 80.0},
-        {"effects": ["drag"], "shrink_percent": 20.0},
-        {"effects": ["wind"], "shrink_percent": 30.0},
-        {"effects": [], "shrink_percent": 0.0},
-    ]
-    given = answer(effect("mass", e=0.25), candidates=listed, shrink={"percent": 78.0})
-    summary = score({MASS.id: MASS}, {MASS.id: given}).summary
+    listed = [{"effects": ["mass"], "shrink_percent": 80.0}]
+    given = {MASS.id: answer(effect("mass", e=0.25), candidates=listed, shrink={"percent": 78.0})}
+    measured = {MASS.id: {"shrink_oracle": 80.0, "shrink_wrong": 30.0}}
+    summary = score({MASS.id: MASS}, given, measured=measured).summary
     assert summary["median_shrink_over_oracle"] == pytest.approx(78 / 80)
     assert summary["median_shrink_of_best_wrong"] == 30.0
+    # What the answer itself says of the true set is in no comparison.
+    assert score({MASS.id: MASS}, given).summary["median_shrink_over_oracle"] is None
+
+
+def test_half_widths_are_relative_to_the_effect():
+    given = answer(effect("wind", x=0.3, y=0.4, z=0.0), effect("gust", x=1.0))
+    (row,) = score({WIND.id: WIND}, {WIND.id: given}).parameters.to_dict("records")
+    assert row["half_width"] == pytest.approx(0.1 * 3**0.5 / 0.5)
+
+
+def test_an_offset_is_compared_over_the_inertia_and_its_interval_in_metres():
+    """0.76 to 0.78 of the metres is no error beside a reference, but an interval must hold them."""
+    offset = dataclasses.replace(
+        case("single", ("center_of_mass", {"x": 0.005, "y": 0.0})), reality="rotorpy"
+    )
+    given = answer(effect("center_of_mass", spread=0.0005, x=0.0037, y=0.0))
+    (row,) = score({offset.id: offset}, {offset.id: given}).parameters.to_dict("records")
+    assert row["error"] < 0.06
+    assert (row["inside"], row["intervals"]) == (1, 2)
 
 
 def test_confusion_counts_singles():
