@@ -14,9 +14,10 @@ A percentile interval covers less than 0.95: about 0.92 with 24 strata of five s
 eight of three (simulated). Differences decide ranks, so they are mended: a bootstrap within strata
 of n seeds has (n - 1) / n of the variance, hence the square root, and s itself is known from few
 seeds, hence t. Its degrees of freedom are Satterthwaite's over the strata's jackknife variances.
-Where two samples have the same seeds in a stratum the same seeds are drawn for both, because they
-began from the same initial states. For several samples q is the quantile of the largest of all
-pairs, so that all intervals hold together; what they say about ranks then does too.
+For differences, where two samples have the same seeds in a stratum the same seeds are drawn for
+both, because they began from the same initial states. P(a > b) is of two runs drawn independently,
+whatever their seeds, as its source has it. For several samples q is the quantile of the largest of
+all pairs, so that all intervals hold together; what they say about ranks then does too.
 
 Sources: Agarwal et al. (2021), "Deep RL at the edge of the statistical precipice" (IQM, stratified
 bootstrap, profiles, probability of improvement; package rliable); Mogstad et al. (2024), "Inference

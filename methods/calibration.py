@@ -77,7 +77,7 @@ class TrackingFlight(eqx.Module):
     action: Float[Array, "*time 1 3"]
     """What was flown, within [-1, 1]."""
     clipped: Bool[Array, "*time 1"]
-    """Whether the controller asked for more than that."""
+    """Whether controller and dither asked for more than that."""
     contact: Bool[Array, "*time 1"]
     """Whether the drone touched the floor."""
 
@@ -221,7 +221,9 @@ def track_dithered(
         action, clipped = tracker.action(
             before, target.pos[None], target.vel[None], target.acc[None]
         )
-        action = jnp.clip(action + dither, -1.0, 1.0)
+        asked = action + dither
+        clipped = clipped | jnp.any(jnp.abs(asked) > 1.0, axis=-1)
+        action = jnp.clip(asked, -1.0, 1.0)
         if attitude == "measured":
             history = nominal.action_space.to_cmd(action)[None]
             shadow = nominal.restore(before, history, key)

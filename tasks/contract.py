@@ -149,7 +149,7 @@ def spawn_grid(n_drones: int, key: PRNGKeyArray) -> Float[Array, "drones 3"]:
 
 
 def ring_radius(n_drones: int, spacing: float, smallest: float) -> float:
-    """Radius of a ring on which `n_drones` stand `spacing` [m] apart, at least `smallest`."""
+    """Radius of a ring with `spacing` [m] of arc between `n_drones`, at least `smallest`."""
     return max(smallest, spacing * n_drones / (2.0 * jnp.pi))
 
 

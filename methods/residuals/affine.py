@@ -18,7 +18,7 @@ from methods.residuals.contract import (
 
 
 class AffineModel(AbstractResidualModel):
-    """correction = bound(mean over members of W z + b), z the standardised features."""
+    """correction = mean over members of bound(W z + b), z the standardised features."""
 
     scale: Scale
     """Standardises the features."""
