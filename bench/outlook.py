@@ -14,6 +14,7 @@ from bench.forecast import BASES, Guess, Past, guess, longest_chain, past_of_sta
 from bench.missing import State, states
 from bench.numbers import number, seconds
 from bench.plan import Plan
+from bench.say import say
 from bench.statistics import Entry
 from bench.store import Store
 from bench.tables import TableError, Tables
@@ -48,27 +49,27 @@ def show_plan(
     past = {p.run: p for p in [*past_rows(tables_dir, console), *past_of_states(found)]}
     guesses = {s.run.name: guess(s.run, past.values()) for s in missing}
     n_finished = sum(not state.reason for state in found)
-    _say(
+    say(
         console,
         f"Suite '{name}': {len(found)} runs, {n_finished} finished in {tables_dir}, "
         f"{len(missing)} to do.",
     )
     for line in plan.broken:
-        _say(console, f"Left out: {line}")
+        say(console, f"Left out: {line}")
     if failed:
-        _say(
+        say(
             console,
             f"{len(failed)} failed earlier, or start from one that did; --retry-failed tries them "
             "again.",
         )
     console.print(_table(found, guesses))
     for line in reasons(state for state in found if state.reason):
-        _say(console, line)
+        say(console, line)
     for line in expectations(missing, guesses, jobs or usual_jobs(), len(past)):
-        _say(console, line)
+        say(console, line)
     if every:
         for state in missing:
-            _say(console, f"  {state.run.label}: {state.reason}; {_cost(guesses[state.run.name])}")
+            say(console, f"  {state.run.label}: {state.reason}; {_cost(guesses[state.run.name])}")
     return 1 if plan.broken else 0
 
 
@@ -90,7 +91,7 @@ def past_rows(tables_dir: Path, console: Console) -> list[Past]:
             try:
                 found += past_of_tables(Tables.load(folder))
             except TableError as error:
-                _say(console, f"Past rows left out: {error}")
+                say(console, f"Past rows left out: {error}")
     return found
 
 
@@ -156,8 +157,3 @@ def _cost(found: Guess | None) -> str:
     if found is None:
         return "cost unknown"
     return f"{number(found.minutes, 0)} fleet-minutes, {seconds(found.seconds)} ({found.basis})"
-
-
-def _say(console: Console, text: str) -> None:
-    """Prints one line as it is."""
-    console.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -24,7 +24,13 @@ def environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     made.filters["json_text"] = json_text
+    made.filters["unbroken"] = unbroken
     return made
+
+
+def unbroken(text: str) -> str:
+    """`text` in which no line breaks between a number and its unit."""
+    return re.sub(r"(?<=\d) (?=(?:%|mm|ms|m|s|N|m/s²?|1/s|1/m)(?![\w/]))", "\u00a0", text)
 
 
 def json_text(value: Mapping | Sequence) -> Markup:

@@ -3,7 +3,6 @@
 import difflib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 from rich.console import Console
@@ -12,6 +11,7 @@ from bench.errors import UsageError
 from bench.flown import playable, positions
 from bench.pages import environment, file_name, write_text
 from bench.run_details import pretty, run_metrics
+from bench.say import say
 from bench.statistics import entry_of, records
 from bench.tables import Tables
 from simulators import film
@@ -43,16 +43,16 @@ def replay(run: str, tables_dir: Path | None, out: Path | None, video: Path | No
     name = Path(run).name
     page = out or _documents(directory) / "replays" / f"{file_name(name)}.html"
     write_replay(tables, name, page)
-    _say(console, f"Replay: {page}")
+    say(console, f"Replay: {page}")
     if video is None:
         return 0
     t, _, pos = positions(_rows(tables.trajectories, name))
     try:
         film.write_film(t, pos, video)
     except film.NoGraphicsError as error:
-        _say(errors, str(error))
+        say(errors, str(error))
         return 1
-    _say(console, f"Film: {video}")
+    say(console, f"Film: {video}")
     return 0
 
 
@@ -125,7 +125,3 @@ def _documents(directory: Path) -> Path:
     from bench.cli import documents_of
 
     return documents_of(directory)
-
-
-def _say(console: Console, text: Any) -> None:
-    console.print(text, markup=False, highlight=False, soft_wrap=True)

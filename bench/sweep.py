@@ -15,6 +15,7 @@ from bench.plan import Plan
 from bench.progress import Display
 from bench.report import write_report
 from bench.resume import Standing, make_standing, stale_lines
+from bench.say import say
 from bench.store import Store
 from bench.tables import Tables
 
@@ -57,9 +58,9 @@ def sweep(
         retry_failed: Whether runs that failed in an earlier sweep are tried again.
     """
     console, errors = Console(), Console(stderr=True)
-    warn = lambda text: _say(errors, f"Warning: {text}")  # noqa: E731
+    warn = lambda text: say(errors, f"Warning: {text}")  # noqa: E731
     store = Store(tables_dir)
-    with store.lock(lambda: _say(errors, f"Waiting: another run is working in {tables_dir}.")):
+    with store.lock(lambda: say(errors, f"Waiting: another run is working in {tables_dir}.")):
         store.tidy()
         sound = store.sound(warn)
         standing = make_standing(plan, sound, retry_failed)
@@ -69,7 +70,7 @@ def sweep(
         logs = store.runs / ".logs"
         chosen = executor if missing else "local"  # which starts nothing before it is needed
         with make_executor(chosen, jobs, max(1, len(missing)), logs) as workers:
-            _say(console, _announcement(standing, workers.slots))
+            say(console, _announcement(standing, workers.slots))
             display = Display(missing, console)
             try:
                 with display:
@@ -86,21 +87,21 @@ def sweep(
             except KeyboardInterrupt:
                 # By what is there: of runs done at once, some may have ended.
                 kept = sum(store.status(run.name) not in ("", "failed") for run in plan.runs)
-                _say(errors, _interruption(kept, len(plan.runs)))
+                say(errors, _interruption(kept, len(plan.runs)))
                 return 130
         sound |= store.sound(warn, [run.name for run in missing])
         tables = store.tables(sound, {run.name for run in plan.runs})
         tables.save(tables_dir)
     rebuild_report(tables, documents_dir, console)
     rebuild_leaderboard(tables, documents_dir, console)
-    _say(console, f"Tables: {tables_dir}")
+    say(console, f"Tables: {tables_dir}")
     failed = [*standing.failed, *(run for run in missing if status.get(run.name) == "failed")]
     if failed:
         causes = tables.runs.set_index("run")["cause"]
         first = f"{failed[0].label}: {causes.get(failed[0].name, '')}"
-        _say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {first}")
+        say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {first}")
     if left := len(missing) - len(status):
-        _say(errors, f"Stopped at the first failure: {left} runs are still to do.")
+        say(errors, f"Stopped at the first failure: {left} runs are still to do.")
     return 1 if failed or plan.broken else 0
 
 
@@ -110,7 +111,7 @@ def rebuild_leaderboard(tables: Tables, directory: Path, console: Console) -> No
     path = directory / "leaderboard.md"
     write_leaderboard(tables, path)
     show(tables, console)
-    _say(console, f"Leaderboard: {path}")
+    say(console, f"Leaderboard: {path}")
 
 
 def rebuild_report(tables: Tables, directory: Path, console: Console) -> None:
@@ -118,7 +119,7 @@ def rebuild_report(tables: Tables, directory: Path, console: Console) -> None:
     directory.mkdir(parents=True, exist_ok=True)
     path = directory / "report.html"
     write_report(tables, path)
-    _say(console, f"Report: {path}")
+    say(console, f"Report: {path}")
 
 
 def show(tables: Tables, console: Console) -> None:
@@ -166,8 +167,3 @@ def _interruption(kept: int, planned: int) -> str:
         f"Interrupted: {kept} of {planned} runs are finished and kept. Give the same command again "
         "to go on."
     )
-
-
-def _say(console: Console, text: str) -> None:
-    """Prints one line as it is."""
-    console.print(text, markup=False, highlight=False, soft_wrap=True)

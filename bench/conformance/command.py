@@ -14,6 +14,7 @@ from bench.conformance import effects, methods, residuals, simulators, tasks
 from bench.conformance.suite import Check, Finding, execute
 from bench.errors import UsageError
 from bench.plan import REALITY
+from bench.say import say
 from bench.settings import Setting
 from methods.contract import AbstractMethod
 from methods.residuals.contract import AbstractResidual
@@ -56,19 +57,19 @@ def check(plugin: str, assignments: Sequence[str], simulator_names: Sequence[str
     chosen = simulator_names or (registry.names("simulator") if kind == "effect" else [REALITY])
     realities = {name: registry.load("simulator", name) for name in chosen}
     settings = parse(assignments)
-    _say(console, f"Checking {kind} {cls.__module__}.{cls.__qualname__}.")
+    say(console, f"Checking {kind} {cls.__module__}.{cls.__qualname__}.")
     if kind == "method":
         used = methods.short_settings(cls, settings)
-        _say(console, f"Trained for a moment with {json.dumps(used)}; change it with --setting.")
+        say(console, f"Trained for a moment with {json.dumps(used)}; change it with --setting.")
     done = wrong = 0
     for finding in findings(kind, cls, realities, settings):
         done += 1
         wrong += bool(finding.problem)
         _show(console, finding)
     if wrong:
-        _say(console, f"{done} checks executed, {wrong} failed.", "bold red")
+        say(console, f"{done} checks executed, {wrong} failed.", "bold red")
         return 1
-    _say(console, f"{done} checks executed, all passed.", "bold green")
+    say(console, f"{done} checks executed, all passed.", "bold green")
     return 0
 
 
@@ -191,7 +192,3 @@ def _show(console: Console, finding: Finding) -> None:
     console.print(Text.assemble((mark, style), f" {finding.sentence}"), soft_wrap=True)
     if finding.problem:
         console.print(Text(f"      {finding.problem}."), soft_wrap=True)
-
-
-def _say(console: Console, text: str, style: str = "") -> None:
-    console.print(Text(text, style), soft_wrap=True)

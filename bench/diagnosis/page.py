@@ -1,11 +1,5 @@
 """A diagnosis as one HTML page that loads nothing and runs no script."""
 
-import functools
-import re
-from pathlib import Path
-
-import jinja2
-
 from bench.diagnosis import figures, tables
 from bench.diagnosis.effect_words import effect_words
 from bench.diagnosis.numbers import clean, is_number, probability, quantity
@@ -18,6 +12,7 @@ from bench.diagnosis.sentences import (
     verdict,
     where_sentence,
 )
+from bench.pages import environment
 
 KINDS = {"effect": "Explained", "none": "Nothing beyond noise", "unexplained": "Unexplained"}
 """What the verdicts are called."""
@@ -27,7 +22,7 @@ def diagnosis_page(diagnosis: Json, request: Request) -> str:
     """The whole diagnosis as an HTML document."""
     before_after = figures.before_after_panels(diagnosis)
     return (
-        _environment()
+        environment()
         .get_template("diagnosis.html.j2")
         .render(
             title=f"Diagnosis of {clean(request.flights)}",
@@ -59,24 +54,6 @@ def diagnosis_page(diagnosis: Json, request: Request) -> str:
             noise=tables.noise_table(diagnosis),
         )
     )
-
-
-@functools.cache
-def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parents[1] / "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["unbroken"] = _unbroken
-    return environment
-
-
-def _unbroken(text: str) -> str:
-    """`text` in which no line breaks between a number and its unit."""
-    return re.sub(r"(?<=\d) (?=(?:%|mm|ms|m|s|N|m/s²?|1/s|1/m)(?![\w/]))", "\u00a0", text)
 
 
 def _effects(diagnosis: Json) -> list[dict[str, object]]:
