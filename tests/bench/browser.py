@@ -63,7 +63,7 @@ class Tab:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    def wait_for(self, script, seconds=30.0):
+    def wait_for(self, script, seconds=300.0):
         """Returns as soon as a JavaScript expression is true."""
         end = time.monotonic() + seconds
         while not self.run(script):
