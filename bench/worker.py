@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -50,7 +50,8 @@ def do_run(run: Run, directory: Path, report: Report) -> tuple[str, str]:
         RuntimeError: It was planned for another kind of device.
         ClaimedError: Another process is at it and does not end.
     """
-    store, planned = Store(directory), run.resolved["numerics"]["backend"]
+    store, numerics = Store(directory), cast("dict[str, str]", run.resolved["numerics"])
+    planned = numerics["backend"]
     if planned != (found := jax.default_backend()):
         raise RuntimeError(
             f"The run was planned where JAX uses {planned}, but it uses {found} on "

@@ -229,7 +229,7 @@ def measured_by(tables: Tables, study: str) -> list[str]:
 
 def _by_case(parameters: pd.DataFrame, row: dict[str, Any]) -> dict[str, float]:
     """Interval of a coverage with cases as units, never narrower than with intervals as units."""
-    sums = parameters.groupby("case")[["inside", "intervals"]].sum().to_numpy(float)
+    sums = np.asarray(parameters.groupby("case")[["inside", "intervals"]].sum(), float)
     drawn = np.random.default_rng(0).integers(len(sums), size=(RESAMPLED, len(sums)))
     inside, n = np.moveaxis(sums[drawn].sum(axis=1), -1, 0)
     low, high = np.quantile(inside / n, [0.025, 0.975])
