@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 
 from bench.blind import limits, next_flight
 from bench.blind.canvas import OUR_COLOR, STYLE, saved
+from bench.blind.sections import asked
 from bench.blind.tables import OURS, Tables
 from bench.figures import COLORS
 from bench.statistics import records
@@ -63,6 +64,7 @@ def _aims(tables: Tables, path: Path) -> bool:
     figure, axes = plt.subplots(figsize=(8.0, 0.7 * len(scores) + 1.2), layout="constrained")
     for i, who in enumerate(everybody):
         mine = shown.loc[shown["who"] == who]
+        mine = mine.loc[[asked(score, who) for score in mine["score"]]]
         y = np.asarray([scores.index(s) for s in mine["score"]]) + 0.16 * (i - len(everybody) / 2)
         ends = np.abs(mine[["low", "high"]].to_numpy().T - mine["value"].to_numpy())
         axes.errorbar(

@@ -117,8 +117,8 @@ def baselines(tables: Tables) -> list[str]:
     rows = []
     for name in dict.fromkeys(shown["score"]):
         by_who = shown.loc[shown["score"] == name].set_index("who")
-        asked = [who for who in everybody if _asked(name, who)]
-        cells = (_cell(by_who, who) if who in asked else MISSING for who in everybody)
+        able = [who for who in everybody if asked(name, who)]
+        cells = (_cell(by_who, who) if who in able else MISSING for who in everybody)
         rows.append((markdown.escape(name), *cells))
     for key, name, _, _, unit in NUMBERS[:1]:
         rows.append((name, *(_shown(tables.summary[who].get(key), unit) for who in everybody)))
@@ -284,7 +284,7 @@ def _counts(tables: Tables) -> dict[str, int]:
     }
 
 
-def _asked(score: str, who: str) -> bool:
+def asked(score: str, who: str) -> bool:
     """Whether a score means anything for somebody."""
     if who == OURS:
         return True
