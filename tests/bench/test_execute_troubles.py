@@ -1,0 +1,83 @@
+"""Executors that lose what they are given, and runs that may not be done here."""
+
+import dataclasses
+import io
+
+import pytest
+from outcomes import FailingDisk
+from rich.console import Console
+
+from bench.execute import execute
+from bench.executor import AbstractExecutor, Ended
+from bench.plan import expand
+from bench.progress import Display
+from bench.record import Outcome
+from bench.store import Store
+from bench.suite import Row, Suite
+from bench.worker import do_run
+
+
+def test_a_full_disk_costs_the_runs_that_cannot_be_stored(plugins, tmp_path, monkeypatch):
+    """Nothing can be stored, not even that they failed; the sweep ends and says so."""
+
+    class Full(AbstractExecutor):
+        slots = 1
+
+        def start(self, slot, task):
+            error = "OSError: [Errno 28] No space left on device"
+            self.given = [Ended(slot, error=error)]
+
+        def events(self, timeout):
+            given, self.given = self.given, []
+            return given
+
+        def stop(self):
+            pass
+
+    runs = expand(Suite("test", "", ("spread",), (2,), 2, (Row("child"),))).runs
+    store = Store(tmp_path, FailingDisk())
+    console = Console(file=io.StringIO(), width=200)
+    status = execute(runs, store, Full(), Display(runs, console))
+    assert status == {run.name: "failed" for run in runs}
+    assert store.names() == []
+    text = console.file.getvalue()
+    assert text.count("No space left on device; and this could not be stored: No space left") == 2
+    assert text.count("failed; and this could not be stored") == 2  # the children
+
+
+def test_what_failed_by_itself_stays_so_when_its_group_dies_later(plugins, tmp_path):
+    """Its cause and traceback are kept, and it is not tried again unless asked for."""
+    runs = expand(Suite("test", "", ("spread",), (2,), 3, (Row("failing"),))).runs
+    runs = [run for run in runs if run.method == "failing"]
+    store = Store(tmp_path)
+    store.commit(runs[1], Outcome("failed", cause="from an earlier sweep"))
+
+    class Dying(AbstractExecutor):
+        slots = 1
+
+        def start(self, slot, task):
+            store.commit(runs[0], Outcome("failed", cause="the propellers fell off", details="why"))
+            self.given = [Ended(slot, error="its worker process was ended by SIGKILL")]
+
+        def events(self, timeout):
+            given, self.given = self.given, []
+            return given
+
+        def stop(self):
+            pass
+
+    display = Display(runs, Console(file=io.StringIO(), width=200))
+    status = execute(runs, store, Dying(), display, together=3)
+    assert status == {run.name: "failed" for run in runs}
+    found = [store.read(run.name) for run in runs]
+    assert [content["interrupted"] for content in found] == [False, True, True]
+    assert found[0]["cause"] == "the propellers fell off"
+    assert (store.runs / runs[0].name / "traceback.txt").read_text() == "why"
+
+
+def test_a_run_that_was_planned_for_another_device_is_not_done(plugins, tmp_path):
+    (run,) = expand(Suite("test", "", ("spread",), (2,), 1, (Row("instant"),))).runs
+    numerics = {**run.resolved["numerics"], "backend": "gpu"}
+    other = dataclasses.replace(run, resolved={**run.resolved, "numerics": numerics})
+    with pytest.raises(RuntimeError, match="planned where JAX uses gpu, but it uses cpu"):
+        do_run(other, tmp_path, lambda *_: None)

@@ -1,0 +1,47 @@
+"""Hashes of the code that a plug-in runs."""
+
+import importlib
+import sys
+
+import pytest
+
+from bench import sources
+from bench.sources import own_source, shared_sources
+
+
+def test_words_change_no_hash_and_code_does(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "their_help.py").write_text("SIZE = 1\n")
+    texts = {
+        "their_first": "from their_help import SIZE\nclass One:\n    size = SIZE\n",
+        "their_words": '"""Said."""\nfrom their_help import SIZE\n\n\nclass One:\n    # why\n'
+        "    size = SIZE\n",
+        "their_other": "from their_help import SIZE\nclass One:\n    size = 2 * SIZE\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    found = {name: own_source(importlib.import_module(name).One) for name in texts}
+    assert found["their_first"] == found["their_words"] != found["their_other"]
+    one = importlib.import_module("their_first").One
+    assert set(shared_sources([one])) == set()  # another package's, which has a version
+
+
+@pytest.mark.parametrize(
+    "line", ["from .help import SIZE", "from . import help", "import their.help"]
+)
+def test_help_from_the_plug_ins_own_package_counts_however_it_is_imported(
+    tmp_path, monkeypatch, line
+):
+    monkeypatch.syspath_prepend(tmp_path)
+    package = tmp_path / "their"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "help.py").write_text("from . import deeper\nSIZE = 1\n")
+    (package / "deeper.py").write_text("DEPTH = 2\n")
+    (package / "plugin.py").write_text(f"{line}\n\nclass One:\n    pass\n")
+    one = importlib.import_module("their.plugin").One
+    assert {"their.help", "their.deeper"} <= set(shared_sources([one]))
+    for name in [name for name in sys.modules if name.split(".")[0] == "their"]:
+        del sys.modules[name]
+    sources._text.cache_clear()
+    sources._imports.cache_clear()
