@@ -10,7 +10,7 @@ from bench.own_claims import own_claims
 from bench.paper_claims import Claim, claims
 from bench.pictures import data_uri, write_summary
 from bench.report import write_page
-from bench.statistics import difference, estimate, seed_values
+from bench.statistics import difference, estimate, matched, seed_values
 from bench.tables import Tables
 
 PICTURE = (
@@ -92,8 +92,7 @@ def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         for entry in sorted(entry for entry in found if entry.variant):
             default = found.get(entry._replace(variant=""), {})
             # Only the seeds that both have: a row of few seeds is compared with the same few.
-            common = [seed for seed in found[entry] if seed in default]
-            base, other = ({s: x[s] for s in common} for x in (default, found[entry]))
+            other, base = matched(found[entry], default)
             apart = difference(other, base)
             lines.append(
                 (

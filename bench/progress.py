@@ -57,7 +57,6 @@ class Display:
     def __init__(self, runs: list[Run], console: Console) -> None:
         self.console = console
         self.count = 0
-        self.kept = 0
         self._total = len(runs)
         self._cost = sum(run.cost for run in runs)
         self._cost_done = 0.0
@@ -98,7 +97,6 @@ class Display:
     def finished(self, run: Run, status: str, cause: str, seconds: float) -> None:
         """A run ended; it may never have started."""
         self.count += 1
-        self.kept += status != "failed"
         self._cost_done += run.cost
         for worker, line in list(self._lines.items()):
             line.runs = [other for other in line.runs if other.name != run.name]

@@ -175,8 +175,8 @@ def _generate(
     """Draws and flies everything; a folder that was left half-way is begun anew."""
     if any(folders.answers.glob("*")):
         raise UsageError(f"{folders.runs} has answers but no run.json; remove it to begin anew.")
-    for old in folders.drawn():
-        shutil.rmtree(old, ignore_errors=True)
+    for old in filter(Path.exists, folders.drawn()):
+        shutil.rmtree(old)
     settings = {
         "out": str(folders.out.resolve()),
         "reality": reality,

@@ -237,8 +237,8 @@ def _by_case(parameters: pd.DataFrame, row: dict[str, Any]) -> dict[str, float]:
 
 
 def _ratios(cases: pd.DataFrame) -> np.ndarray:
-    """Shrink over the true effect's in decidable, measured singles and pairs; NaN without one."""
-    named = cases["kind"].isin(["single", "pair"]) & cases["decidable"] & cases["measured"]
+    """Shrink over the true effect's in decidable singles and pairs that were measured."""
+    named = cases["kind"].isin(["single", "pair"]) & cases["decidable"]
     found, oracle = (cases.loc[named, name].to_numpy(float) for name in ("shrink", "shrink_oracle"))
     wanted = oracle > 0.0
     return found[wanted] / oracle[wanted]

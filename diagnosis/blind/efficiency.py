@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 
 from diagnosis.blind.catalogue import Withheld
-from diagnosis.blind.identifiable import NEUTRAL, Comparison
+from diagnosis.blind.identifiable import Comparison, distance
 
 Bounds = Mapping[str, Mapping[str, float]]
 """Smallest standard deviations by effect and parameter."""
@@ -34,8 +34,7 @@ def over_bound(truth: Withheld, found: Comparison, bounds: Bounds) -> float | No
         if any(parameter not in known for parameter in parameters):
             return None
         bound = math.hypot(*(known[parameter] for parameter in parameters))
-        true = [truth.parameters[parameter] for parameter in parameters]
-        size = math.dist(true, [NEUTRAL.get(parameter, 0.0) for parameter in parameters])
+        size = distance(truth, parameters)
     if not bound:
         return None
     return found.error * (size if found.relative else 1.0) / bound

@@ -74,7 +74,7 @@ def compare(truth: Withheld, name: str, values: Mapping[str, float]) -> list[Com
         neutral = [NEUTRAL.get(p, 0.0) for p in group]
         estimate = [values.get(p, n) for p, n in zip(group, neutral, strict=True)]
         miss = math.dist(estimate, [truth.parameters[p] for p in group])
-        size = math.dist(neutral, [truth.parameters[p] for p in group])
+        size = distance(truth, group)
         relative = group[0] not in _SECONDARY
         quantity = f"{truth.name} {' '.join(group)}"
         found.append(Comparison(quantity, miss / size if relative else miss, relative))

@@ -355,7 +355,7 @@ def test_a_study_of_another_program_says_so():
 
 
 def test_the_committed_report_is_built_from_the_committed_tables_and_notes():
-    """Markdown and page; what is edited without `bench blind --report` would differ."""
+    """Notes that were edited without `bench blind --report` would not stand in it."""
     root = Path(__file__).parents[2] / "reports"
     remarks, rest = report._notes(root / "blind_notes.md")
     text = (root / "blind.md").read_text(encoding="utf-8")
