@@ -7,9 +7,9 @@ effects,
     margin = min_R min_theta chi2(R, theta) - min_theta chi2(truth, theta),
 
 the nominal simulator (R empty) among the rivals. A case is decidable if the margin is at least
-`DECIDABLE`: five sigmas for the best test between two simple hypotheses. A set that contains the
-truth, also as a special case of one of its effects, is no rival. The Cramer-Rao bound is the
-inverse of the normal equations at the truth.
+`DECIDABLE`, where the log likelihood ratio of the two has means five standard deviations apart. A
+set that contains the truth, also as a special case of one of its effects, is no rival. The
+Cramer-Rao bound is the inverse of the normal equations at the truth.
 
 Rivals are screened by what the linearised simulator promises, at nominal and at the truth, and
 refitted where they could come close.

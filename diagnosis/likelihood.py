@@ -6,12 +6,13 @@ Within a window the measurements y of all nodes are
 
 with f the replayed window from a smoothed start and x the error of that start (position and
 velocity, six numbers a drone), which nothing is known of and which is projected out. What is left
-is independent from window to window, because windows share no row. Where the attitude was set to a
-measured one at most a window ago, y also holds A z with z ~ N(0, 1), errors of that attitude and
-angular velocity (`TURN`), and r and J below are multiplied by (I + A A')^(-1/2), with A taken at
-one vector for all (`settle`). Where all attitudes are measured ones, the noise of every window's
-force takes their place (`shaken`): clean flights were `unexplained` without it. With r the
-projected, whitened residual and J its derivative, every candidate set needs only
+is independent from window to window, because windows share no row. In the first windows (`SHOWN`)
+after the attitude was set to a measured one, y also holds A z with z ~ N(0, 1), errors of that
+attitude, the angular velocity and the rotors (`TURN`), and r and J below are multiplied by
+(I + A A')^(-1/2), with A taken at one vector for all (`settle`). Where all attitudes are measured
+ones, the noise of every window's force takes their place (`shaken`): clean flights were
+`unexplained` without it. With r the projected, whitened residual and J its derivative, every
+candidate set needs only
 
     H = J'J,   g = J'r,   c = r'r,   summed over windows and kept per window and flight.
 
@@ -34,7 +35,7 @@ from jaxtyping import Bool, Float, Int
 from diagnosis.noise import UNSEEN
 from diagnosis.replay import Prediction, Replay
 from diagnosis.segments import WINDOW, Segments, enough
-from diagnosis.whitening import TURN, Turns, make_turns, projected, residual, shaken, unit
+from diagnosis.whitening import TURN, Turns, make_turns, projected, residual, shaken, shown, unit
 
 KEPT = 2**29
 """Bytes of replays that are kept, so that scoring a fit does not fly it again; two at least."""
@@ -363,7 +364,7 @@ class Likelihood:
         return self._valid(group, chosen)[..., None] / self.sigma
 
     def _turned(self, group: Segments, chosen: slice, prediction: Prediction) -> Turns:
-        turned = group.fresh[chosen, 1:] | group.fresh[chosen, :-1]
+        turned = shown(group.fresh[chosen])
         A = prediction.turn.astype(float) * TURN.reshape(-1, *[1] * 5)
         if self.shake:
             t = group.place[chosen, 1:][..., None] * self.replay.dt

@@ -36,6 +36,7 @@ class Equations:
         self.library: Library = likelihood.replay.library
         self.precision = None if precision is None else self._pinned(precision)
         self.base = self.library.neutral if base is None else base
+        self.low, self.high = self.library.bounds(self.base)
         self.spread = np.zeros(len(self.base)) if spread is None else spread
         self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
 
@@ -76,7 +77,7 @@ class Equations:
 
     def _ahead(self, H: np.ndarray, g: np.ndarray, vector: np.ndarray) -> np.ndarray:
         """Solution of H x = g that keeps `vector` + x within the bounds of all parameters."""
-        low, high = self.library.low - vector, self.library.high - vector
+        low, high = self.low - vector, self.high - vector
         free = np.linalg.solve(H, g)
         inside = bool(np.all((free >= low) & (free <= high)))
         return free if inside else bounded_step(H, g, low, high)
@@ -91,7 +92,7 @@ class Equations:
         return vector
 
     def _bounds(self, free: list[int]) -> tuple[np.ndarray, np.ndarray]:
-        low, high = self.library.low.copy(), self.library.high
+        low, high = self.low.copy(), self.high
         if "gust" in self.library.effects:
             low[self._place("gust", "onset")] = self.earliest
         return low[free], high[free]
@@ -122,9 +123,9 @@ class Equations:
     def _inwards(
         self, vector: Float[np.ndarray, " params"], by: Float[np.ndarray, " params"]
     ) -> Float[np.ndarray, " params"]:
-        """As much of the step `by` as leaves no bound of the library behind."""
-        low = np.minimum(self.library.low, vector)
-        return np.clip(vector + by, low, np.maximum(self.library.high, vector)) - vector
+        """As much of the step `by` as leaves no bound behind."""
+        low = np.minimum(self.low, vector)
+        return np.clip(vector + by, low, np.maximum(self.high, vector)) - vector
 
     def solve(
         self, normal: Normal, fit: Fit, free: list[int]

@@ -7,8 +7,8 @@ memories of the effects run on from window to window, and so do their derivative
 velocity start anew, with derivatives zero. An effect that follows the battery's voltage is told
 it at every step.
 
-Six more derivatives are along the attitude and the angular velocity that windows start from whose
-attitude is set to the measured one (`turn`); they, too, run on until they are forgotten.
+More derivatives are along what windows start from whose attitude is set to the measured one
+(`turn`): attitude, angular velocity and rotor speeds; they, too, run on until they are forgotten.
 """
 
 import dataclasses
@@ -33,8 +33,8 @@ from simulators.rotation import quat_to_rpy, rpy_to_quat
 LANES = 8
 """Segments per call."""
 _INPUTS = ("start", "pos", "vel", "quat", "ang_vel", "fresh", "cmd", "voltage", "place")
-TURNS = 6
-"""Directions of the attitude and angular velocity at a fresh start."""
+TURNS = 10
+"""Directions of the attitude, the angular velocity and the rotor speeds at a fresh start."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,8 +46,9 @@ class Prediction:
     slope: Float[np.ndarray, "directions segments windows drones nodes 9"]
     """Its derivative along each direction."""
     turn: Float[np.ndarray, "turns segments windows drones nodes 9"]
-    """Its derivative along a rotation [rad] and angular velocity [rad/s], body frame, of every
-    drone at the last fresh start: six, or none where they were not asked for."""
+    """Its derivative along a rotation [rad] and angular velocity [rad/s], body frame, and the
+    relative speed of each rotor, of every drone at the last fresh start; none where they were not
+    asked for."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,8 +148,9 @@ def _segment(
             simulator = library.attach(theta)
             state = eqx.combine(moving, still)
             state = simulator.placed(state, inputs["pos"], inputs["vel"])
-            quat, ang_vel = _turned(inputs["quat"], turn[:, :3]), inputs["ang_vel"] + turn[:, 3:]
+            quat, ang_vel = _turned(inputs["quat"], turn[:, :3]), inputs["ang_vel"] + turn[:, 3:6]
             state = simulator.turned(state, quat, ang_vel, inputs["fresh"] > 0)
+            state = simulator.spun(state, turn[:, 6:], inputs["fresh"] > 0)
             state, track = _fly(replay, simulator, state, inputs["cmd"], inputs["voltage"])
             moving, kept = eqx.partition(state, eqx.is_inexact_array)
             return (moving, _at(track, inputs["place"])), kept

@@ -49,9 +49,7 @@ def left_out(problem: Problem, fit: Fit, flight: int) -> Float[np.ndarray, " par
     rest = fit.normal.of(fit.normal.flight != flight)
     step, _ = problem.solve(rest, fit, free)
     vector = fit.total.copy()
-    vector[free] = np.clip(
-        vector[free] + step, problem.library.low[free], problem.library.high[free]
-    )
+    vector[free] = np.clip(vector[free] + step, problem.low[free], problem.high[free])
     return vector
 
 

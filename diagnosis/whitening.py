@@ -6,9 +6,13 @@ import itertools
 import numpy as np
 from jaxtyping import Bool, Float
 
-TURN = np.asarray([0.02] * 3 + [0.5] * 3)
-"""Errors of a fitted attitude [rad] and angular velocity [rad/s] with a drone in any motion; wide,
-so that a window says of its own start what it can."""
+TURN = np.asarray([0.02] * 3 + [0.5] * 3 + [0.05] * 4)
+"""Errors of a fitted attitude [rad], of angular velocity [rad/s] and of rotor speeds [-] with a
+drone in any motion; wide, so that a window says of its own start what it can."""
+
+SHOWN = 3
+"""Windows in which what a fresh start was off may still show. With slow rotors or a large inertia
+the attitude rings: a third window that took the start for known had 8 times its noise."""
 
 
 def unit(x: np.ndarray) -> np.ndarray:
@@ -28,13 +32,13 @@ def projected(x: np.ndarray, basis: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class Turns:
-    """What errors of measured attitudes take from a batch of windows, six a drone."""
+    """What errors of fresh starts take from a batch of windows."""
 
     turned: Bool[np.ndarray, "segments windows drones"]
     """Where a measured attitude still shows."""
-    along: Float[np.ndarray, "lines numbers 6"]
+    along: Float[np.ndarray, "lines numbers errors"]
     """Orthonormal directions of those windows."""
-    less: Float[np.ndarray, "lines 6"]
+    less: Float[np.ndarray, "lines errors"]
     """Share that each direction loses."""
     spent: Float[np.ndarray, "segments windows drones"]
     """How many numbers that takes of each window."""
@@ -71,8 +75,18 @@ def shaken(
     return columns
 
 
-def make_turns(A: Float[np.ndarray, "6 lines nodes 9"], turned: Bool[np.ndarray, "..."]) -> Turns:
-    """What six errors take from the windows at which `turned`; `A` is what each does, one sigma."""
+def shown(fresh: Bool[np.ndarray, "segments windows *drones"]) -> Bool[np.ndarray, "..."]:
+    """Scored windows, all but the first, that begin `fresh` or less than `SHOWN` after one."""
+    late = fresh[:, 1:].copy()
+    for ago in range(1, SHOWN):
+        late[:, ago - 1 :] |= fresh[:, :-ago]
+    return late
+
+
+def make_turns(
+    A: Float[np.ndarray, "errors lines nodes 9"], turned: Bool[np.ndarray, "..."]
+) -> Turns:
+    """What errors take from the windows at which `turned`; `A` is what each does, one sigma."""
     columns = np.moveaxis(A, 0, -1)
     columns = columns.reshape(len(columns), A.shape[2] * A.shape[3], len(A))
     # A window that cannot be flown at that vector may be at another: its attitude is believed.

@@ -68,6 +68,12 @@ class AbstractSimulator(eqx.Module):
     ) -> Any:
         """The state with the chosen drones at `quat` and `ang_vel` [rad/s, body]."""
 
+    def spun(
+        self, state: Any, faster: Float[Array, "drones 4"], chosen: Bool[Array, " drones"]
+    ) -> Any:
+        """The state with the chosen drones' rotors, if any, faster by those shares."""
+        return state
+
     def repeating(self, after: Any) -> "AbstractSimulator":
         """The simulator for a step that is known to end in `after`, to be differentiated.
 

@@ -216,6 +216,15 @@ class Crazyflow(AbstractSimulator):
             ),
         )
 
+    def spun(
+        self,
+        state: CrazyflowState,
+        faster: Float[Array, "drones 4"],
+        chosen: Bool[Array, " drones"],
+    ) -> CrazyflowState:
+        speeds = jnp.where(chosen[:, None], state.rotor_vel * (1.0 + faster), state.rotor_vel)
+        return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
+
     def flight(self, state: CrazyflowState) -> Flight:
         data, _ = _template(self.spec.name, self.freq)
         flight = self._seen(state.steps, state, data.params)

@@ -30,6 +30,8 @@ class Vehicle(eqx.Module):
     air does not know what a drone weighs."""
     inertia: Float[Array, "3 3"]
     """Moment of inertia about the centre of mass, body frame [kg m^2]."""
+    believed_inertia: Float[Array, "3 3"]
+    """That of the airframe file, which an autopilot computes with [kg m^2]."""
     center_of_mass: Float[Array, " 3"]
     """Offset of the centre of mass from the geometric centre, body frame [m]."""
     thrust_gain: Float[Array, ""]
@@ -115,6 +117,7 @@ class VehicleSpec(eqx.Module):
             mass=jnp.asarray(self.mass, float),
             believed_mass=jnp.asarray(self.mass, float),
             inertia=jnp.diag(jnp.asarray(self.inertia, float)),
+            believed_inertia=jnp.diag(jnp.asarray(self.inertia, float)),
             center_of_mass=jnp.zeros(3),
             thrust_gain=jnp.asarray(1.0),
             motor_lag_scale=jnp.asarray(1.0),

@@ -139,6 +139,7 @@ class PlantDisturbance(PlantEffect):
             mass=vehicle.mass * (1.0 + self.excess_mass),
             believed_mass=vehicle.believed_mass,
             inertia=vehicle.inertia * (1.0 + self.excess_inertia),
+            believed_inertia=vehicle.believed_inertia,
             center_of_mass=vehicle.center_of_mass,
             thrust_gain=vehicle.thrust_gain * left,
             motor_lag_scale=vehicle.motor_lag_scale * self.motor_slowness,

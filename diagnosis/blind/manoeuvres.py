@@ -3,7 +3,7 @@
 For a pair of effects that flights may not tell apart, `diagnosis.advice` names a manoeuvre. Here it
 is flown with either effect being true, and beside it something gentle. Without noise, at the noise
 that is logged, the margin of the truth is the chi-square of the best fit of the other effect alone
-beyond that of the truth: 25 is five sigmas (`diagnosis.decidable`).
+beyond that of the truth; 25 decides (`diagnosis.decidable`).
 """
 
 import dataclasses

@@ -1,4 +1,7 @@
-"""Gyro compensation: torque = share (w x J w), which an autopilot adds to keep w as it is."""
+"""Gyro compensation: torque = share (w x J w), which an autopilot adds to keep w as it is.
+
+J is what the autopilot believes: a payload that changes the drone's does not change its torque.
+"""
 
 from typing import ClassVar
 
@@ -25,9 +28,10 @@ class GyroCompensation(WrenchEffect):
         "share": Parameter(
             unit="-",
             low=0.0,
-            high=1.5,
+            high=4.0,
             neutral=0.0,
-            source="0 in crazyflow's Mellinger loop, 1 in RotorPy's; the upper bound is a guess",
+            source="0 in crazyflow's Mellinger loop, 1 in RotorPy's times its inertia over the "
+            "believed one; the upper bound is a guess",
         )
     }
     door: ClassVar[str] = "wrench"
@@ -41,5 +45,5 @@ class GyroCompensation(WrenchEffect):
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-        turning = jnp.cross(flight.ang_vel, flight.ang_vel @ vehicle.inertia)
+        turning = jnp.cross(flight.ang_vel, flight.ang_vel @ vehicle.believed_inertia)
         return None, jnp.zeros_like(flight.vel), rotate(flight.quat, self.share * turning)

@@ -21,7 +21,7 @@ class Inertia(PlantEffect):
         "e": Parameter(
             unit="-",
             low=-0.5,
-            high=1.5,
+            high=3.0,
             neutral=0.0,
             factor=True,
             source="16.8e-6 (cf2x_L250) to 25e-6 kg m^2 (cf21B_500) in crazyflow 0.4.0; the outer "
