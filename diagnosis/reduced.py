@@ -78,7 +78,10 @@ class Equations:
     def _ahead(self, H: np.ndarray, g: np.ndarray, vector: np.ndarray) -> np.ndarray:
         """Solution of H x = g that keeps `vector` + x within the bounds of all parameters."""
         low, high = self.low - vector, self.high - vector
-        free = np.linalg.solve(H, g)
+        try:
+            free = np.linalg.solve(H, g)
+        except np.linalg.LinAlgError:  # so far from its flights that first order says nothing
+            return np.zeros(len(g))
         inside = bool(np.all((free >= low) & (free <= high)))
         return free if inside else bounded_step(H, g, low, high)
 

@@ -13,10 +13,11 @@ from diagnosis.equations import bounded_step
 from diagnosis.library import Slot, make_library
 from diagnosis.likelihood import NARROW, Likelihood
 from diagnosis.outliers import beyond
-from diagnosis.replay import make_replay
+from diagnosis.replay import TURNS, make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import WINDOW, cut
 from diagnosis.verdict import SLIGHT, Floor, Structure, intervals, judge, structure
+from diagnosis.whitening import shown
 from simulators.effects.drag import Drag
 from simulators.effects.gust import Gust
 from simulators.point_mass import PointMass
@@ -76,6 +77,27 @@ def test_what_acts_on_top_of_a_reference(neutral, factor, base, value, vector):
     assert found == pytest.approx(value)
     ahead, _ = slot.beyond(vector + 1e-6, base)
     assert slope == pytest.approx((ahead - found) / 1e-6, rel=1e-4)
+
+
+def test_bounds_of_factors_go_with_the_reference_and_none_is_narrowed(replay):
+    library = replay.library
+    place = {(slot.effect, slot.parameter): i for i, slot in enumerate(library.slots)}
+    mass, wind = place["mass", "e"], place["wind", "x"]
+    base = library.neutral.copy()
+    base[mass], base[wind] = 0.5, 1.0
+    low, high = library.bounds(base)
+    slot = library.slots[mass]
+    assert high[mass] == pytest.approx(1.5 * (1.0 + slot.high) - 1.0)
+    assert low[mass] == slot.low
+    assert (low[wind], high[wind]) == (library.low[wind], library.high[wind])
+    kept = library.bounds(library.neutral)
+    np.testing.assert_allclose(kept, (library.low, library.high), rtol=1e-12)
+
+
+def test_a_fresh_start_shows_in_three_windows():
+    fresh = np.zeros((1, 7, 1), bool)
+    fresh[0, [0, 4], 0] = True  # the first window is not scored
+    assert shown(fresh)[0, :, 0].tolist() == [True, True, False, True, True, True]
 
 
 def test_structure_counts_only_beyond_what_so_few_numbers_show_by_chance():
@@ -224,7 +246,7 @@ def test_what_a_start_may_err_is_flown_only_where_it_is_asked_for(replay):
     vector, along = replay.library.neutral[None], np.eye(len(replay.library.slots))[:NARROW]
     (_, whole), *_ = list(replay(group, vector, along))
     (_, less), *_ = list(replay(group, vector, along, turns=False))
-    assert len(whole.turn) == 6
+    assert len(whole.turn) == TURNS
     assert np.abs(whole.turn).max() > 0.0
     assert len(less.turn) == 0
     np.testing.assert_allclose(less.value, whole.value, rtol=1e-5, atol=1e-5)

@@ -87,6 +87,32 @@ def test_gyro_compensation_takes_away_what_turning_about_two_axes_does():
     np.testing.assert_allclose(rates[2] - rates[0], expected, rtol=0.01, atol=1e-6)
 
 
+def test_gyro_compensation_of_another_inertia_is_that_of_the_believed_one():
+    """With twice the inertia the same torque turns half as fast."""
+    turning, rates = jnp.asarray([[3.0, -2.0, 4.0]]), {}
+    for e in (0.0, 1.0):
+        for share in (0.0, 1.0):
+            effects = {"inertia": {"e": e}, "gyro_compensation": {"share": share}}
+            made = attached(SIMULATORS["crazyflow"](), **effects)
+            state = hovering(made, positions(1))
+            state = eqx.tree_at(lambda s: (s.ang_vel, s.prev_ang_vel), state, (turning, turning))
+            rates[e, share] = np.asarray(made.step_cmd(state, LEVEL[0], 0.002).ang_vel[0])
+    alone, doubled = (rates[e, 1.0] - rates[e, 0.0] for e in (0.0, 1.0))
+    np.testing.assert_allclose(doubled, 0.5 * alone, rtol=0.02, atol=1e-6)
+
+
+def test_only_the_chosen_drones_rotors_are_faster():
+    made = SIMULATORS["crazyflow"]()
+    state = hovering(made, positions(2))
+    faster = jnp.asarray([[0.1, 0.0, -0.1, 0.2]] * 2)
+    spun = made.spun(state, faster, jnp.asarray([False, True]))
+    np.testing.assert_allclose(spun.rotor_vel[0], state.rotor_vel[0])
+    np.testing.assert_allclose(spun.rotor_vel[1] / state.rotor_vel[1], 1.0 + faster[1], rtol=1e-6)
+    point = SIMULATORS["point_mass"]()
+    still = hovering(point, positions(2))
+    assert eqx.tree_equal(point.spun(still, faster, jnp.asarray([True, True])), still)
+
+
 @pytest.mark.parametrize("e", [-0.5, 0.0, 2.0])
 def test_rotors_that_turn_at_different_speeds_turn_the_drone_by_their_torque(e):
     """First step from rotors of which one pair is faster, without what their speeding up does."""
