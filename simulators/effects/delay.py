@@ -52,6 +52,6 @@ class Delay(CommandEffect):
         age = jnp.concatenate([jnp.zeros(1), jnp.where(early, age[1:], age[:-1])])
         older = jnp.clip(jnp.searchsorted(age, self.seconds, side="right"), 1, len(age) - 1)
         part = (self.seconds - age[older - 1]) / (age[older] - age[older - 1])
-        part = jnp.clip(part, 0.0, 1.0)
+        part = jnp.minimum(part, 1.0)  # beyond the buffer, its oldest command
         delayed = past[older - 1] * (1.0 - part) + past[older] * part
         return (past, age, jnp.ones_like(started)), delayed

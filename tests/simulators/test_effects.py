@@ -53,7 +53,7 @@ INTERIOR = {
     "quadratic_drag": {"k": 0.6},
     "roll_pitch_gains": {"stiffness": 0.3, "damping": 0.4, "acceleration": -0.2, "roll": 0.1},
     "rotor_inertia": {"e": 0.4},
-    "gyro_compensation": {"share": 0.5},
+    "gyro_compensation": {"share": 0.65},
     "rotor_arm": {"e": 0.2},
     "rotor_torque": {"e": 0.6},
     "rotor_response": {"slowing": 1.5, "quadratic": 0.5},
