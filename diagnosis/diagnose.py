@@ -307,7 +307,7 @@ def attribute(
     progress("screening all effects", 0.1)
     likelihood.settle(problem.base)
     problem.phi = max(floor, dispersion(problem.nominal().normal, n_flights))
-    best = problem.search()[0]
+    best = problem.search_firmly()[0]
     for share in (0.5, 0.7):
         progress("weighing windows that stand out", share)
         likelihood.settle(best.total, beyond(DISTRUST))
