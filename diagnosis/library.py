@@ -148,19 +148,6 @@ class Library(eqx.Module):
         """Upper bounds."""
         return np.asarray([slot.high for slot in self.slots])
 
-    def bounds(
-        self, base: Float[np.ndarray, " params"]
-    ) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
-        """Bounds of a vector whose effects act on top of `base`: those of factors go with it."""
-        on_top = [
-            (slot.on_top(slot.low, at), slot.on_top(slot.high, at))
-            if slot.factor
-            else (slot.low, slot.high)
-            for slot, at in zip(self.slots, base, strict=True)
-        ]
-        low, high = np.asarray(on_top).T
-        return np.minimum(self.low, low), np.maximum(self.high, high)
-
     def indices(self, effect: str) -> list[int]:
         """Where an effect's parameters stand."""
         return [i for i, slot in enumerate(self.slots) if slot.effect == effect]

@@ -5,14 +5,14 @@ Gaussian precision S from the reference flights. It is eliminated from every sol
 so that only effects are searched for in the simulator.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from diagnosis.equations import bounded_step, loosened, moved, scale_of, scaled
 from diagnosis.fit import Fit, Set
-from diagnosis.library import Library
+from diagnosis.library import Library, Slot
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.segments import WINDOW
 
@@ -36,7 +36,7 @@ class Equations:
         self.library: Library = likelihood.replay.library
         self.precision = None if precision is None else self._pinned(precision)
         self.base = self.library.neutral if base is None else base
-        self.low, self.high = self.library.bounds(self.base)
+        self.low, self.high = bounds(self.library.slots, self.base)
         self.spread = np.zeros(len(self.base)) if spread is None else spread
         self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
 
@@ -167,3 +167,16 @@ class Equations:
         width = (self.library.high - self.library.low)[free]
         sizes = np.linalg.slogdet(H / self.phi + np.diag(2 * np.pi / width**2))[1]
         return float(np.sum(np.log(width / np.sqrt(2 * np.pi))) + 0.5 * sizes)
+
+
+def bounds(
+    slots: Sequence[Slot], base: Float[np.ndarray, " params"]
+) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
+    """Bounds of a vector whose effects act on top of `base`: those of factors go with it."""
+    within = np.asarray([(slot.low, slot.high) for slot in slots])
+    on_top = [
+        (slot.on_top(slot.low, at), slot.on_top(slot.high, at)) if slot.factor else ends
+        for slot, at, ends in zip(slots, base, within, strict=True)
+    ]
+    low, high = np.asarray(on_top).T
+    return np.minimum(within[:, 0], low), np.maximum(within[:, 1], high)

@@ -31,9 +31,6 @@ class Library:
     def indices(self, effect):
         return [NAMES.index(effect)]
 
-    def bounds(self, base):
-        return self.low, self.high
-
 
 class Linear(Likelihood):
     """Measurements y = J theta, noise one: chi-square of theta is |y - J theta|^2."""

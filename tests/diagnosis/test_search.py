@@ -13,6 +13,7 @@ from diagnosis.equations import bounded_step
 from diagnosis.library import Slot, make_library
 from diagnosis.likelihood import NARROW, Likelihood
 from diagnosis.outliers import beyond
+from diagnosis.reduced import bounds
 from diagnosis.replay import TURNS, make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import WINDOW, cut
@@ -85,12 +86,12 @@ def test_bounds_of_factors_go_with_the_reference_and_none_is_narrowed(replay):
     mass, wind = place["mass", "e"], place["wind", "x"]
     base = library.neutral.copy()
     base[mass], base[wind] = 0.5, 1.0
-    low, high = library.bounds(base)
+    low, high = bounds(library.slots, base)
     slot = library.slots[mass]
     assert high[mass] == pytest.approx(1.5 * (1.0 + slot.high) - 1.0)
     assert low[mass] == slot.low
     assert (low[wind], high[wind]) == (library.low[wind], library.high[wind])
-    kept = library.bounds(library.neutral)
+    kept = bounds(library.slots, library.neutral)
     np.testing.assert_allclose(kept, (library.low, library.high), rtol=1e-12)
 
 
