@@ -8,11 +8,10 @@ with f the replayed window from a smoothed start and x the error of that start (
 velocity, six numbers a drone), which nothing is known of and which is projected out. What is left
 is independent from window to window, because windows share no row. In the first windows (`SHOWN`)
 after the attitude was set to a measured one, y also holds A z with z ~ N(0, 1), errors of that
-attitude, the angular velocity and the rotors (`TURN`), and r and J below are multiplied by
-(I + A A')^(-1/2), with A taken at one vector for all (`settle`). Where all attitudes are measured
-ones, the noise of every window's force takes their place (`shaken`): clean flights were
-`unexplained` without it. With r the projected, whitened residual and J its derivative, every
-candidate set needs only
+attitude, the angular velocity and the rotors (`TURN`); r and J below are multiplied by
+(I + A A')^(-1/2), A taken at one vector for all (`settle`). Where all attitudes are measured ones,
+the noise of every window's force takes their place (`shaken`): clean flights were `unexplained`
+without it. With r the projected, whitened residual, J its derivative, every candidate set needs
 
     H = J'J,   g = J'r,   c = r'r,   summed over windows and kept per window and flight.
 

@@ -11,8 +11,8 @@ TURN = np.asarray([0.02] * 3 + [0.5] * 3 + [0.05] * 4)
 drone in any motion; wide, so that a window says of its own start what it can."""
 
 SHOWN = 3
-"""Windows in which what a fresh start was off may still show. With slow rotors or a large inertia
-the attitude rings: a third window that took the start for known had 8 times its noise."""
+"""Windows in which what a fresh start was off may still show: as long as a command that was unknown
+may (`DOUBT` of `segments`). With slow rotors the attitude rings."""
 
 
 def unit(x: np.ndarray) -> np.ndarray:

@@ -20,8 +20,7 @@ On purpose, as crazyflow does it:
 Effects attach to the pipeline: command and autopilot before ``attitude_controller`` (autopilot
 writes the controller's gains); plant and wrench before ``integration`` (plant writes
 ``data.params``, never the controller's parameters; wrench writes ``states.force`` and
-``states.torque``); state after the floor. Their memories live in
-``data.plugins``.
+``states.torque``); state after the floor. Their memories live in ``data.plugins``.
 """
 
 import contextlib
@@ -216,13 +215,8 @@ class Crazyflow(AbstractSimulator):
             ),
         )
 
-    def spun(
-        self,
-        state: CrazyflowState,
-        faster: Float[Array, "drones 4"],
-        chosen: Bool[Array, " drones"],
-    ) -> CrazyflowState:
-        speeds = jnp.where(chosen[:, None], state.rotor_vel * (1.0 + faster), state.rotor_vel)
+    def spun(self, state: Any, faster: Array, chosen: Array) -> CrazyflowState:
+        speeds = state.rotor_vel * (1.0 + jnp.where(chosen[:, None], faster, 0.0))
         return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
 
     def flight(self, state: CrazyflowState) -> Flight:
