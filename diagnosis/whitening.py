@@ -6,13 +6,15 @@ import itertools
 import numpy as np
 from jaxtyping import Bool, Float
 
+from diagnosis.segments import DOUBT, WINDOW
+
 TURN = np.asarray([0.02] * 3 + [0.5] * 3 + [0.05] * 4)
 """Errors of a fitted attitude [rad], of angular velocity [rad/s] and of rotor speeds [-] with a
 drone in any motion; wide, so that a window says of its own start what it can."""
 
-SHOWN = 3
+SHOWN = round(DOUBT / WINDOW)
 """Windows in which what a fresh start was off may still show: as long as a command that was unknown
-may (`DOUBT` of `segments`). With slow rotors the attitude rings."""
+may. With slow rotors the attitude rings."""
 
 
 def unit(x: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from diagnosis.outliers import beyond
 from diagnosis.reference import fit_reference
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
-from diagnosis.verdict import WORTHY, Floor, intervals, judge, limits, structure
+from diagnosis.verdict import DOUBTED, TRUE, WORTHY, Floor, intervals, judge, limits, structure
 from simulators.contract import with_effects
 from simulators.effects.attitude_gain import AttitudeGain
 from simulators.effects.contract import WrenchEffect
@@ -104,10 +104,14 @@ def test_a_withheld_effect_is_named_with_its_size(replay, effect, name):
 
 
 def test_two_withheld_effects_are_both_named(replay):
-    _, verdict = judged(replay, Wind(x=0.4), AttitudeGain(g=-0.15), seed=5)
+    problem, verdict = judged(replay, Wind(x=0.4), AttitudeGain(g=-0.15), seed=5)
     assert verdict.kind == "effect"
     assert verdict.chosen.effects == {"wind", "attitude_gain"}
     assert min(verdict.probability.values()) > 0.9
+    assert max(verdict.probability.values()) <= TRUE
+    doubted = judge(problem, problem.ranked(), Floor(0.5))  # beside it, noise alone is structure
+    assert doubted.chosen.effects == verdict.chosen.effects
+    assert 0.9 * DOUBTED < max(doubted.probability.values()) <= DOUBTED
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -27,6 +27,7 @@ from jax.flatten_util import ravel_pytree
 from simulators.contract import MissingDoorError, with_effects
 from simulators.effects import chain
 from simulators.effects.contract import DOORS
+from simulators.effects.delay import LONGEST, Delay
 
 PAIRS = [
     (s, e) for s, e in itertools.product(SIMULATORS, EFFECTS) if doors_of(SIMULATORS[s], EFFECTS[e])
@@ -53,7 +54,7 @@ INTERIOR = {
     "quadratic_drag": {"k": 0.6},
     "roll_pitch_gains": {"stiffness": 0.3, "damping": 0.4, "acceleration": -0.2, "roll": 0.1},
     "rotor_inertia": {"e": 0.4},
-    "gyro_compensation": {"share": 0.65},
+    "gyro_compensation": {"share": 0.65},  # half of what the inertia above needs
     "rotor_arm": {"e": 0.2},
     "rotor_torque": {"e": 0.6},
     "rotor_response": {"slowing": 1.5, "quadratic": 0.5},
@@ -285,3 +286,15 @@ def test_a_missing_door_names_the_simulators_that_have_it():
     message = "AttitudeLoop .* 'response', .* 'crazyflow' does not have.* have it: point_mass"
     with pytest.raises(MissingDoorError, match=message):
         attached(SIMULATORS["crazyflow"](), attitude_loop={})
+
+
+def test_a_delay_beyond_its_buffer_is_that_of_the_oldest_command():
+    simulator, told = SIMULATORS["point_mass"](), []
+    flight = simulator.flight(hovering(simulator, positions(1)))
+    for seconds in (LONGEST, 2.0 * LONGEST):
+        effect = Delay(seconds=seconds)
+        memory = effect.init(1, 0.01)
+        for cmd in random_cmds(0, 40, 1):
+            memory, late = effect.command(memory, flight, cmd, 0.01)
+        told.append(np.asarray(late))
+    np.testing.assert_allclose(*told, atol=1e-5)
