@@ -5,6 +5,7 @@ so that one compiled program serves every candidate set: a set is a choice of en
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Collection, Mapping
 
 import equinox as eqx
@@ -113,6 +114,16 @@ class Slot:
             return value + base - self.neutral
         one = 1.0 - self.neutral
         return (value + one) * (base + one) - one
+
+    def walked(self, value: float, by: float) -> float:
+        """`value` after a step: factors grow by factors, so that steps hold ratios between them.
+
+        How fast a drone turns goes by the arms of its rotors over its inertia, say.
+        """
+        one = 1.0 - self.neutral
+        if not self.factor or abs(by) > abs(value + one):
+            return value + by
+        return (value + one) * math.exp(by / (value + one)) - one
 
 
 class Library(eqx.Module):

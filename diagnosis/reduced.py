@@ -5,6 +5,7 @@ Gaussian precision S from the reference flights. It is eliminated from every sol
 so that only effects are searched for in the simulator.
 """
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -12,7 +13,7 @@ from jaxtyping import Float
 
 from diagnosis.equations import bounded_step, loosened, moved, scale_of, scaled
 from diagnosis.fit import Fit, Set
-from diagnosis.library import Library, Slot
+from diagnosis.library import FAMILIES, NEVER_BLAMED, Library, Slot
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.segments import WINDOW
 
@@ -34,17 +35,11 @@ class Equations:
     ) -> None:
         self.likelihood, self.phi = likelihood, 1.0
         self.library: Library = likelihood.replay.library
-        self.precision = None if precision is None else self._pinned(precision)
+        self.precision = None if precision is None else pinned(self.library, precision)
         self.base = self.library.neutral if base is None else base
         self.low, self.high = bounds(self.library.slots, self.base)
         self.spread = np.zeros(len(self.base)) if spread is None else spread
         self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
-
-    def _pinned(self, precision: Float[np.ndarray, "params params"]) -> np.ndarray:
-        """`precision` with which effects that may not be blamed do not shift either."""
-        pinned, withheld = precision.copy(), self.free(self.library.withheld)
-        pinned[withheld, withheld] *= FIRM
-        return pinned
 
     def free(self, effects: Iterable[str]) -> list[int]:
         """Entries of the vector that a set sets free."""
@@ -74,6 +69,14 @@ class Equations:
         shift = shared + ahead
         penalty = float(shift @ self.precision @ shift)
         return Fit(effects, vector, moved(normal, ahead), shared, ahead, penalty)
+
+    def as_flown(self, fit: Fit) -> Fit:
+        """`fit` without what first order promises of the shared shift."""
+        if self.precision is None:
+            return fit
+        back, penalty = -fit.ahead, float(fit.shared @ self.precision @ fit.shared)
+        normal, nothing = moved(fit.normal, back), np.zeros(len(back))
+        return dataclasses.replace(fit, normal=normal, ahead=nothing, penalty=penalty)
 
     def _ahead(self, H: np.ndarray, g: np.ndarray, vector: np.ndarray) -> np.ndarray:
         """Solution of H x = g that keeps `vector` + x within the bounds of all parameters."""
@@ -123,6 +126,37 @@ class Equations:
         H = fit.normal.H.sum(axis=0)
         return -np.linalg.solve(H + self.precision, H[:, free] @ step)
 
+    def joint_step(
+        self, fit: Fit, damping: float
+    ) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
+        """Beside a reference, the vector and the shared shift one step from `fit`, as flown.
+
+        Levenberg and Marquardt's step of the free parameters and of the shift at once: the
+        curvature of each is raised by a share `damping` of its own.
+        """
+        free, n = self.free(fit.effects), len(fit.vector)
+        H, g = fit.normal.H.sum(axis=0), fit.normal.g.sum(axis=0)
+        every = [*free, *range(n)]
+        joint, right = H[np.ix_(every, every)], g[every]
+        joint[np.diag_indices_from(joint)] *= 1.0 + damping
+        joint[-n:, -n:] += self.precision
+        right[-n:] -= self.precision @ fit.shared
+        bounds = zip(self._bounds(free), (self.low, self.high), strict=True)
+        low, high = (np.concatenate(ends) for ends in bounds)
+        step = bounded_step(joint, right, low - fit.vector[every], high - fit.vector[every])
+        shift = step[-n:].copy()
+        shared = self._walked(self.base + fit.shared, shift) - self.base
+        shift[free] += step[:-n]
+        return self._walked(fit.vector, shift), shared
+
+    def _walked(
+        self, vector: Float[np.ndarray, " params"], by: Float[np.ndarray, " params"]
+    ) -> Float[np.ndarray, " params"]:
+        """`vector` a step further (`Slot.walked`), and within the bounds that it was within."""
+        slots = self.library.slots
+        new = [slot.walked(x, step) for slot, x, step in zip(slots, vector, by, strict=True)]
+        return np.clip(new, np.minimum(self.low, vector), np.maximum(self.high, vector))
+
     def _inwards(
         self, vector: Float[np.ndarray, " params"], by: Float[np.ndarray, " params"]
     ) -> Float[np.ndarray, " params"]:
@@ -152,6 +186,21 @@ class Equations:
         pull = np.linalg.solve(known, np.column_stack([H[:, free], g - self.precision @ fit.shift]))
         return inner - H[free] @ pull[:, :-1], right - H[free] @ pull[:, -1]
 
+    def variance(
+        self, fit: Fit, free: list[int], following: Float[np.ndarray, " free"]
+    ) -> Float[np.ndarray, " free"]:
+        """Variance over `phi` of free parameters plus `following` times their shared shifts."""
+        own, _ = self.reduced(fit.normal, fit, free)
+        along, n = np.eye(len(free)), len(fit.vector)
+        if self.precision is None:
+            return np.diag(np.linalg.pinv(own))
+        H, shift = fit.normal.H.sum(axis=0), np.zeros((len(free), n))
+        shift[np.arange(len(free)), free] = following
+        pull = np.linalg.solve(H + self.precision, np.column_stack([H[:, free], shift.T]))
+        along = along - shift @ pull[:, : len(free)]
+        loose = np.sum(shift * pull[:, len(free) :].T, axis=1)
+        return np.einsum("ij,jk,ik->i", along, np.linalg.pinv(own), along) + loose
+
     def log_evidence(self, fit: Fit) -> float:
         """Laplace's log evidence [nats]; of parameters that cannot be flown minus infinity."""
         free = self.free(fit.effects)
@@ -167,6 +216,20 @@ class Equations:
         width = (self.library.high - self.library.low)[free]
         sizes = np.linalg.slogdet(H / self.phi + np.diag(2 * np.pi / width**2))[1]
         return float(np.sum(np.log(width / np.sqrt(2 * np.pi))) + 0.5 * sizes)
+
+
+def pinned(
+    library: Library, precision: Float[np.ndarray, "params params"]
+) -> Float[np.ndarray, "params params"]:
+    """`precision` with which neither excluded effects nor those that act like them shift.
+
+    Other effects that may not be blamed (`NEVER_BLAMED`) shift as far as the reference leaves open.
+    """
+    excluded = set(library.withheld) - set(NEVER_BLAMED)
+    alike = {name for name in NEVER_BLAMED if FAMILIES.get(name, frozenset()) & excluded}
+    firm, at = precision.copy(), [i for n in sorted(excluded | alike) for i in library.indices(n)]
+    firm[at, at] *= FIRM
+    return firm
 
 
 def bounds(

@@ -44,6 +44,8 @@ NEAR = 0.2
 says little, and from a wrong effect the search does not come back."""
 PARTS = (1.0, 0.5, 0.2, 0.05)
 """Parts of a Gauss-Newton step that are tried until one is better."""
+DAMPINGS = (0.0, 0.01, 0.1, 1.0)
+"""Shares of its own curvature by which a step of all parameters at once is damped, in turn."""
 STEPS = 8
 """Most Gauss-Newton steps of a refit."""
 FRONT = 3
@@ -90,17 +92,45 @@ class Problem(Equations):
 
     def polish(self, effects: Set) -> Fit:
         """The fit of a set with its whole shared shift flown, not taken to first order."""
-        fit, settled = self.fits[effects], self.precision is None
-        for _ in range(STEPS):
-            if settled:
+        fit, rounds = self.as_flown(self.fits[effects]), STEPS if self.precision is not None else 0
+        best = max(self.log_evidence(other) for other in self.fits.values())
+        for left in reversed(range(rounds)):
+            begun, fit = fit, self._jointly(fit)
+            if fit is begun:
                 break
-            flown = self.made(effects, fit.total, fit.shift)
-            if not np.isfinite(flown.normal.H).all():
-                break  # so far from its flights that first order says nothing
-            flown = self._descended(flown, self.free(effects))
-            settled = abs(flown.objective - fit.objective) < 0.05 * self.phi
-            fit = flown
+            fit = self.as_flown(self.made(effects, fit.vector, fit.shared))
+            if self._ends(fit, begun.objective - fit.objective, left, best - HOPELESS):
+                break
         self.fits[effects] = fit
+        return fit
+
+    def _ends(self, fit: Fit, gain: float, left: int, goal: float) -> bool:
+        """Whether a fit that gained so much is settled, or will not reach `goal` in `left` steps.
+
+        `goal` is a log evidence [nats].
+        """
+        return gain < 0.05 * self.phi or -0.5 * (fit.objective - left * gain) / self.phi < goal
+
+    def _jointly(self, fit: Fit) -> Fit:
+        """A fit that flies better, by steps of the shared shift and the free parameters at once.
+
+        Where flights hardly tell two of them apart (the arms of the rotors and the inertia, say),
+        first order promises much that is not there: steps are damped until they are better. What
+        is shared keeps the slopes that `fit` has, which take most of the time.
+        """
+        damping = iter(DAMPINGS)
+        damped = next(damping)
+        for _ in range(2 * STEPS if np.isfinite(fit.normal.H).all() else 0):
+            tried = self.as_flown(
+                self.made(fit.effects, *self.joint_step(fit, damped), whole=False)
+            )
+            gain = fit.objective - tried.objective
+            if gain > 0.0:
+                fit = tried
+            elif (damped := next(damping, None)) is None:
+                break
+            if 0.0 < gain < 0.05 * self.phi:
+                break
         return fit
 
     def refit(self, effects: Set, near: Fit) -> Fit:
@@ -200,8 +230,7 @@ class Problem(Equations):
             better = self._step(fit, free)
             gain = fit.objective - better.objective if better else 0.0
             fit = better or fit
-            within_reach = -0.5 * (fit.objective - left * gain) / self.phi
-            if gain < 0.05 * self.phi or within_reach < best - hopeless:
+            if self._ends(fit, gain, left, best - hopeless):
                 return fit
         return fit
 

@@ -248,14 +248,16 @@ def intervals(
     free = problem.free(fit.effects)
     if not free:
         return [], np.zeros(0), np.zeros(0)
-    H, _ = problem.reduced(fit.normal, fit, free)
     phi = problem.phi * max(1.0, structure(problem.library, fit.normal).value)
-    width = 1.96 * WIDER * np.sqrt(phi * np.diag(np.linalg.pinv(H)))
     # What the reference has, and what the shared shift moved, is no change: an effect is reported
-    # on top of it.
+    # on top of it, and a factor of what is known badly may be known well.
     base, slots = problem.base + fit.shift, problem.library.slots
     found = np.asarray([slots[i].beyond(fit.total[i], base[i]) for i in free])
-    value, width = found[:, 0], width * np.abs(found[:, 1])
+    value, slope = found[:, 0], np.abs(found[:, 1])
+    factor = np.asarray([slots[i].factor for i in free])
+    neutral = np.asarray([slots[i].neutral for i in free])
+    variance = problem.variance(fit, free, np.where(factor, neutral - value, 0.0))
+    width = 1.96 * WIDER * slope * np.sqrt(phi * variance)
     return free, value - width, value + width
 
 

@@ -36,6 +36,8 @@ class Vehicle(eqx.Module):
     """Offset of the centre of mass from the geometric centre, body frame [m]."""
     thrust_gain: Float[Array, ""]
     """Thrust that the rotors produce over the thrust they are believed to produce [-]."""
+    rotor_lag: Float[Array, ""]
+    """Nominal time constant of rotors that speed up, in hover [s]."""
     motor_lag_scale: Float[Array, ""]
     """Time constants of the rotors over their nominal time constants [-]."""
     slowing_scale: Float[Array, ""]
@@ -110,6 +112,8 @@ class VehicleSpec(eqx.Module):
     """Thrust of one rotor [N] as a polynomial of its speed in rev/min, constant term first."""
     arm: float = eqx.field(static=True)
     """Distance of each rotor from the roll and from the pitch axis [m]."""
+    rotor_lag: float = eqx.field(static=True)
+    """Time constant of rotors that speed up, in hover [s]."""
 
     def vehicle(self, drag: bool) -> Vehicle:
         """The nominal plant, with the airframe's linear drag or without any."""
@@ -120,6 +124,7 @@ class VehicleSpec(eqx.Module):
             believed_inertia=jnp.diag(jnp.asarray(self.inertia, float)),
             center_of_mass=jnp.zeros(3),
             thrust_gain=jnp.asarray(1.0),
+            rotor_lag=jnp.asarray(self.rotor_lag, float),
             motor_lag_scale=jnp.asarray(1.0),
             slowing_scale=jnp.asarray(1.0),
             quadratic_lag_scale=jnp.asarray(1.0),
@@ -142,6 +147,7 @@ VEHICLES = {
         thrust_max=0.8,
         rpm2thrust=(0.0, -3.133427287299859e-07, 4.407354891648379e-10),
         arm=0.035355,
+        rotor_lag=0.057065851968025084,
     ),
     "cf2x_L250": VehicleSpec(
         name="cf2x_L250",
@@ -152,6 +158,7 @@ VEHICLES = {
         thrust_max=0.48,
         rpm2thrust=(0.0, -5.382196214637237e-07, 2.4582929831265485e-10),
         arm=0.03253,
+        rotor_lag=0.1359504020990923,
     ),
 }
 """Airframes by the name of their crazyflow parameter set."""

@@ -1,6 +1,7 @@
-"""Gyro compensation: torque = share (w x J w), which an autopilot adds to keep w as it is.
+"""Gyro compensation: torque share (w x J w), which an autopilot asks for to keep w as it is.
 
 J is what the autopilot believes: a payload that changes the drone's does not change its torque.
+The rotors give it as late as they follow: m' = (w x J w - m) / tau, torque = share m.
 """
 
 from typing import ClassVar
@@ -14,11 +15,13 @@ from simulators.flight import Flight
 from simulators.rotation import rotate
 from simulators.vehicle import Vehicle
 
+Memory = tuple[Float[Array, "drones 3"], Float[Array, ""]]
+
 
 class GyroCompensation(WrenchEffect):
     """An autopilot that knows Euler's equation. Source: Lee, Leok and McClamroch (2010), eq. 16.
 
-    Without it, a drone that rolls while it yaws is pitched; the lag of the rotors is left out.
+    Without it, a drone that rolls while it yaws is pitched.
     """
 
     share: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
@@ -37,13 +40,18 @@ class GyroCompensation(WrenchEffect):
     door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 9
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
 
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
+    def init(self, n_drones: int, dt: float) -> Memory:
+        """Torque of the rotors [N m, body], and whether they turned yet: the first is not late."""
+        return jnp.zeros((n_drones, 3)), jnp.asarray(0.0)
 
     def wrench(
-        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
-    ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-        turning = jnp.cross(flight.ang_vel, flight.ang_vel @ vehicle.believed_inertia)
-        return None, jnp.zeros_like(flight.vel), rotate(flight.quat, self.share * turning)
+        self, memory: Memory, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[Memory, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
+        last, started = memory
+        asked = jnp.cross(flight.ang_vel, flight.ang_vel @ vehicle.believed_inertia)
+        tau = vehicle.rotor_lag * vehicle.motor_lag_scale
+        given = jnp.where(started > 0, asked + tau / (tau + dt) * (last - asked), asked)
+        torque = rotate(flight.quat, self.share * given)
+        return (given, jnp.ones_like(started)), jnp.zeros_like(flight.vel), torque

@@ -13,14 +13,16 @@ from diagnosis.equations import bounded_step
 from diagnosis.library import Slot, make_library
 from diagnosis.likelihood import NARROW, Likelihood
 from diagnosis.outliers import beyond
-from diagnosis.reduced import bounds
+from diagnosis.reduced import bounds, pinned
 from diagnosis.replay import TURNS, make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import WINDOW, cut
 from diagnosis.verdict import SLIGHT, Floor, Structure, intervals, judge, structure
 from diagnosis.whitening import shown
+from simulators.crazyflow import Crazyflow
 from simulators.effects.drag import Drag
 from simulators.effects.gust import Gust
+from simulators.effects.wind import Wind
 from simulators.point_mass import PointMass
 
 
@@ -271,3 +273,88 @@ def test_larger_sets_are_tried_from_the_polished_one_not_from_where_they_were(re
     problem._outgrow(fit)
     assert begun == [(both, None)]
     assert both in problem.fits
+
+
+def test_a_polished_set_is_worth_what_it_flies_with_its_shared_shift(replay):
+    """Drag that the reference did not quite tell beside a wind: the shift follows by flying."""
+    flights = point_mass_set(Drag(c=0.8), Wind(x=0.6), n_flights=3).flights
+    likelihood = make_likelihood(replay, flights, SIGMA)
+    library = replay.library
+    (drag,) = library.indices("drag")
+    precision = np.diag(np.full(len(library.slots), 1e9))
+    precision[drag, drag] = 1.0
+    problem = Problem(likelihood, library.neutral, precision)
+    wind = frozenset({"wind"})
+    problem.refit(wind, problem.nominal())
+    polished = problem.polish(wind)
+    assert not polished.ahead.any()
+    assert polished.total[drag] == pytest.approx(0.8, abs=0.05)
+    shared = polished.shared
+    flown = likelihood.normal(polished.vector).chi2 + float(shared @ precision @ shared)
+    assert polished.objective == pytest.approx(flown, rel=1e-6)
+    again = problem.polish(wind)
+    assert again.objective == pytest.approx(polished.objective, abs=0.1)
+
+
+def test_a_damped_step_is_shorter_and_an_undamped_one_solves_both(replay):
+    likelihood = make_likelihood(replay, point_mass_set(Drag(c=0.4), n_flights=2).flights, SIGMA)
+    library = replay.library
+    precision = np.diag(np.full(len(library.slots), 1e3))
+    problem = Problem(likelihood, library.neutral, precision)
+    drag = frozenset({"drag"})
+    fit, (at,) = problem.as_flown(problem.made(drag, library.neutral)), library.indices("drag")
+    vector, shared = problem.joint_step(fit, 0.0)
+    H, g = fit.normal.H.sum(axis=0), fit.normal.g.sum(axis=0)
+    assert abs((g - H @ (vector - library.neutral))[at]) < 1e-2 * abs(g[at])
+    size = np.sqrt(np.diag(H))
+
+    def length(vector, shared):
+        step = (vector - library.neutral - shared)[at]
+        return np.linalg.norm([size[at] * step, *(size * shared)])
+
+    assert length(*problem.joint_step(fit, 1.0)) < 0.9 * length(vector, shared)
+
+
+@pytest.mark.parametrize("neutral", [0.0, 1.0])
+def test_factors_walk_along_what_holds_their_ratio(neutral):
+    factor = Slot("inertia", "e", "-", neutral, -9.0, 9.0, True)
+    one = 1.0 - neutral
+    for value in (-0.4, 0.0, 1.2):
+        x = value + neutral
+        slope = (factor.walked(x, 1e-6) - x) / 1e-6
+        assert slope == pytest.approx(1.0, rel=1e-4)
+        assert factor.walked(x, 0.3 * (x + one)) + one == pytest.approx(np.exp(0.3) * (x + one))
+    assert factor.walked(neutral, -5.0) == neutral - 5.0  # too far for a factor
+    assert Slot("drag", "c", "1/s", 0.0, -1.0, 1.0).walked(0.2, 0.3) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("excluded", "shifts"), [((), True), (("battery",), True), (("inertia",), False)]
+)
+def test_what_only_references_show_shifts_unless_it_acts_like_what_is_excluded(excluded, shifts):
+    library = make_library(Crazyflow(), excluded, referenced=True)
+    firm = np.diag(pinned(library, np.eye(len(library.slots))))
+    (arm,) = library.indices("rotor_arm")
+    assert (firm[arm] == 1.0) == shifts
+    for name in excluded:
+        assert (firm[library.indices(name)] > 1.0).all()
+    assert (firm[library.indices("gyro_compensation")] == 1.0).all()
+
+
+def test_the_variance_of_a_factor_counts_with_what_the_reference_leaves_open(replay):
+    """Against the inverse of the joint curvature of free parameters and shared shift."""
+    likelihood = make_likelihood(replay, point_mass_set(Drag(c=0.4), n_flights=2).flights, SIGMA)
+    library, rng = replay.library, np.random.default_rng(0)
+    n = len(library.slots)
+    precision = np.diag(rng.uniform(10.0, 1e3, n))
+    problem = Problem(likelihood, library.neutral, precision)
+    both = frozenset({"drag", "wind"})
+    fit, free = problem.made(both, library.neutral), problem.free(both)
+    H = fit.normal.H.sum(axis=0)
+    joint = np.block([[H[np.ix_(free, free)], H[free]], [H[:, free], H + precision]])
+    following = rng.normal(size=len(free))
+    along = np.zeros((len(free), len(joint)))
+    along[np.arange(len(free)), np.arange(len(free))] = 1.0
+    along[np.arange(len(free)), len(free) + np.asarray(free)] = following
+    expected = np.diag(along @ np.linalg.pinv(joint, hermitian=True) @ along.T)
+    np.testing.assert_allclose(problem.variance(fit, free, following), expected, rtol=1e-5)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from flying import HOVER, SIMULATORS, SPEC, attached, fly, hold, hovering, positions
 
+from simulators.effects.gyro_compensation import GyroCompensation
 from simulators.rotation import quat_to_rpy
 
 LEVEL = hold([0.0, 0.0, 0.0, HOVER], 1)
@@ -99,6 +100,29 @@ def test_gyro_compensation_of_another_inertia_is_that_of_the_believed_one():
             rates[e, share] = np.asarray(made.step_cmd(state, LEVEL[0], 0.002).ang_vel[0])
     alone, doubled = (rates[e, 1.0] - rates[e, 0.0] for e in (0.0, 1.0))
     np.testing.assert_allclose(doubled, 0.5 * alone, rtol=0.02, atol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_gyro_compensation_comes_as_late_as_the_rotors_follow(scale):
+    """After a turn that begins at once, m / J w x w = 1 - exp(-t / tau) to first order in dt."""
+    vehicle = eqx.tree_at(
+        lambda v: v.motor_lag_scale, SPEC.vehicle(drag=True), jnp.asarray(scale, float)
+    )
+    effect, dt = GyroCompensation(share=1.0), 0.001
+    state = hovering(SIMULATORS["crazyflow"](), positions(1))
+    still = SIMULATORS["crazyflow"]().flight(state)
+    turning = eqx.tree_at(lambda f: f.ang_vel, still, jnp.asarray([[3.0, -2.0, 4.0]]))
+    memory, _, torque = effect.wrench(effect.init(1, dt), turning, vehicle, dt)
+    whole = np.asarray(torque)
+    assert np.abs(whole).max() > 0.0
+    memory, *_ = effect.wrench(effect.init(1, dt), still, vehicle, dt)
+    found = []
+    for _ in range(200):
+        memory, _, torque = effect.wrench(memory, turning, vehicle, dt)
+        found.append(np.asarray(torque)[0] / whole[0])
+    t = dt * np.arange(1, 201)
+    expected = 1.0 - np.exp(-t / (scale * SPEC.rotor_lag))
+    np.testing.assert_allclose(found, np.repeat(expected[:, None], 3, axis=1), atol=0.01)
 
 
 def test_only_the_chosen_drones_rotors_are_faster():

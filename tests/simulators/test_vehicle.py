@@ -31,6 +31,16 @@ def test_the_plant_is_crazyflows_first_principles_model(name):
 
 
 @every_vehicle
+def test_the_rotors_lag_is_crazyflows_in_hover(name):
+    spec, ours = parameters("dynamics/first_principles/params.toml")[name], VEHICLES[name]
+    c, b, a = spec["rpm2thrust"]
+    each = GRAVITY * spec["mass"] / 4.0
+    hover = (-b + np.sqrt(b**2 - 4.0 * a * (c - each))) / (2.0 * a)
+    linear, quadratic, *_ = spec["rotor_dyn_coef"]
+    assert ours.rotor_lag == pytest.approx(1.0 / (linear + 2.0 * quadratic * hover), rel=1e-6)
+
+
+@every_vehicle
 def test_the_thrust_range_is_that_of_the_attitude_controller(name):
     core, ours = parameters("control/mellinger/params.toml")[name]["core"], VEHICLES[name]
     idle = core["pwm_min"] / core["pwm_max"]
