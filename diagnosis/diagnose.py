@@ -19,7 +19,7 @@ from diagnosis.logs import FlightLog, FlightSet, LogError
 from diagnosis.noise import UNSEEN, estimate_noise
 from diagnosis.outliers import beyond, upsets
 from diagnosis.programs import remembered
-from diagnosis.reference import Reference, fit_reference
+from diagnosis.reference import Reference, beside, fit_reference
 from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut, uncounted
@@ -301,8 +301,7 @@ def attribute(
 
     What was left out is settled once more where an upset shows only at the fit without others.
     """
-    known = (base.vector, base.precision, base.spread) if base else ()
-    problem = Problem(likelihood, *known)
+    problem = beside(likelihood, base)
     floor = base.phi if base else 1.0
     progress("screening all effects", 0.1)
     likelihood.settle(problem.base)

@@ -13,14 +13,12 @@ from jaxtyping import Float
 
 from diagnosis.equations import bounded_step, loosened, moved, scale_of, scaled
 from diagnosis.fit import Fit, Set
-from diagnosis.library import FAMILIES, NEVER_BLAMED, Library, Slot
+from diagnosis.library import Library, Slot
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.segments import WINDOW
 
 QUIET = 3
 """Windows before the earliest onset: a gust that blows from the start is a wind."""
-FIRM = 1e6
-"""Precision of an effect that may not shift over what the reference says of it."""
 
 
 class Equations:
@@ -35,7 +33,7 @@ class Equations:
     ) -> None:
         self.likelihood, self.phi = likelihood, 1.0
         self.library: Library = likelihood.replay.library
-        self.precision = None if precision is None else pinned(self.library, precision)
+        self.precision = precision
         self.base = self.library.neutral if base is None else base
         self.low, self.high = bounds(self.library.slots, self.base)
         self.spread = np.zeros(len(self.base)) if spread is None else spread
@@ -216,20 +214,6 @@ class Equations:
         width = (self.library.high - self.library.low)[free]
         sizes = np.linalg.slogdet(H / self.phi + np.diag(2 * np.pi / width**2))[1]
         return float(np.sum(np.log(width / np.sqrt(2 * np.pi))) + 0.5 * sizes)
-
-
-def pinned(
-    library: Library, precision: Float[np.ndarray, "params params"]
-) -> Float[np.ndarray, "params params"]:
-    """`precision` with which neither excluded effects nor those that act like them shift.
-
-    Other effects that may not be blamed (`NEVER_BLAMED`) shift as far as the reference leaves open.
-    """
-    excluded = set(library.withheld) - set(NEVER_BLAMED)
-    alike = {name for name in NEVER_BLAMED if FAMILIES.get(name, frozenset()) & excluded}
-    firm, at = precision.copy(), [i for n in sorted(excluded | alike) for i in library.indices(n)]
-    firm[at, at] *= FIRM
-    return firm
 
 
 def bounds(

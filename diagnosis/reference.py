@@ -16,10 +16,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from diagnosis.equations import bounded_step, dispersion, loosened, spread_between
-from diagnosis.library import NEVER_BLAMED, Library
-from diagnosis.likelihood import Likelihood, Normal
+from diagnosis.equations import dispersion, loosened, spread_between
+from diagnosis.fit import Set
+from diagnosis.library import FAMILIES, NEVER_BLAMED, Library
+from diagnosis.likelihood import Likelihood
 from diagnosis.outliers import beyond
+from diagnosis.search import Problem
 from diagnosis.verdict import Floor, floor_of
 
 UNSHARED = ("gust", "attitude_loop", "mass")
@@ -33,8 +35,11 @@ neutral moves others away from it. With 0.1, a share of 1 that RotorPy has was f
 UNSEEN = 1e12
 """Times as precise as the prior is what is not fitted to the reference, or is not seen in it, such
 as the downwash among drones that flew alone: what later flights show of it is a change."""
+
 STEPS = 25
-"""Most Gauss-Newton steps."""
+"""Most steps of its fit."""
+FIRM = 1e6
+"""Precision of an effect that may not shift over what the reference says of it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,6 +116,28 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread)
 
 
+def beside(likelihood: Likelihood, base: Reference | None) -> Problem:
+    """What flights may show beyond their reference, or, without one, beyond the simulator."""
+    if base is None:
+        return Problem(likelihood)
+    precision = pinned(likelihood.replay.library, base.precision)
+    return Problem(likelihood, base.vector, precision, base.spread)
+
+
+def pinned(
+    library: Library, precision: Float[np.ndarray, "params params"]
+) -> Float[np.ndarray, "params params"]:
+    """`precision` with which neither excluded effects nor those that act like them shift.
+
+    Other effects that may not be blamed (`NEVER_BLAMED`) shift as far as the reference leaves open.
+    """
+    excluded = set(library.withheld) - set(NEVER_BLAMED)
+    alike = {name for name in NEVER_BLAMED if FAMILIES.get(name, frozenset()) & excluded}
+    firm, at = precision.copy(), [i for n in sorted(excluded | alike) for i in library.indices(n)]
+    firm[at, at] *= FIRM
+    return firm
+
+
 def _effects(library: Library) -> list[str]:
     return [slot.effect for slot in library.slots]
 
@@ -128,27 +155,11 @@ def _prior(
 def _descended(
     likelihood: Likelihood, library: Library, start: Float[np.ndarray, " params"] | None = None
 ) -> Float[np.ndarray, " params"]:
-    neutral, prior = library.neutral, _prior(library)
-    vector = neutral.copy() if start is None else start
-
-    def objective(normal: Normal) -> float:
-        return normal.chi2 + float(prior @ (normal.vector - neutral) ** 2)
-
-    normal = likelihood.normal(vector)
-    for _ in range(STEPS):
-        off = vector - neutral
-        H = normal.H.sum(axis=0) + np.diag(prior)
-        pull = normal.g.sum(axis=0) - prior * off
-        step = bounded_step(H, pull, library.low - vector, library.high - vector)
-        for part in (1.0, 0.4, 0.1):
-            new = vector + part * step
-            tried = likelihood.normal(new)
-            if objective(tried) < objective(normal):
-                break
-        else:
-            return vector
-        gain = objective(normal) - objective(tried)
-        vector, normal = new, tried
-        if gain < 0.1:
-            break
-    return vector
+    """The whole library fitted from `start`, as a shift of its neutral vector."""
+    problem, nothing = Problem(likelihood, library.neutral, np.diag(_prior(library))), Set()
+    vector = library.neutral if start is None else start
+    fit = problem.made(nothing, vector, vector - library.neutral)
+    problem.fits[nothing] = fit
+    # Gains count in units of the misfit, by which the noise is enlarged in the end.
+    problem.phi = max(1.0, fit.normal.chi2 / float(fit.normal.dof.sum()))
+    return problem.polish(nothing, STEPS).vector

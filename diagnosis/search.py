@@ -90,16 +90,16 @@ class Problem(Equations):
             self.fits[Set()] = self.made(Set(), self.base)
         return self.fits[Set()]
 
-    def polish(self, effects: Set) -> Fit:
+    def polish(self, effects: Set, steps: int = 2 * STEPS) -> Fit:
         """The fit of a set with its whole shared shift flown, not taken to first order."""
-        fit, rounds = self.as_flown(self.fits[effects]), STEPS if self.precision is not None else 0
-        best = max(self.log_evidence(other) for other in self.fits.values())
-        for left in reversed(range(rounds)):
-            begun, fit = fit, self._jointly(fit)
-            if fit is begun:
-                break
-            fit = self.as_flown(self.made(effects, fit.vector, fit.shared))
-            if self._ends(fit, begun.objective - fit.objective, left, best - HOPELESS):
+        fit, goal = (
+            self.as_flown(self.fits[effects]),
+            self.log_evidence(self.ranked()[0]) - HOPELESS,
+        )
+        for left in reversed(range(steps if self.precision is not None else 0)):
+            further = self._jointly(fit)
+            gain, fit = fit.objective - further.objective, further
+            if self._ends(fit, gain, left, goal):
                 break
         self.fits[effects] = fit
         return fit
@@ -112,25 +112,16 @@ class Problem(Equations):
         return gain < 0.05 * self.phi or -0.5 * (fit.objective - left * gain) / self.phi < goal
 
     def _jointly(self, fit: Fit) -> Fit:
-        """A fit that flies better, by steps of the shared shift and the free parameters at once.
+        """A fit that flies better, by a step of the shared shift and the free parameters at once.
 
         Where flights hardly tell two of them apart (the arms of the rotors and the inertia, say),
-        first order promises much that is not there: steps are damped until they are better. What
-        is shared keeps the slopes that `fit` has, which take most of the time.
+        first order promises much that is not there: the step is damped until it is better.
         """
-        damping = iter(DAMPINGS)
-        damped = next(damping)
-        for _ in range(2 * STEPS if np.isfinite(fit.normal.H).all() else 0):
-            tried = self.as_flown(
-                self.made(fit.effects, *self.joint_step(fit, damped), whole=False)
-            )
-            gain = fit.objective - tried.objective
-            if gain > 0.0:
-                fit = tried
-            elif (damped := next(damping, None)) is None:
-                break
-            if 0.0 < gain < 0.05 * self.phi:
-                break
+        for damping in DAMPINGS if np.isfinite(fit.normal.H).all() else ():
+            at = self.joint_step(fit, damping)
+            tried = self.made(fit.effects, *at, whole=False)
+            if self.as_flown(tried).objective < fit.objective:
+                return self.as_flown(self.made(fit.effects, *at))
         return fit
 
     def refit(self, effects: Set, near: Fit) -> Fit:

@@ -42,7 +42,7 @@ from diagnosis.likelihood import Likelihood
 from diagnosis.logs import FlightSet, load_flights
 from diagnosis.noise import estimate_noise
 from diagnosis.outliers import beyond
-from diagnosis.reference import Reference, fit_reference
+from diagnosis.reference import Reference, beside, fit_reference
 from diagnosis.replay import Replay, make_replay
 from diagnosis.search import Problem
 
@@ -76,10 +76,8 @@ class Workbench:
         noise = Noise().scaled(case.noise)
         sigma = np.repeat([noise.pos, noise.vel, noise.attitude], 3)
         likelihood = make_likelihood(self.replay(flights), flights.flights, sigma)
-        if not self.with_reference:
-            return Problem(likelihood)
-        base = self._reference(likelihood, _several(flights))
-        return Problem(likelihood, base.vector, base.precision, base.spread)
+        base = self._reference(likelihood, _several(flights)) if self.with_reference else None
+        return beside(likelihood, base)
 
     def _reference(self, likelihood: Likelihood, several: bool) -> Reference:
         if several not in self._twin:
@@ -106,7 +104,7 @@ class Workbench:
         reference = load_flights(self.runs / "reference").flights
         base = reference_of(replay, reference)
         likelihood = make_likelihood(replay, flights.flights, base.enlarged * sigma)
-        return Problem(likelihood, base.vector, base.precision, base.spread), n
+        return beside(likelihood, base), n
 
 
 def without_noise(case: Case) -> FlightSet:

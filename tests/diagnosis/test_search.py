@@ -13,7 +13,8 @@ from diagnosis.equations import bounded_step
 from diagnosis.library import Slot, make_library
 from diagnosis.likelihood import NARROW, Likelihood
 from diagnosis.outliers import beyond
-from diagnosis.reduced import bounds, pinned
+from diagnosis.reduced import bounds
+from diagnosis.reference import pinned
 from diagnosis.replay import TURNS, make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import WINDOW, cut
