@@ -23,9 +23,11 @@ import rfc8785
 from bench import settings
 from bench.errors import UsageError
 from bench.pages import file_name
+from bench.realities import parse_reality, written
 from bench.sources import own_source, shared_sources
 from bench.suite import Row, Suite
 from simulators import registry
+from simulators.contract import AbstractSimulator
 
 NOMINAL = "point_mass"
 """Name of the low-fidelity simulator."""
@@ -68,6 +70,12 @@ class Run:
     tells."""
     cost: float
     """Rough training time, in units of an LF run per drone; orders the work."""
+    reality: str = REALITY
+    """Where it is deployed, as text; if it trains, it trains for that."""
+    deploys: str = ""
+    """Method of the one parent whose policy it deploys, and trains nothing; empty if it trains."""
+    tracked: bool = False
+    """Whether a PD controller flies that policy's paths."""
 
     @functools.cached_property
     def key(self) -> str:
@@ -178,19 +186,25 @@ def _recipe(
         circle = " -> ".join((*children[children.index(row.method) :], row.method))
         raise PlanError(f"These methods need each other as parents: {circle}.")
     texts = (json.dumps(s, sort_keys=True, default=repr) for s in (row.settings, row.task_settings))
-    index = (row.method, row.residual, *texts, task, team_size)
+    index = (row.method, row.residual, *texts, row.world, row.deploys, row.tracked, task, team_size)
     if index not in recipes:
         method_class = registry.load("method", row.method)
-        parents = {
-            parent: _recipe(
-                recipes,
-                Row(parent, task_settings=row.task_settings),
-                task,
-                team_size,
-                (*children, row.method),
-            )
-            for parent in method_class.parents
-        }
+        trained = dataclasses.replace(row, deployed_in="", tracked=False)
+        own = _recipe(recipes, trained, task, team_size, children) if row.deploys else None
+        parents = (
+            {row.method: own}
+            if own
+            else {
+                parent: _recipe(
+                    recipes,
+                    Row(parent, task_settings=row.task_settings),
+                    task,
+                    team_size,
+                    (*children, row.method),
+                )
+                for parent in method_class.parents
+            }
+        )
         recipes[index] = _make_recipe(row, method_class, task, team_size, parents)
     return recipes[index]
 
@@ -210,6 +224,8 @@ def _make_recipe(
     plugins = {"method": row.method, "task": task} | ({"residual": residual} if residual else {})
     found = {f"{kind} {name}": registry.load(kind, name) for kind, name in plugins.items()}
     found |= {f"simulator {name}": registry.load("simulator", name) for name in (NOMINAL, REALITY)}
+    reality = _reality(row)
+    found |= {f"effect {type(effect).__name__}": type(effect) for effect in reality.effects}
     resolved = {
         "method": row.method,
         "residual": residual,
@@ -224,18 +240,38 @@ def _make_recipe(
         },
         "numerics": _numerics(),
     }
+    elsewhere = {"deployed_in" if row.deploys else "reality": written(reality)}
+    flying = (elsewhere if reality.effects else {}) | ({"tracked": True} if row.tracked else {})
+    resolved |= flying | ({"deploys": True} if row.deploys else {})
     given = {
         "method": row.method,
         "residual": residual,
-        "variant": settings.variant((method, default_method), (flown, default_task)),
+        "variant": settings.variant((method, default_method), (flown, default_task), (flying, {})),
         "task": task,
         "team_size": team_size,
         "overrides": row.settings,
         "task_overrides": row.task_settings,
         "sources": _sources(found),
-        "cost": _cost(method_class, team_size),
+        "cost": 0.5 if row.deploys else _cost(method_class, team_size),
+        "reality": row.world or REALITY,
+        "deploys": row.method if row.deploys else "",
+        "tracked": row.tracked,
     }
     return _Recipe(resolved, given, parents)
+
+
+def _reality(row: Row) -> AbstractSimulator:
+    """Where a row is deployed.
+
+    Raises:
+        PlanError: It is not the high-fidelity simulator.
+        UsageError: It is not understood.
+    """
+    where = f"Method '{row.method}', `{'deployed_in' if row.deploys else 'reality'}`"
+    reality = parse_reality(row.world or REALITY, where)
+    if reality.name != REALITY:
+        raise PlanError(f"{where}: policies are deployed in {REALITY}, got '{reality.name}'.")
+    return reality
 
 
 def _describe(

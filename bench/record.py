@@ -7,6 +7,7 @@ import json
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -14,10 +15,11 @@ import numpy as np
 import pandas as pd
 
 from bench.plan import REALITY, Run, packages
+from bench.realities import parse_reality
 from bench.settings import describe_fields
 from bench.tables import table
 from methods.contract import Trained
-from methods.policy import Policy
+from simulators.effects.chain import canonical
 
 FILES = ("metrics.json", "curves.parquet", "trajectory.parquet", "policy.npz")
 """What the folder of a trained run holds beside run.json."""
@@ -25,6 +27,9 @@ FILES = ("metrics.json", "curves.parquet", "trajectory.parquet", "policy.npz")
 
 class UnreadableRunError(ValueError):
     """A run's folder that is damaged or is not what its name says."""
+
+
+T = TypeVar("T", bound=eqx.Module)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +84,7 @@ def describe_run(run: Run, outcome: Outcome, files: Mapping[str, bytes]) -> dict
         "cause": outcome.cause,
         "interrupted": outcome.interrupted,
         "deployed_in": REALITY,
+        "deployed_effects": canonical(parse_reality(run.reality).effects),
         "parents": dict(run.parents),
         "resolved": run.resolved,
         "sources": dict(run.sources),
@@ -106,8 +112,12 @@ def _arrays(tree: eqx.Module) -> bytes:
     return file.getvalue()
 
 
-def load_arrays(path: Path, template: Policy) -> Policy:
-    """`template` with the arrays of a file."""
+def load_arrays(path: Path, template: T) -> T:
+    """`template` with the arrays of a file.
+
+    Raises:
+        UnreadableRunError: The file is damaged, or holds arrays of other shapes.
+    """
     arrays, rest = eqx.partition(template, eqx.is_array)
     leaves, structure = jax.tree.flatten(arrays)
     try:
@@ -117,7 +127,7 @@ def load_arrays(path: Path, template: Policy) -> Policy:
         raise UnreadableRunError(f"{path.name} of {path.parent.name}: {error}") from error
     if [leaf.shape for leaf in found] != [leaf.shape for leaf in leaves]:
         raise UnreadableRunError(
-            f"{path.name} of {path.parent.name} is not the shared policy of its task: it has "
+            f"{path.name} of {path.parent.name} is not of the kind that its run names: it has "
             f"arrays {[leaf.shape for leaf in found]}, not {[leaf.shape for leaf in leaves]}."
         )
     loaded = [jax.numpy.asarray(new, old.dtype) for new, old in zip(found, leaves, strict=True)]

@@ -44,6 +44,8 @@ from bench.record import (
 from bench.tables import IDENTITY, STATUSES, Tables, results_rows, runs_row, stack, table
 from methods.contract import Ledger, Trained
 from methods.policy import Policy
+from methods.residuals.contract import blank
+from simulators import registry
 
 LONGEST_CLAIM = 600.0
 """Time for which a run that another process is at is waited for [s]."""
@@ -261,17 +263,22 @@ class Store:
         )
 
     def trained(self, name: str, template: Policy) -> Trained:
-        """What a run trained, its policy in the structure of `template`; without the residual.
+        """What a run trained, its policy in the structure of `template`.
 
         Raises:
             UnreadableRunError: The run is damaged, has failed, or has another kind of policy.
+            UnknownPluginError: The class of its residual is not installed.
         """
         content = self.read(name)
         if content["status"] == "failed":
             raise UnreadableRunError(f"{name} failed: {content['cause']}")
         curves = self.frame(name, "curves").drop(columns=["run", "epoch"])
+        residual, file = None, self.runs / name / "residual.npz"
+        if file.name in content["files"] and content["residual"]:
+            residual = load_arrays(file, blank(registry.load("residual", content["residual"])()))
         return Trained(
             policy=load_arrays(self.runs / name / "policy.npz", template),
+            residual=residual,
             ledger=Ledger(**content["ledger"]),
             curves={column: curves[column].to_numpy() for column in curves},
             status=content["status"],

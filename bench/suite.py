@@ -12,9 +12,15 @@
     residual = "mlp"                   # for methods that take one
     settings.trainer.epochs = 200      # fields of the method
     task_settings.observe_attitude = true
+    reality = "crazyflow+mass(e=0.2)"  # what it is trained for and deployed in
     tasks = ["circle"]                 # this row only on these
     team_sizes = [12]
     seeds = 1
+
+    [[methods]]
+    method = "lf_baseline"
+    deployed_in = "crazyflow+wind(x=1.5)"  # as it is: this row trains nothing
+    tracked = true                     # a PD controller flies the paths of that policy
 
 An unknown key is an error. Plug-in names are checked without importing any plug-in.
 """
@@ -52,12 +58,30 @@ class Row:
     """Fields of the method to override."""
     task_settings: Mapping[str, Setting] = dataclasses.field(default_factory=dict)
     """Fields of the task to override."""
+    reality: str = ""
+    """High-fidelity simulator with effects for which it is trained and in which it is deployed;
+    empty: without any. Its parents know the one without."""
+    deployed_in: str = ""
+    """The same for a row that trains nothing: what it would train without this key is deployed."""
+    tracked: bool = False
+    """Whether a PD controller flies what that policy flies in the nominal simulator, instead of the
+    policy; such a row trains nothing either."""
     tasks: tuple[str, ...] | None = None
     """Tasks to which the row is restricted; None: all of the suite."""
     team_sizes: tuple[int, ...] | None = None
     """Team sizes to which the row is restricted; None: all of the suite."""
     seeds: int | None = None
     """Number of seeds to which the row is restricted; None: all of the suite."""
+
+    @property
+    def deploys(self) -> bool:
+        """Whether it trains nothing and deploys what the row would train otherwise."""
+        return bool(self.deployed_in) or self.tracked
+
+    @property
+    def world(self) -> str:
+        """Where it is deployed; empty: in the high-fidelity simulator without effects."""
+        return self.reality or self.deployed_in
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,6 +123,11 @@ class Suite:
             if row.residual:
                 _check("residual", row.residual)
             _check_names(row.tasks or (), row.team_sizes or ())
+            if row.reality and row.deploys:
+                raise SuiteError(
+                    f"{where}: a row has either `reality`, for which it is trained, or "
+                    "`deployed_in` and `tracked`, which train nothing."
+                )
             if row.seeds is not None and row.seeds < 1:
                 raise SuiteError(f"{where}: `seeds` of a row must be at least 1, got {row.seeds}.")
 
@@ -192,6 +221,9 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
                 residual=_typed(place, row, "residual", str, ""),
                 settings=_typed(place, row, "settings", dict, {}),
                 task_settings=_typed(place, row, "task_settings", dict, {}),
+                reality=_typed(place, row, "reality", str, ""),
+                deployed_in=_typed(place, row, "deployed_in", str, ""),
+                tracked=_flag(place, row, "tracked"),
                 tasks=_list(place, row, "tasks", str) if "tasks" in row else None,
                 team_sizes=_list(place, row, "team_sizes", int) if "team_sizes" in row else None,
                 seeds=_typed(place, row, "seeds", int) if "seeds" in row else None,
@@ -230,6 +262,13 @@ def _typed(
     if not isinstance(value, kind) or isinstance(value, bool):
         words = {str: "text", int: "a whole number", dict: "a table", list: "a list"}[kind]
         raise SuiteError(f"{where}: `{key}` must be {words}, got {value!r}.")
+    return value
+
+
+def _flag(where: str, table: Mapping[str, Setting], key: str) -> bool:
+    value = table.get(key, False)
+    if not isinstance(value, bool):
+        raise SuiteError(f"{where}: `{key}` must be true or false, got {value!r}.")
     return value
 
 

@@ -183,7 +183,7 @@ def results_rows(content: Mapping, metrics: Mapping[str, float]) -> list[dict]:
     shared |= {
         "simulator": content["deployed_in"],
         "trained_effects": "",
-        "deployed_effects": "",
+        "deployed_effects": content.get("deployed_effects", ""),
         "calibration_flights": content["ledger"]["calibration_flights"],
     }
     return [

@@ -1,8 +1,10 @@
 """Trains and evaluates runs; this is what a worker process does, on whatever machine.
 
 Every policy is deployed twice with the initial states of its seed: in the high-fidelity simulator
-(the row of the leaderboard) and in the nominal point mass, which tells how much of a return was
-lost between the two. A child's ledger holds its own costs only: those of its parents are theirs.
+(the row of the leaderboard), with the effects that the run's row asks for, and in the nominal point
+mass, which tells how much of a return was lost between the two. A run that trains nothing has the
+ledger of its parent, whose policy it deploys. A child's ledger holds its own costs only: those of
+its parents are theirs.
 For the built-in methods no high-fidelity flight is hidden by this, because their one parent, the LF
 baseline, flies none.
 """
@@ -22,7 +24,8 @@ import numpy as np
 import pandas as pd
 
 from bench.executor import Report, one_line
-from bench.plan import NOMINAL, REALITY, Run
+from bench.plan import NOMINAL, Run
+from bench.realities import parse_reality
 from bench.record import Outcome
 from bench.settings import build
 from bench.store import Store
@@ -31,6 +34,7 @@ from methods.checkpoint import kept_by
 from methods.contract import Progress, Setup, Trained
 from methods.evaluate import Evaluation, evaluate
 from methods.policy import PolicyController, make_policy
+from methods.reference_paths import Followers
 from methods.together import Team
 from simulators import registry
 
@@ -125,21 +129,21 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
     task = build(
         registry.load("task", run.task), run.task_overrides, run.task, n_drones=run.team_size
     )
-    given = {"residual": run.residual} if run.residual else {}
-    method = build(registry.load("method", run.method), run.overrides, run.method, **given)
     nominal = registry.load("simulator", NOMINAL)()
-    reality = registry.load("simulator", REALITY)()
+    reality = parse_reality(run.reality)
     template = make_policy(task, nominal.spec, nominal.action_space, jax.random.key(0))
     parents = {name: store.trained(parent, template) for name, parent in run.parents.items()}
     setup = Setup(task, nominal, reality, parents, progress)
     with kept_by(store.checkpoints(run)):
-        trained = method.train(setup, jax.random.fold_in(jax.random.key(run.seed), 0))
+        trained = parents[run.deploys] if run.deploys else _trained(run, setup)
     if not isinstance(trained, Trained):
         raise TypeError(f"`train` of '{run.method}' must return a Trained, got {trained!r:.80}.")
     if trained.status not in STATUSES or trained.status == "failed":
         raise ValueError(f"'{run.method}' returned the status '{trained.status}'; raise to fail.")
     progress("evaluation", 0, 2, float("nan"))
     controller = PolicyController(task, trained.policy)
+    if run.tracked:
+        controller = Followers(task, nominal, controller)
     deployed = evaluate(task, reality, controller, run.seed)
     progress("evaluation", 1, 2, deployed.reward)
     in_nominal = evaluate(task, nominal, controller, run.seed)
@@ -150,6 +154,12 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
         curves=_curves(run, trained),
         trajectory=_trajectory(run, deployed),
     )
+
+
+def _trained(run: Run, setup: Setup) -> Trained:
+    given = {"residual": run.residual} if run.residual else {}
+    method = build(registry.load("method", run.method), run.overrides, run.method, **given)
+    return method.train(setup, jax.random.fold_in(jax.random.key(run.seed), 0))
 
 
 def metrics(trained: Trained, deployed: Evaluation, in_nominal: Evaluation) -> dict[str, float]:

@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from methods.policy import Policy, PolicyController
+from methods.reference_paths import Reference, team_reference
 from methods.residual_effect import features
 from methods.residuals.contract import Transitions
 from simulators.contract import AbstractSimulator
@@ -36,7 +37,6 @@ from simulators.tracking import PDTracker
 from simulators.vehicle import CONTROL_DT
 from tasks.contact import in_contact, onsets
 from tasks.contract import AbstractTask
-from tasks.rollout import record
 
 Attitude = Literal["filtered", "measured"]
 
@@ -50,17 +50,6 @@ _BATCH = 64
 def pool_size(n_drones: int) -> int:
     """Flights in the calibration pool of a team; paper, Sec. V-A."""
     return 60 * (n_drones + 1)
-
-
-class Reference(eqx.Module):
-    """A trajectory to track, world frame, `CONTROL_DT` apart."""
-
-    pos: Float[Array, "time 3"]
-    """Position [m]."""
-    vel: Float[Array, "time 3"]
-    """Velocity [m/s]."""
-    acc: Float[Array, "time 3"]
-    """Acceleration until the next entry [m/s^2]."""
 
 
 class TrackingFlight(eqx.Module):
@@ -178,11 +167,8 @@ def make_reference(
     role: Array,
 ) -> Reference:
     """The path of one role in a low-fidelity episode, from the spawn to the last step but one."""
-    flown = record(task, nominal, PolicyController(task, policy), key)
-    spawn, _ = task.reset(jax.random.split(key)[0])
-    pos = jnp.concatenate([spawn[None], flown.flight.pos])[:, role]
-    vel = jnp.concatenate([jnp.zeros_like(spawn)[None], flown.flight.vel])[:, role]
-    return Reference(pos=pos[:-1], vel=vel[:-1], acc=jnp.diff(vel, axis=0) / CONTROL_DT)
+    team = team_reference(task, nominal, PolicyController(task, policy), key)
+    return jax.tree.map(lambda x: x[:, role], team)
 
 
 def track(

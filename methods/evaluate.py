@@ -5,13 +5,13 @@ import dataclasses
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from simulators.contract import AbstractSimulator
 from simulators.vehicle import CONTROL_DT
 from tasks.contact import onsets
 from tasks.contract import AbstractTask
-from tasks.rollout import Controller, Record, record
+from tasks.rollout import AbstractEpisodeController, Controller, Record, record
 
 EPISODES = 32
 """Episodes with independent initial states; paper, Sec. V."""
@@ -48,7 +48,7 @@ def evaluation_keys(seed: int, n_episodes: int = EPISODES) -> Key[Array, " episo
 def evaluate(
     task: AbstractTask,
     simulator: AbstractSimulator,
-    controller: Controller,
+    controller: Controller | AbstractEpisodeController,
     seed: int,
     n_episodes: int = EPISODES,
 ) -> Evaluation:
@@ -72,8 +72,14 @@ def evaluate(
 def fly(
     task: AbstractTask,
     simulator: AbstractSimulator,
-    controller: Controller,
+    controller: Controller | AbstractEpisodeController,
     keys: Key[Array, " episodes"],
 ) -> Record:
     """Records of one episode a key, with a leading episode axis."""
-    return jax.vmap(lambda key: record(task, simulator, controller, key))(keys)
+
+    def one(key: PRNGKeyArray) -> Record:
+        episodic = isinstance(controller, AbstractEpisodeController)
+        flying = controller.for_episode(key) if episodic else controller
+        return record(task, simulator, flying, key)
+
+    return jax.vmap(one)(keys)

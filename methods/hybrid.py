@@ -13,7 +13,7 @@ from methods.calibration import Attitude, Calibration, calibrate, pool_size
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import Policy, make_policy
 from methods.residual_effect import ResidualEffect
-from methods.residuals.contract import AbstractResidualModel, Transitions
+from methods.residuals.contract import AbstractResidual, AbstractResidualModel, Transitions
 from simulators import registry
 from simulators.contract import with_effects
 
@@ -46,10 +46,20 @@ class Hybrid(AbstractMethod):
             raise ValueError(f"`flights` must be at least 1 or None, got {self.flights}.")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+        return self.adapted(setup, key, init, registry.load("residual", self.residual)())
+
+    def adapted(
+        self,
+        setup: Setup,
+        key: PRNGKeyArray,
+        init: Policy | None,
+        residual: AbstractResidual,
+        fitted: AbstractResidualModel | None = None,
+    ) -> Trained:
+        """The same with a residual whose fit goes on from `fitted`."""
         start = time.perf_counter()
         flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
         task, nominal = setup.task, setup.nominal
-        residual = registry.load("residual", self.residual)()
         setup.progress("calibration flights", 0, 1, float("nan"))
         calibration = calibrate(
             task,
@@ -63,7 +73,7 @@ class Hybrid(AbstractMethod):
             hover_weight=self.hover_weight if task.station_keeping else 0.0,
         )
         setup.progress("residual fit", 0, 1, float("nan"))
-        model = residual.fit(calibration.transitions, fit_key)
+        model = residual.fit(calibration.transitions, fit_key, fitted)
         corrected = with_effects(nominal, [ResidualEffect(model, nominal.spec.mass)])
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
         before = time.perf_counter() - start

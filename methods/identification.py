@@ -45,7 +45,8 @@ from diagnosis.logs import DroneLog, FlightLog
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
 from diagnosis.segments import cut
-from methods.calibration import Reference, TrackingFlight, track_dithered
+from methods.calibration import TrackingFlight, track_dithered
+from methods.reference_paths import Reference
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.effects.contract import AbstractEffect
 from simulators.effects.delay import LONGEST, Delay

@@ -17,6 +17,7 @@ metre, felt for 1 / (1 - g) = 50 steps), for which the loss must be the plain su
 scale is put right afterwards.
 """
 
+import abc
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -32,6 +33,15 @@ from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState
 
 Controller = Callable[[TaskState], Float[Array, "drones 3"]]
+
+
+class AbstractEpisodeController(eqx.Module):
+    """A controller that is another one in each episode."""
+
+    @abc.abstractmethod
+    def for_episode(self, key: PRNGKeyArray) -> Controller:
+        """That of the episode which `key` starts."""
+
 
 COTANGENT_LIMIT = 500.0
 """Largest derivative of a drone's return by one number of the carried state."""

@@ -9,8 +9,7 @@ nominal policy and the hot start.
 
 import json
 import math
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +21,14 @@ from rich.table import Table
 from bench import markdown
 from bench.errors import UsageError
 from bench.plan import NOMINAL
+from bench.realities import parse_reality, written
 from bench.statistics import COUNTED
 from methods.contract import Setup, Trained
 from methods.evaluate import evaluate
 from methods.policy import PolicyController
 from simulators import registry
-from simulators.contract import AbstractSimulator, MissingDoorError, with_effects
+from simulators.contract import AbstractSimulator
 from simulators.effects.chain import canonical
-from simulators.effects.contract import Parameter
 
 WAYS = (
     ("lf_baseline", ""),
@@ -38,51 +37,6 @@ WAYS = (
     ("hf_hotstart", ""),
 )
 """Methods and residuals that are compared; the first is the parent of the others."""
-_PART = re.compile(r"([a-z_0-9]+)\(([^()]*)\)")
-
-
-def parse_reality(text: str) -> AbstractSimulator:
-    """The simulator with effects that `text` names, such as `crazyflow+mass(e=0.2)+drag(c=1)`.
-
-    Raises:
-        UsageError: A part is not understood, or the simulator lacks a door for it.
-        UnknownPluginError: No simulator or effect has that name.
-    """
-    name, *parts = [part.strip() for part in text.split("+")]
-    simulator = registry.load("simulator", name)()
-    effects = []
-    for part in parts:
-        match = _PART.fullmatch(part)
-        if match is None:
-            raise UsageError(f"`--reality`: {part!r} is no effect; write NAME(PARAMETER=VALUE).")
-        kind = registry.load("effect", match[1])
-        effects.append(kind(**_values(match[1], match[2], kind.parameters)))
-    try:
-        return with_effects(simulator, effects)
-    except MissingDoorError as error:
-        raise UsageError(f"`--reality`: {error}") from error
-
-
-def _values(effect: str, text: str, known: Mapping[str, Parameter]) -> dict[str, float]:
-    values = {}
-    for pair in filter(None, (p.strip() for p in text.split(","))):
-        name, _, number = (x.strip() for x in pair.partition("="))
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
-        if name not in known or not math.isfinite(value):
-            raise UsageError(
-                f"`--reality`: {pair!r} is no setting of '{effect}'; its parameters are "
-                f"{', '.join(known)}, each with a number."
-            )
-        low, high = known[name].low, known[name].high
-        if not low <= value <= high:
-            raise UsageError(
-                f"`--reality`: {name} of '{effect}' must lie in [{low:g}, {high:g}], got {value:g}."
-            )
-        values[name] = value
-    return values
 
 
 def deploy(
@@ -103,13 +57,13 @@ def deploy(
     content = {
         "task": task_name,
         "team_size": team_size,
-        "reality": f"{reality.name}+{canonical(reality.effects)}".rstrip("+"),
+        "reality": written(reality),
         "runs": rows,
         "ways": _summary(rows),
     }
     out.mkdir(parents=True, exist_ok=True)
-    written = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    (out / "deploy.json").write_text(written, encoding="utf-8")
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    (out / "deploy.json").write_text(text, encoding="utf-8")
     (out / "deploy.md").write_text(_markdown(content), encoding="utf-8")
     _show(content, console)
     console.print(f"Written: {out / 'deploy.md'}", markup=False)

@@ -13,6 +13,7 @@ leaves the calibration data.
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
@@ -83,3 +84,14 @@ class AbstractResidual(eqx.Module):
         init: AbstractResidualModel | None = None,
     ) -> AbstractResidualModel:
         """The model that fits the transitions; `init` starts from an earlier fit of its class."""
+
+
+def blank(residual: AbstractResidual) -> AbstractResidualModel:
+    """A model of that class with arrays of the right shapes and meaningless numbers."""
+    feature_key, target_key, fit_key = jax.random.split(jax.random.key(0), 3)
+    rows = Transitions(
+        features=jax.random.normal(feature_key, (64, 12)),
+        target=jax.random.normal(target_key, (64, 3)),
+        weight=jnp.ones(64),
+    )
+    return residual.fit(rows, fit_key)

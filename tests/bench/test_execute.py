@@ -18,8 +18,11 @@ from bench.cli import main
 from bench.execute import _Schedule
 from bench.plan import expand
 from bench.progress import Display
+from bench.store import Store
 from bench.suite import Row, Suite
 from bench.tables import UNITS, Tables
+from bench.worker import train_and_evaluate
+from methods.contract import silent
 
 WAIT = 120.0
 """Longest time for which a test waits for a process [s]."""
@@ -337,3 +340,45 @@ def test_the_display_of_a_group_names_the_first_and_counts_the_others(plugins):
     display.finished(runs[1], "ok", "", 2.0)
     display.finished(runs[2], "ok", "", 2.0)
     assert not display._lines
+
+
+def test_rows_in_other_realities_are_deployed_there_and_train_nothing_anew(
+    plugins, write_suite, tmp_path
+):
+    """What only deploys has its parent's policy and bill, and the wind of that reality."""
+    log, world = tmp_path / "trainings", "crazyflow+wind(x=2)"
+    row = f'method = "instant"\nsettings.log = "{log}"'
+    suite = write_suite(
+        row,
+        f'{row}\ndeployed_in = "{world}"',
+        f'{row}\ndeployed_in = "{world}"\ntracked = true',
+        f'{row}\nreality = "{world}"',
+    )
+    out = tmp_path / "out"
+    assert main(["run", str(suite), "--out", str(out), "--jobs", "1"]) == 0
+    assert log.read_text().count("\n") == 2  # the plain one, and the one for that reality
+    results = Tables.load(out).results
+    assert set(results.deployed_effects) == {"", "Wind(x=2, y=0, z=0)"}
+    found = results[results.metric == "reward"].set_index("variant").value.to_dict()
+    (loaded,) = [v for k, v in found.items() if "deployed_in" in k and "tracked" not in k]
+    (plain,) = [v for k, v in found.items() if "Wind" not in k]
+    (adapted,) = [v for k, v in found.items() if "reality=" in k]
+    assert plain != loaded
+    assert loaded == adapted  # the same fresh policy: `instant` learns nothing
+    assert len(found) == 4
+    minutes = results[results.metric == "fleet_minutes"].value
+    assert minutes.nunique() == 1
+    assert "Wind(x=2, y=0, z=0)" in (out / "leaderboard.md").read_text()
+
+
+def test_a_tracked_run_flies_its_parents_paths_by_pd_control(plugins, tmp_path):
+    """From a fresh policy, which climbs in the nominal simulator and drifts in the other."""
+    row = Row("instant", tracked=True, task_settings={"horizon": 60})
+    parent, child = expand(Suite("test", "", ("spread",), (2,), 1, (row,))).runs
+    store = Store(tmp_path)
+    flown = train_and_evaluate(parent, store, silent)
+    store.commit(parent, flown)
+    tracked = train_and_evaluate(child, store, silent)
+    assert tracked.metrics["reward"] != pytest.approx(flown.metrics["reward"], rel=1e-3)
+    assert tracked.metrics["lf_reward"] == pytest.approx(flown.metrics["lf_reward"], rel=0.05)
+    assert tracked.trained.ledger == flown.trained.ledger

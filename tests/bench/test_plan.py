@@ -2,6 +2,7 @@ import re
 
 import pytest
 
+from bench.errors import UsageError
 from bench.plan import PlanError, expand
 from bench.settings import SettingsError, describe
 from bench.suite import Row, Suite
@@ -170,3 +171,45 @@ def test_what_cannot_be_written_down_is_no_setting():
     assert describe({"a": (1, float("inf"))}, "here") == {"a": [1, "inf"]}
     with pytest.raises(SettingsError, match="here, a holds a object"):
         describe({"a": object()}, "here")
+
+
+WINDY = "crazyflow+wind(x=1.5)"
+
+
+def test_a_row_that_only_deploys_has_what_it_would_train_as_its_one_parent(plugins):
+    trained, deployed = expand(
+        make_suite(Row("child"), Row("child", deployed_in=WINDY), seeds=1)
+    ).runs[1:]
+    assert deployed.parents == {"child": trained.name}
+    assert (deployed.deploys, deployed.reality, deployed.tracked) == ("child", WINDY, False)
+    assert trained.deploys == ""
+    assert deployed.variant == "deployed_in=crazyflow+Wind(x=1.5, y=0, z=0)"
+    followed = only(Row("instant", deployed_in=WINDY, tracked=True))
+    assert followed.tracked
+    assert followed.variant.endswith("tracked=true")
+    assert only(Row("instant", tracked=True)).parents
+
+
+def test_a_reality_determines_the_key_of_its_runs_and_of_no_parent(plugins):
+    plain, windy = only(Row("child")), only(Row("child", reality=WINDY))
+    assert plain.parents == windy.parents
+    keys = {run.key for run in (plain, windy, only(Row("child", reality=WINDY.replace("5", "6"))))}
+    assert len(keys) == 3
+    same = only(Row("child", reality=" crazyflow + wind( x = 1.50 )"))
+    assert same.key == windy.key
+    assert only(Row("child", reality="crazyflow")).key == plain.key
+    assert "reality" not in plain.resolved
+    assert windy.resolved["versions"]["effect Wind"]
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        (Row("instant", reality="point_mass+wind(x=1)"), "`reality`: policies are deployed in"),
+        (Row("instant", deployed_in="crazyflow+wind(q=1)"), "'instant', `deployed_in`: 'q=1'"),
+        (Row("instant", reality="crazyflow+wind"), "`reality`: 'wind' is no effect"),
+    ],
+)
+def test_a_reality_that_cannot_be_is_named(plugins, row, message):
+    with pytest.raises(UsageError, match=message):
+        only(row)

@@ -1,3 +1,4 @@
+import dataclasses
 import errno
 import json
 import os
@@ -8,17 +9,20 @@ import textwrap
 
 import filelock
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
 from outcomes import FailingDisk, make_template, outcome, plan
 
 from bench.plan import expand
-from bench.record import FILES, Outcome, UnreadableRunError
+from bench.record import FILES, Outcome, UnreadableRunError, load_arrays, run_files
 from bench.resume import make_standing, stale_lines
 from bench.store import ClaimedError, Store
 from bench.suite import Row, Suite
 from bench.tables import TableError, Tables
+from methods.residuals.contract import Transitions, blank
+from simulators import registry
 from tasks.spread import Spread
 
 
@@ -60,7 +64,7 @@ def test_nothing_in_a_folder_is_pickled(store, planned):
 
 def test_a_policy_of_another_shape_is_refused(store, planned):
     store.commit(planned[0], outcome(planned[0]))
-    with pytest.raises(UnreadableRunError, match="is not the shared policy of its task"):
+    with pytest.raises(UnreadableRunError, match="is not of the kind that its run names"):
         store.trained(planned[0].name, make_template(n_neighbors=1))
 
 
@@ -377,3 +381,21 @@ def test_the_sources_of_a_run_are_those_of_all_that_it_imports(planned):
     sources = planned[0].sources
     assert {"module tasks.contract", "module simulators.flight"} <= set(sources)
     assert not any(name.startswith("module bench") for name in sources)
+
+
+def test_a_stored_residual_comes_back_as_the_model_it_was(tmp_path, planned):
+    """Of every class: fitted, stored, and loaded into a blank one."""
+    rng = np.random.default_rng(0)
+    rows = Transitions(
+        features=jnp.asarray(rng.normal(size=(80, 12)), jnp.float32),
+        target=jnp.asarray(rng.normal(size=(80, 3)), jnp.float32),
+        weight=jnp.ones(80),
+    )
+    for name, kind in registry.load_all("residual").items():
+        model = kind().fit(rows, jax.random.key(1))
+        path = tmp_path / f"{name}.npz"
+        trained = dataclasses.replace(outcome(planned[0]).trained, residual=model)
+        left = dataclasses.replace(outcome(planned[0]), trained=trained)
+        path.write_bytes(run_files(left)["residual.npz"])
+        restored = load_arrays(path, blank(kind()))
+        np.testing.assert_array_equal(restored(rows.features), model(rows.features))

@@ -103,6 +103,30 @@ def test_an_unknown_plugin_is_named_with_the_nearest(load, old, new, message):
         load(GOOD.replace(f'"{old}"', f'"{new}"'))
 
 
+def test_a_row_says_where_it_is_deployed(load):
+    row = 'residual = "mlp"'
+    assert GOOD.count(row) == 1
+    made = load(GOOD.replace(row, row + '\ndeployed_in = "crazyflow+drag(c=2)"\ntracked = true'))
+    (deployed,) = [r for r in made.methods if r.deploys]
+    assert (deployed.world, deployed.tracked) == ("crazyflow+drag(c=2)", True)
+    with pytest.raises(SuiteError, match="`tracked` must be true or false, got 1"):
+        load(GOOD.replace(row, row + "\ntracked = 1"))
+    with pytest.raises(SuiteError, match="either `reality`"):
+        load(GOOD.replace(row, row + '\nreality = "crazyflow"\ntracked = true'))
+
+
+def test_the_papers_studies_beside_its_grid_are_suites():
+    off_spec, calibration = load_suite("off_spec"), load_suite("calibration")
+    assert (off_spec.tasks, off_spec.team_sizes) == (("circle", "figure8"), (3, 7, 12))
+    adapted = [row.reality for row in off_spec.methods if row.method == "recalibrated"]
+    assert adapted == ["crazyflow+mass(e=0.2)", "crazyflow+drag(c=2)", "crazyflow+wind(x=1.5)"]
+    for world in adapted:
+        rows = [(r.method, r.tracked) for r in off_spec.methods if r.deployed_in == world]
+        assert rows == [("lf_baseline", False), ("lf_baseline", True), ("hybrid", False)]
+    flights = [row.settings["flights"] for row in calibration.methods if row.settings]
+    assert flights == [1, 2, 4, 8, 16, 32, 64, 128, 240]
+
+
 def test_an_unknown_suite_is_named_with_the_nearest():
     with pytest.raises(SuiteError, match=r"'quik'\. Did you mean 'quick'"):
         load_suite("quik")

@@ -8,6 +8,7 @@ from cells import SPEC, Hold, fresh, leaning, lift
 
 from methods.evaluate import evaluate, evaluation_keys, fly
 from methods.policy import PolicyController
+from methods.reference_paths import Followers
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects.mass import Mass
@@ -170,3 +171,20 @@ def test_a_trained_policy_is_judged_in_worlds_it_was_not_trained_in():
     # Less acceleration by the nominal thrust over 6 m, for 0.8 s, the policy's reaction aside.
     assert (drop > 0.2).all()
     assert SPEC.mass == worlds[1].spec.mass  # what the controller believes stays nominal
+
+
+def test_followers_fly_in_each_episode_what_their_leader_flies_in_the_nominal_simulator(simulator):
+    """Where the leader has come to after 3 s, from starts that differ, the followers come to."""
+    task, nominal = Hold(horizon=150, goal=(0.5, 0.1, 0.4), jitter=0.1), SIMULATORS["point_mass"]
+    leader = Tracking(task, PDTracker(kp=2.0, kd=2.0))
+    keys = evaluation_keys(SEED, EPISODES)
+    led = np.asarray(fly(task, nominal, leader, keys).flight.pos)
+    team = Followers(task, nominal, leader)
+    followed = np.asarray(fly(task, simulator, team, keys).flight.pos)
+    assert np.abs(led[0] - led[1]).max() > 0.02
+    assert np.linalg.norm(led[:, -1] - led[:, 0], axis=-1).min() > 0.4
+    assert np.linalg.norm(led[:, -1] - followed[:, -1], axis=-1).max() < 0.05
+    deployed = evaluate(task, simulator, team, SEED, EPISODES)
+    alone = evaluate(task, nominal, leader, SEED, EPISODES)
+    assert deployed.rewards.std() > 0.0
+    assert deployed.reward == pytest.approx(alone.reward, rel=0.2)

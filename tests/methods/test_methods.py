@@ -15,6 +15,7 @@ from methods.contract import Setup, silent
 from methods.evaluate import evaluate, fly
 from methods.policy import PolicyController
 from methods.residual_effect import ResidualEffect
+from methods.residuals.mlp import MLPEnsemble
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 
@@ -154,7 +155,7 @@ def test_every_step_of_high_fidelity_flight_is_billed(train, row):
         expected = 3 * 10.0  # flights of its own length, whatever the task's
     else:
         expected = episode * ledger.calibration_flights
-    flights = {"hybrid": FLIGHTS, "grey_box": 3}.get(row[0], 0)
+    flights = {"hybrid": FLIGHTS, "recalibrated": FLIGHTS, "grey_box": 3}.get(row[0], 0)
     assert ledger.hf_fleet_seconds == pytest.approx(expected, rel=1e-9)
     assert ledger.calibration_flights == flights
     assert ledger.epochs == TINY.epochs
@@ -208,9 +209,34 @@ def test_hybrid_calibrates_on_its_parents_flights(train, cell):
     assert not same(train(row).residual, train(row, cell=swapped).residual)
 
 
+def test_recalibration_goes_on_from_the_residual_and_the_policy_there_were(train, cell):
+    """With learning rates of next to nothing both stay as they are."""
+    hybrid = train(("hybrid", "mlp"), init=INIT)
+    parents = cell.parents | {"hybrid": hybrid}
+    still = dataclasses.replace(TINY, lr=1e-12)
+    made = small("recalibrated", refit=MLPEnsemble(epochs=2, lr=1e-12))
+    made = dataclasses.replace(made, trainer=still)
+    trained = made.train(dataclasses.replace(cell, parents=parents), KEY)
+    for old, new in (
+        (hybrid.policy, trained.policy),
+        (hybrid.residual.nets, trained.residual.nets),
+        (hybrid.residual.scale, trained.residual.scale),
+    ):
+        pairs = zip(
+            *(jax.tree.leaves(eqx.filter(x, eqx.is_array)) for x in (old, new)), strict=True
+        )
+        for a, b in pairs:
+            np.testing.assert_allclose(a, b, atol=1e-6)
+    assert trained.ledger.calibration_flights == FLIGHTS
+    anew = made.train(
+        dataclasses.replace(cell, parents=parents | {"hybrid": cell.parents["hybrid"]}), KEY
+    )
+    assert not same(anew.residual, trained.residual)
+
+
 @pytest.mark.parametrize("name", [n for n in METHODS if METHODS[n].parents])
 def test_a_missing_parent_is_not_replaced_in_silence(cell, name):
-    with pytest.raises(KeyError, match="lf_baseline"):
+    with pytest.raises(KeyError, match="|".join(METHODS[name].parents)):
         small(name).train(Setup(TASK, cell.nominal, cell.reality), KEY)
 
 
