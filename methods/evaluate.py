@@ -78,8 +78,8 @@ def fly(
     """Records of one episode a key, with a leading episode axis."""
 
     def one(key: PRNGKeyArray) -> Record:
-        episodic = isinstance(controller, AbstractEpisodeController)
-        flying = controller.for_episode(key) if episodic else controller
-        return record(task, simulator, flying, key)
+        if isinstance(controller, AbstractEpisodeController):
+            return record(task, simulator, controller.for_episode(key), key)
+        return record(task, simulator, controller, key)
 
     return jax.vmap(one)(keys)

@@ -14,7 +14,7 @@ from methods.bptt import BPTT
 from methods.contract import AbstractMethod, Setup, Trained
 from methods.hybrid import Hybrid
 from methods.policy import Policy
-from methods.residuals.mlp import MLPEnsemble
+from methods.residuals.mlp import MLPEnsemble, MLPModel
 
 
 class Recalibrated(AbstractMethod):
@@ -34,4 +34,5 @@ class Recalibrated(AbstractMethod):
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         parent = setup.parents["hybrid"]
         hybrid = Hybrid(flights=self.flights, trainer=self.trainer)
-        return hybrid.adapted(setup, key, init or parent.policy, self.refit, parent.residual)
+        fitted = parent.residual if isinstance(parent.residual, MLPModel) else None
+        return hybrid.adapted(setup, key, init or parent.policy, self.refit, fitted)

@@ -23,6 +23,7 @@ The load on a massless rigid cable follows Sreenath, Lee and Kumar (2013), "Geom
 differential flatness of a quadrotor UAV with a cable-suspended load", eqs. 3 to 5.
 """
 
+import dataclasses
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -135,21 +136,12 @@ class PlantDisturbance(PlantEffect):
     ) -> tuple[None, Vehicle]:
         """The vehicle as it really is at this time."""
         left = (1.0 + self.excess_thrust) * (1.0 - self.discharge * flight.t)
-        return None, Vehicle(
+        return None, dataclasses.replace(
+            vehicle,
             mass=vehicle.mass * (1.0 + self.excess_mass),
-            believed_mass=vehicle.believed_mass,
             inertia=vehicle.inertia * (1.0 + self.excess_inertia),
-            believed_inertia=vehicle.believed_inertia,
-            center_of_mass=vehicle.center_of_mass,
             thrust_gain=vehicle.thrust_gain * left,
             motor_lag_scale=vehicle.motor_lag_scale * self.motor_slowness,
-            slowing_scale=vehicle.slowing_scale,
-            quadratic_lag_scale=vehicle.quadratic_lag_scale,
-            rotor_inertia_scale=vehicle.rotor_inertia_scale,
-            rotor_torque_scale=vehicle.rotor_torque_scale,
-            drag=vehicle.drag,
-            arm=vehicle.arm,
-            arm_scale=vehicle.arm_scale,
         )
 
 
