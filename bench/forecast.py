@@ -38,7 +38,7 @@ class Guess(NamedTuple):
     seconds: float
     minutes: float
     basis: str
-    """Which past runs it comes from, one of `BASES`."""
+    """Which past runs it comes from, one of `BASES`, or "no training"."""
 
 
 BASES = {
@@ -74,8 +74,10 @@ def past_of_states(states: Iterable[State]) -> list[Past]:
 
 
 def guess(run: Run, past: Iterable[Past]) -> Guess | None:
-    """What `run` will cost; None if no past run tells."""
-    past = list(past)
+    """What `run` will cost, next to nothing if it trains nothing; None if no past run tells."""
+    if run.deploys:
+        return Guess(0.0, 0.0, "no training")
+    past = [p for p in past if p.seconds > 0.0]
     for basis, tells in BASES.items():
         if found := [p for p in past if tells(run, p)]:
             nearest = min(abs(p.team_size - run.team_size) for p in found)

@@ -26,8 +26,10 @@ from bench.pages import file_name
 from bench.realities import parse_reality, written
 from bench.sources import own_source, shared_sources
 from bench.suite import Row, Suite
+from methods.reference_paths import Followers
 from simulators import registry
 from simulators.contract import AbstractSimulator
+from simulators.tracking import PDTracker
 
 NOMINAL = "point_mass"
 """Name of the low-fidelity simulator."""
@@ -225,6 +227,10 @@ def _make_recipe(
     found = {f"{kind} {name}": registry.load(kind, name) for kind, name in plugins.items()}
     found |= {f"simulator {name}": registry.load("simulator", name) for name in (NOMINAL, REALITY)}
     reality = _reality(row)
+    if row.deploys and not row.tracked and not reality.effects:
+        raise PlanError(
+            f"Method '{row.method}': `deployed_in` names no effect; the row is the same without."
+        )
     found |= {f"effect {type(effect).__name__}": type(effect) for effect in reality.effects}
     resolved = {
         "method": row.method,
@@ -243,6 +249,8 @@ def _make_recipe(
     elsewhere = {"deployed_in" if row.deploys else "reality": written(reality)}
     flying = (elsewhere if reality.effects else {}) | ({"tracked": True} if row.tracked else {})
     resolved |= flying | ({"deploys": True} if row.deploys else {})
+    if row.tracked:
+        resolved["tracked"] = settings.describe_fields(PDTracker(), "The PD controller")
     given = {
         "method": row.method,
         "residual": residual,
@@ -251,7 +259,7 @@ def _make_recipe(
         "team_size": team_size,
         "overrides": row.settings,
         "task_overrides": row.task_settings,
-        "sources": _sources(found),
+        "sources": _sources(found | ({"controller": Followers} if row.tracked else {})),
         "cost": 0.5 if row.deploys else _cost(method_class, team_size),
         "reality": row.world or REALITY,
         "deploys": row.method if row.deploys else "",

@@ -262,8 +262,10 @@ class Store:
             runs=table("runs", [runs_row(c) for c in contents]),
         )
 
-    def trained(self, name: str, template: Policy) -> Trained:
+    def trained(self, name: str, template: Policy, residual: bool = False) -> Trained:
         """What a run trained, its policy in the structure of `template`.
+
+        Its residual is left out unless `residual`.
 
         Raises:
             UnreadableRunError: The run is damaged, has failed, or has another kind of policy.
@@ -273,12 +275,12 @@ class Store:
         if content["status"] == "failed":
             raise UnreadableRunError(f"{name} failed: {content['cause']}")
         curves = self.frame(name, "curves").drop(columns=["run", "epoch"])
-        residual, file = None, self.runs / name / "residual.npz"
-        if file.name in content["files"] and content["residual"]:
-            residual = load_arrays(file, blank(registry.load("residual", content["residual"])()))
+        model, file = None, self.runs / name / "residual.npz"
+        if residual and file.name in content["files"] and content["residual"]:
+            model = load_arrays(file, blank(registry.load("residual", content["residual"])()))
         return Trained(
             policy=load_arrays(self.runs / name / "policy.npz", template),
-            residual=residual,
+            residual=model,
             ledger=Ledger(**content["ledger"]),
             curves={column: curves[column].to_numpy() for column in curves},
             status=content["status"],

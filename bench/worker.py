@@ -2,11 +2,10 @@
 
 Every policy is deployed twice with the initial states of its seed: in the high-fidelity simulator
 (the row of the leaderboard), with the effects that the run's row asks for, and in the nominal point
-mass, which tells how much of a return was lost between the two. A run that trains nothing has the
-ledger of its parent, whose policy it deploys. A child's ledger holds its own costs only: those of
-its parents are theirs.
-For the built-in methods no high-fidelity flight is hidden by this, because their one parent, the LF
-baseline, flies none.
+mass, which tells how much of a return was lost between the two. A child's ledger holds its own
+costs only: those of its parents are theirs, and a run that deploys its parent's policy has none.
+Flights that stand elsewhere are those of the Hybrid that `recalibrated` goes on from, or that a row
+deploys; the LF baseline, the parent of all others, flies none.
 """
 
 import contextlib
@@ -31,7 +30,7 @@ from bench.settings import build
 from bench.store import Store
 from bench.tables import SCHEMAS, STATUSES, UNITS, table
 from methods.checkpoint import kept_by
-from methods.contract import Progress, Setup, Trained
+from methods.contract import Ledger, Progress, Setup, Trained
 from methods.evaluate import Evaluation, evaluate
 from methods.policy import PolicyController, make_policy
 from methods.reference_paths import Followers
@@ -132,10 +131,14 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
     nominal = registry.load("simulator", NOMINAL)()
     reality = parse_reality(run.reality)
     template = make_policy(task, nominal.spec, nominal.action_space, jax.random.key(0))
-    parents = {name: store.trained(parent, template) for name, parent in run.parents.items()}
+    refitted = registry.load("method", run.method).goes_on_from if not run.deploys else ()
+    parents = {
+        name: store.trained(parent, template, name in refitted)
+        for name, parent in run.parents.items()
+    }
     setup = Setup(task, nominal, reality, parents, progress)
     with kept_by(store.checkpoints(run)):
-        trained = parents[run.deploys] if run.deploys else _trained(run, setup)
+        trained = _deployed(parents[run.deploys]) if run.deploys else _trained(run, setup)
     if not isinstance(trained, Trained):
         raise TypeError(f"`train` of '{run.method}' must return a Trained, got {trained!r:.80}.")
     if trained.status not in STATUSES or trained.status == "failed":
@@ -154,6 +157,11 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
         curves=_curves(run, trained),
         trajectory=_trajectory(run, deployed),
     )
+
+
+def _deployed(parent: Trained) -> Trained:
+    """What a parent trained, of which a run that only deploys bears no cost."""
+    return dataclasses.replace(parent, ledger=Ledger(), curves={})
 
 
 def _trained(run: Run, setup: Setup) -> Trained:

@@ -121,7 +121,7 @@ class Slot:
         How fast a drone turns goes by the arms of its rotors over its inertia, say.
         """
         one = 1.0 - self.neutral
-        if not self.factor or abs(by) > abs(value + one):
+        if not self.factor or value + one <= 0.0 or abs(by) > value + one:
             return value + by
         return (value + one) * math.exp(by / (value + one)) - one
 

@@ -1,12 +1,11 @@
 r"""What separates the nominal simulator from reference flights, as knowledge for the next set.
 
 The whole library is fitted to the reference flights with a Gaussian prior on every parameter
-(a tenth of its allowed range, half of it for effects that are never blamed), so that what these
-flights cannot tell stays near neutral. Three things carry over to the target flights: the vector
-itself, its precision, and the noise, which is enlarged per channel until the reference flights
-agree with their own fit. What no effect explains on both sets is thereby noise and not a finding.
-And parameters in which reference flights differ from each other by more than that may differ
-between the target flights, too (`spread`).
+(`PRIOR`, `LOOSE`, `KNOWN`), so that what these flights cannot tell stays near neutral. Three
+things carry over to the target flights: the vector itself, its precision, and the noise, which is
+enlarged per channel until the reference flights agree with their own fit. What no effect explains
+on both sets is thereby noise and not a finding. And parameters in which reference flights differ
+from each other by more than that may differ between the target flights, too (`spread`).
 """
 
 import dataclasses
@@ -30,8 +29,22 @@ would run against its alias thrust_gain, which stands for it."""
 PRIOR = 0.1
 """Standard deviation of the prior over the allowed range; a choice."""
 LOOSE = 0.5
-"""The same for effects that only reference flights may show (`NEVER_BLAMED`): to keep them near
-neutral moves others away from it. With 0.1, a share of 1 that RotorPy has was found as 0.86."""
+"""The same for what nobody believes to know (`UNKNOWN`): to keep it near neutral moves others away
+from it. With 0.1, a share of gyro compensation of 1 that RotorPy has was found as 0.86."""
+UNKNOWN = (
+    "gyro_compensation",
+    "roll_pitch_gains",
+    "rotor_inertia",
+    "rotor_response",
+    "rotor_torque",
+    "yaw_gains",
+)
+"""Effects of another autopilot or other rotors. How a drone turns tells gains, arms and inertia up
+to one common scale, which a pull on the gains would set: with gains of a fifth, which RotorPy's are
+in crazyflow, the inertia of one set of reference flights came out as twice the believed one."""
+KNOWN = {"inertia": 0.2, "rotor_arm": 0.1}
+"""Standard deviation of what an airframe file says instead, relative. crazyflow's and RotorPy's
+files of one Crazyflie differ by 0.20 to 0.32 and by 0.14."""
 UNSEEN = 1e12
 """Times as precise as the prior is what is not fitted to the reference, or is not seen in it, such
 as the downwash among drones that flew alone: what later flights show of it is a change."""
@@ -146,9 +159,12 @@ def _prior(
     library: Library, unseen: Bool[np.ndarray, " params"] | bool = False
 ) -> Float[np.ndarray, " params"]:
     """Prior precision of every parameter; very large where it is not shared or `unseen`."""
-    share = np.where(np.isin(_effects(library), NEVER_BLAMED), LOOSE, PRIOR)
-    precision = 1.0 / (share * (library.high - library.low)) ** 2
-    precision[np.isin(_effects(library), UNSHARED) | unseen] *= UNSEEN
+    effects = _effects(library)
+    width = np.where(np.isin(effects, UNKNOWN), LOOSE, PRIOR) * (library.high - library.low)
+    precision = (
+        1.0 / np.asarray([KNOWN.get(e, w) for e, w in zip(effects, width, strict=True)]) ** 2
+    )
+    precision[np.isin(effects, UNSHARED) | unseen] *= UNSEEN
     return precision
 
 

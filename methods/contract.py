@@ -3,6 +3,7 @@
 import abc
 import dataclasses
 from collections.abc import Callable, Mapping
+from typing import ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -90,6 +91,9 @@ class AbstractMethod(eqx.Module):
     """Methods whose trained policies this one starts from."""
     simulator: eqx.AbstractClassVar[str]
     """Name of the simulator in which the policy is trained."""
+
+    goes_on_from: ClassVar[tuple[str, ...]] = ()
+    """Parents whose fitted residual it needs, too, which must be of its class's default shape."""
 
     @abc.abstractmethod
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:

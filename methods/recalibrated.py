@@ -22,17 +22,21 @@ class Recalibrated(AbstractMethod):
 
     flights: int = eqx.field(static=True, default=20)
     """Calibration flights of the changed vehicle."""
-    refit: MLPEnsemble = eqx.field(default=MLPEnsemble(epochs=150))
-    """How the residual is fitted on; of the class that a Hybrid has by default."""
+    refit_epochs: int = eqx.field(static=True, default=150)
+    """Updates of the residual, which is of the class that a Hybrid has by default."""
+    refit_lr: float = eqx.field(static=True, default=5e-3)
+    """Their learning rate, that of a fit from the start."""
     trainer: BPTT = eqx.field(default=BPTT(epochs=400, lr=1e-3))
     """How the policy is trained on; the learning rate is the hot start's."""
 
     version: ClassVar[str] = "1"
     parents: ClassVar[tuple[str, ...]] = ("lf_baseline", "hybrid")
     simulator: ClassVar[str] = "point_mass"
+    goes_on_from: ClassVar[tuple[str, ...]] = ("hybrid",)
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         parent = setup.parents["hybrid"]
         hybrid = Hybrid(flights=self.flights, trainer=self.trainer)
+        refit = MLPEnsemble(epochs=self.refit_epochs, lr=self.refit_lr)
         fitted = parent.residual if isinstance(parent.residual, MLPModel) else None
-        return hybrid.adapted(setup, key, init or parent.policy, self.refit, fitted)
+        return hybrid.adapted(setup, key, init or parent.policy, refit, fitted)

@@ -207,6 +207,7 @@ def test_a_reality_determines_the_key_of_its_runs_and_of_no_parent(plugins):
     [
         (Row("instant", reality="point_mass+wind(x=1)"), "`reality`: policies are deployed in"),
         (Row("instant", deployed_in="crazyflow+wind(q=1)"), "'instant', `deployed_in`: 'q=1'"),
+        (Row("instant", deployed_in="crazyflow"), "`deployed_in` names no effect"),
         (Row("instant", reality="crazyflow+wind"), "`reality`: 'wind' is no effect"),
     ],
 )

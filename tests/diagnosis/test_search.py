@@ -326,6 +326,8 @@ def test_factors_walk_along_what_holds_their_ratio(neutral):
         assert slope == pytest.approx(1.0, rel=1e-4)
         assert factor.walked(x, 0.3 * (x + one)) + one == pytest.approx(np.exp(0.3) * (x + one))
     assert factor.walked(neutral, -5.0) == neutral - 5.0  # too far for a factor
+    assert factor.walked(-one, 0.0) == -one  # nothing is left of it
+    assert factor.walked(-one, 0.2) == pytest.approx(0.2 - one)
     assert Slot("drag", "c", "1/s", 0.0, -1.0, 1.0).walked(0.2, 0.3) == pytest.approx(0.5)
 
 

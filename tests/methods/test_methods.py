@@ -15,7 +15,6 @@ from methods.contract import Setup, silent
 from methods.evaluate import evaluate, fly
 from methods.policy import PolicyController
 from methods.residual_effect import ResidualEffect
-from methods.residuals.mlp import MLPEnsemble
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 
@@ -214,7 +213,7 @@ def test_recalibration_goes_on_from_the_residual_and_the_policy_there_were(train
     hybrid = train(("hybrid", "mlp"), init=INIT)
     parents = cell.parents | {"hybrid": hybrid}
     still = dataclasses.replace(TINY, lr=1e-12)
-    made = small("recalibrated", refit=MLPEnsemble(epochs=2, lr=1e-12))
+    made = small("recalibrated", refit_epochs=2, refit_lr=1e-12)
     made = dataclasses.replace(made, trainer=still)
     trained = made.train(dataclasses.replace(cell, parents=parents), KEY)
     for old, new in (
