@@ -393,9 +393,8 @@ def test_a_stored_residual_comes_back_as_the_model_it_was(tmp_path, planned):
     )
     for name, kind in registry.load_all("residual").items():
         model = kind().fit(rows, jax.random.key(1))
-        path = tmp_path / f"{name}.npz"
-        trained = dataclasses.replace(outcome(planned[0]).trained, residual=model)
-        left = dataclasses.replace(outcome(planned[0]), trained=trained)
-        path.write_bytes(run_files(left)["residual.npz"])
+        path, left = tmp_path / f"{name}.npz", outcome(planned[0])
+        trained = dataclasses.replace(left.trained, residual=model)
+        path.write_bytes(run_files(dataclasses.replace(left, trained=trained))["residual.npz"])
         restored = load_arrays(path, blank(kind()))
         np.testing.assert_array_equal(restored(rows.features), model(rows.features))
