@@ -74,8 +74,8 @@ class Run:
     """Rough training time, in units of an LF run per drone; orders the work."""
     reality: str = REALITY
     """Where it is deployed, as text; if it trains, it trains for that."""
-    deploys: str = ""
-    """Method of the one parent whose policy it deploys, and trains nothing; empty if it trains."""
+    deploys: bool = False
+    """Whether it trains nothing and deploys the policy of its one parent, a run of its method."""
     tracked: bool = False
     """Whether a PD controller flies that policy's paths."""
 
@@ -191,22 +191,13 @@ def _recipe(
     index = (row.method, row.residual, *texts, row.world, row.deploys, row.tracked, task, team_size)
     if index not in recipes:
         method_class = registry.load("method", row.method)
-        trained = dataclasses.replace(row, deployed_in="", tracked=False)
-        own = _recipe(recipes, trained, task, team_size, children) if row.deploys else None
-        parents = (
-            {row.method: own}
-            if own
-            else {
-                parent: _recipe(
-                    recipes,
-                    Row(parent, task_settings=row.task_settings),
-                    task,
-                    team_size,
-                    (*children, row.method),
-                )
-                for parent in method_class.parents
-            }
-        )
+        if row.deploys:
+            trained = dataclasses.replace(row, deployed_in="", tracked=False)
+            needed, descent = [trained], children
+        else:
+            needed = [Row(name, task_settings=row.task_settings) for name in method_class.parents]
+            descent = (*children, row.method)
+        parents = {r.method: _recipe(recipes, r, task, team_size, descent) for r in needed}
         recipes[index] = _make_recipe(row, method_class, task, team_size, parents)
     return recipes[index]
 
@@ -249,7 +240,7 @@ def _make_recipe(
     elsewhere = {"deployed_in" if row.deploys else "reality": written(reality)}
     flying = (elsewhere if reality.effects else {}) | ({"tracked": True} if row.tracked else {})
     resolved |= flying | ({"deploys": True} if row.deploys else {})
-    if row.tracked:
+    if row.tracked:  # the key is of the controller's settings, the variant says only that it flies
         resolved["tracked"] = settings.describe_fields(PDTracker(), "The PD controller")
     given = {
         "method": row.method,
@@ -262,7 +253,7 @@ def _make_recipe(
         "sources": _sources(found | ({"controller": Followers} if row.tracked else {})),
         "cost": 0.5 if row.deploys else _cost(method_class, team_size),
         "reality": row.world or REALITY,
-        "deploys": row.method if row.deploys else "",
+        "deploys": row.deploys,
         "tracked": row.tracked,
     }
     return _Recipe(resolved, given, parents)

@@ -138,7 +138,7 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
     }
     setup = Setup(task, nominal, reality, parents, progress)
     with kept_by(store.checkpoints(run)):
-        trained = _deployed(parents[run.deploys]) if run.deploys else _trained(run, setup)
+        trained = _deployed(parents[run.method]) if run.deploys else _trained(run, setup)
     if not isinstance(trained, Trained):
         raise TypeError(f"`train` of '{run.method}' must return a Trained, got {trained!r:.80}.")
     if trained.status not in STATUSES or trained.status == "failed":

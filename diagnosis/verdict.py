@@ -254,9 +254,10 @@ def intervals(
     base, slots = problem.base + fit.shift, problem.library.slots
     found = np.asarray([slots[i].beyond(fit.total[i], base[i]) for i in free])
     value, slope = found[:, 0], np.abs(found[:, 1])
-    factor = np.asarray([slots[i].factor for i in free])
-    neutral = np.asarray([slots[i].neutral for i in free])
-    variance = problem.variance(fit, free, np.where(factor, neutral - value, 0.0))
+    following = [
+        slots[i].neutral - x if slots[i].factor else 0.0 for i, x in zip(free, value, strict=True)
+    ]
+    variance = problem.variance(fit, free, np.asarray(following))
     width = 1.96 * WIDER * slope * np.sqrt(phi * variance)
     return free, value - width, value + width
 

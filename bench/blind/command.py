@@ -79,6 +79,9 @@ def _work(
     state = folders.read_state()
     console.print(f"SHA-256 of the labels: {state['sha256']}", soft_wrap=True, highlight=False)
     labels = read_labels(folders.labels, state["sha256"])
+    if len(folders.flown()) < len(labels):
+        console.print("Flights of the draw are gone; its seeds fly them again.")
+        _fly(folders, {"out": str(folders.out.resolve())}, len(labels), console)
     _answer(folders, labels, jobs, console, command, timeout)
     if wrong := folders.tampered():
         console.print(f"[red]{wrong} Nothing is scored.[/]", soft_wrap=True)
@@ -184,7 +187,11 @@ def _generate(
         "seed": seed,
         "undisturbed": max(UNDISTURBED, counts["clean"]),
     }
-    total = sum(counts.values())
+    _fly(folders, settings, sum(counts.values()), console)
+
+
+def _fly(folders: Folders, settings: Mapping[str, Any], total: int, console: Console) -> None:
+    """Flies in a process of its own, that leaves nothing behind in this one."""
     causes: list[str] = []
 
     def make() -> Task:
@@ -195,7 +202,7 @@ def _generate(
         causes.append(ended.cause)
 
     with Display("flying cases", total, console) as display:
-        poll = lambda: display.at(sum(1 for _ in folders.cases.glob("*")))  # noqa: E731
+        poll = lambda: display.at(len(folders.flown()))  # noqa: E731
         run_tasks([make], 1, end, on_poll=poll)
     if causes[0]:
         raise UsageError(f"The cases could not be flown, {causes[0]}")

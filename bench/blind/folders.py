@@ -73,6 +73,12 @@ class Folders:
         """More of them, a folder a flight set, on which baselines are calibrated."""
         return self.runs / "undisturbed"
 
+    def flown(self) -> list[Path]:
+        """Cases whose flights are there, with and without noise."""
+        true = self.labels.parent / "true"
+        cases = sorted(self.cases.glob("*"))
+        return [path for path in cases if path.suffix == "" and (true / path.name).is_dir()]
+
     def drawn(self) -> list[Path]:
         """All that a draw makes; studies, which lie beside it, are none of it."""
         made = (self.cases, self.labels.parent, self.reference, self.undisturbed)

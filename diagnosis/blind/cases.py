@@ -3,7 +3,9 @@
 import dataclasses
 import hashlib
 import json
+import os
 import secrets
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -165,23 +167,34 @@ def fly_case(case: Case) -> list[flying.Flown]:
 
 
 def write_flights(folder: Path, tables: Sequence[Any]) -> None:
-    """A flight set in the log format: the vehicle that is believed, and one table a flight."""
-    (folder / "flights").mkdir(parents=True)
-    (folder / "vehicle.toml").write_text(VEHICLE)
+    """A flight set in the log format: the vehicle that is believed, and one table a flight.
+
+    The folder is there whole or not at all.
+    """
+    part = folder.with_name(f"{folder.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    (part / "flights").mkdir(parents=True)
+    (part / "vehicle.toml").write_text(VEHICLE)
     for i, table in enumerate(tables):
-        table.to_parquet(folder / "flights" / f"flight{i}.parquet", index=False)
+        table.to_parquet(part / "flights" / f"flight{i}.parquet", index=False)
+    os.replace(part, folder)
 
 
-def write_cases(directory: Path, labels_directory: Path, cases: Sequence[Case]) -> str:
-    """SHA-256 of the labels, after flying `cases` into `directory`/ID.
+def write_cases(directory: Path, labels_directory: Path, cases: Sequence[Case]) -> None:
+    """Flies `cases` into `directory`/ID, and into `labels_directory`/true/ID without noise.
 
-    `labels_directory` gets `labels.json` and the flights without noise, `true`/ID.
+    Cases that are there already are left alone.
     """
     for case in cases:
-        flown = fly_case(case)
-        write_flights(directory / case.id, [one.logged for one in flown])
-        write_flights(labels_directory / "true" / case.id, [one.true for one in flown])
-    return write_labels(labels_directory / "labels.json", cases)
+        seen, true = directory / case.id, labels_directory / "true" / case.id
+        if not (seen.is_dir() and true.is_dir()):
+            flown = fly_case(case)
+            for folder, tables in (
+                (true, [f.true for f in flown]),
+                (seen, [f.logged for f in flown]),
+            ):
+                shutil.rmtree(folder, ignore_errors=True)
+                write_flights(folder, tables)
 
 
 def write_labels(path: Path, cases: Sequence[Case]) -> str:

@@ -65,11 +65,11 @@ def made(out, *cases):
     folders = Folders(out)
     for one, what in cases:
         place = folders.cases / one.id / "flights"
-        place.mkdir(parents=True)
+        for folder in (place, folders.labels.parent / "true" / one.id):
+            folder.mkdir(parents=True)
         (place / "what").write_text(what)
     sha256 = write_labels(folders.labels, [one for one, _ in cases])
     counts = {"single": 1, "pair": 0, "clean": 1, "unknown": 0, "excluded": 1}
-    versions = {"fidelity-bench": "0"}
     write_json(
         folders.state,
         {
@@ -78,7 +78,7 @@ def made(out, *cases):
             "seed": 5,
             "sha256": sha256,
             "started": "2026-01-01",
-            "versions": versions,
+            "versions": {"fidelity-bench": "0"},
         },
     )
     return folders

@@ -181,8 +181,8 @@ def test_a_row_that_only_deploys_has_what_it_would_train_as_its_one_parent(plugi
         make_suite(Row("child"), Row("child", deployed_in=WINDY), seeds=1)
     ).runs[1:]
     assert deployed.parents == {"child": trained.name}
-    assert (deployed.deploys, deployed.reality, deployed.tracked) == ("child", WINDY, False)
-    assert trained.deploys == ""
+    assert (deployed.deploys, deployed.reality, deployed.tracked) == (True, WINDY, False)
+    assert not trained.deploys
     assert deployed.variant == "deployed_in=crazyflow+Wind(x=1.5, y=0, z=0)"
     followed = only(Row("instant", deployed_in=WINDY, tracked=True))
     assert followed.tracked

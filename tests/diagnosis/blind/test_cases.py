@@ -4,6 +4,7 @@ import collections
 import dataclasses
 import itertools
 import json
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -112,7 +113,8 @@ def test_written_cases_load_and_do_not_tell_their_effect(tmp_path):
         for name in ("mass", "downwash")
     ]
     seen, hidden = tmp_path / "cases", tmp_path / "labels"
-    sha256 = cases.write_cases(seen, hidden, drawn)
+    cases.write_cases(seen, hidden, drawn)
+    sha256 = cases.write_labels(hidden / "labels.json", drawn)
     assert list(cases.read_labels(hidden / "labels.json", sha256)) == [case.id for case in drawn]
     assert {path.name for path in seen.iterdir()} == {case.id for case in drawn}
     assert len({(path / "vehicle.toml").read_text() for path in seen.iterdir()}) == 1
@@ -128,6 +130,31 @@ def test_written_cases_load_and_do_not_tell_their_effect(tmp_path):
         )
         pd.testing.assert_series_equal(logged["cmd_thrust"], true["cmd_thrust"])
         assert 5e-4 < (logged["pos_x"] - true["pos_x"]).std() < 2e-3
+
+
+def test_flights_that_are_gone_are_flown_again_from_their_labels(tmp_path):
+    case = cases.make_case("single", [("mass", 1)], np.random.default_rng(2), seconds=4.0)
+    kept = dataclasses.replace(case, id="kept", n_flights=1)
+    gone = dataclasses.replace(case, id="gone", n_flights=1)
+    path = tmp_path / "labels" / "labels.json"
+    sha256 = cases.write_labels(path, [kept, gone])
+
+    def fly():
+        cases.write_cases(
+            tmp_path / "cases", path.parent, [*cases.read_labels(path, sha256).values()]
+        )
+        found = [file for file in tmp_path.rglob("*") if file.is_file()]
+        return {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in found}
+
+    before = fly()
+    for half in (tmp_path / "cases" / "gone", path.parent / "true" / "kept"):
+        shutil.rmtree(half)
+        (half.with_name(f"{half.name}.part") / "flights").mkdir(parents=True)
+    after = fly()
+    assert {file: content for file, (content, _) in after.items()} == {
+        file: content for file, (content, _) in before.items()
+    }
+    assert after[path] == before[path]
 
 
 def test_the_same_case_flies_the_same_flights():
