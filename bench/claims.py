@@ -91,8 +91,8 @@ def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     for cell, found in seed_values(tables.results, "reward").items():
         for entry in sorted(entry for entry in found if entry.variant):
             default = found.get(entry._replace(variant=""), {})
-            if not default:
-                continue  # in that cell, as with everything that is made for another reality
+            if cell.deployed_effects and not default:
+                continue  # made for another reality, where nothing flies by default
             # Only the seeds that both have: a row of few seeds is compared with the same few.
             other, base = matched(found[entry], default)
             apart = difference(other, base)

@@ -8,6 +8,9 @@
 | `OUT/runs/reference`, `undisturbed/N` | flights of the undisturbed vehicle |
 | `OUT/runs/answers/ID` | documents of a diagnosis and `status.json` |
 | `OUT/runs/measures/ID.json` | what the case allows, measured with its label |
+
+A draw goes on elsewhere from `run.json`, `labels/labels.json` and `answers`: flights that are gone
+are flown again from its seeds.
 """
 
 import dataclasses

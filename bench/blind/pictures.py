@@ -171,7 +171,7 @@ def _strip(shown: pd.DataFrame, effects: list[str], axes: Axes) -> None:
         order=effects,
         hue_order=["small", "medium", "large"],
         dodge=True,
-        jitter=0.08,
+        jitter=False,  # it would be another picture each time
         size=4,
         palette=list(COLORS[:3]),
         ax=axes,

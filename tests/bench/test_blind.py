@@ -15,14 +15,12 @@ from bench.blind import report, sections
 from bench.blind.answering import STATUS, answer_all, missing, read_answers
 from bench.blind.children import scrubbed
 from bench.blind.failures import failed
-from bench.blind.folders import DEFAULT_COUNTS, Folders, scaled_counts, write_json
+from bench.blind.folders import Folders, write_json
 from bench.blind.report import write_report
 from bench.blind.tables import OURS, Tables, make_tables
 from bench.cli import main
-from bench.errors import UsageError
 from diagnosis.blind.cases import Case, read_labels, write_labels
 from diagnosis.blind.catalogue import Withheld
-from diagnosis.blind.scoring import clopper_pearson
 
 STUB = """
 import json, os, pathlib, sys
@@ -115,18 +113,6 @@ def no_measuring(monkeypatch):
     monkeypatch.setattr(blind, "answer_baselines", lambda folders: {})
 
 
-def test_counts_keep_proportions_and_every_kind():
-    assert scaled_counts(None) == DEFAULT_COUNTS
-    assert scaled_counts(sum(DEFAULT_COUNTS.values())) == DEFAULT_COUNTS
-    for total in (5, 6, 40, 107, 640):
-        counts = scaled_counts(total)
-        assert sum(counts.values()) == total
-        assert min(counts.values()) >= 1
-    assert scaled_counts(107)["single"] == 42
-    with pytest.raises(UsageError, match=r"`--cases` must be at least 5.*got 4"):
-        scaled_counts(4)
-
-
 def test_a_diagnosis_sees_its_flights_and_nothing_else(tmp_path, monkeypatch, stub):
     monkeypatch.setenv("BLIND_LABELS", str(tmp_path / "secret"))
     folders = made(tmp_path / "out", (GAIN, "none"))
@@ -185,6 +171,23 @@ def test_a_run_prints_the_hash_scores_and_reports(tmp_path, stub, no_measuring, 
     assert f"#### {MASS.id}" not in text
     assert "data:image/png" in (out / "blind.html").read_text()
     assert (out / "labels.json").read_bytes() == folders.labels.read_bytes()
+
+
+def test_flights_that_are_gone_are_flown_again_before_the_diagnoses(
+    tmp_path, stub, no_measuring, monkeypatch
+):
+    folders = made(tmp_path, (MASS, "mass"), (CLEAN, "none"))
+    shutil.rmtree(folders.cases / MASS.id)
+
+    def fly(_, settings, total, console):
+        assert (settings, total) == ({"out": str(tmp_path)}, 2)
+        place = folders.cases / MASS.id / "flights"
+        place.mkdir(parents=True)
+        (place / "what").write_text("mass")
+
+    monkeypatch.setattr(blind, "_fly", fly)
+    assert blind.run_blind(None, "crazyflow", tmp_path, None, 1, stub) == 0
+    assert set(read_answers(folders, {MASS.id: MASS, CLEAN.id: CLEAN})[0]) == {MASS.id, CLEAN.id}
 
 
 def test_a_run_with_a_failed_diagnosis_says_so(tmp_path, stub, no_measuring, capsys):
@@ -302,15 +305,6 @@ def test_what_was_not_measured_proves_nothing(tmp_path):
     aims = "\n".join(sections.aims(given))
     assert "| median shrink over the true effect's | n = 0 |" in aims
     assert "decidable cases |" not in aims
-
-
-def test_coverage_is_resampled_by_case():
-    """Four intervals of one fit that miss together are not four misses of 40."""
-    rows = [{"case": str(i), "inside": 4.0 * (i > 0), "intervals": 4.0} for i in range(10)]
-    low, high = clopper_pearson(36, 40)
-    found = sections._by_case(pd.DataFrame(rows), {"low": low, "high": high})
-    assert found["low"] < low
-    assert found["high"] >= high
 
 
 def test_shrink_and_probability_are_counted_case_by_case():

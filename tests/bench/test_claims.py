@@ -226,6 +226,10 @@ def test_variants_stand_beside_their_default():
     sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
     sheet.add("hybrid", "mlp", variant="x=1", rewards=(-40.0, -41.5))
     sheet.add("hybrid", "mlp", variant="y=2", task="circle", rewards=(-40.0,))
+    before = len(sheet.results)
+    sheet.add("hybrid", "mlp", variant="deployed_in=crazyflow+wind(1.5)", task="circle")
+    for row in sheet.results[before:]:
+        row["deployed_effects"] = "wind(1.5)"
     _, lines = variants(sheet.tables())
     alone, beside = lines
     assert alone[2:] == ("-", "-40.0 (n = 1)", "-", "-", "-")

@@ -1,0 +1,18 @@
+"""How many cases of each kind a draw of any size has."""
+
+import pytest
+
+from bench.blind.folders import DEFAULT_COUNTS, scaled_counts
+from bench.errors import UsageError
+
+
+def test_counts_keep_proportions_and_every_kind():
+    assert scaled_counts(None) == DEFAULT_COUNTS
+    assert scaled_counts(sum(DEFAULT_COUNTS.values())) == DEFAULT_COUNTS
+    for total in (5, 6, 40, 107, 640):
+        counts = scaled_counts(total)
+        assert sum(counts.values()) == total
+        assert min(counts.values()) >= 1
+    assert scaled_counts(107)["single"] == 42
+    with pytest.raises(UsageError, match=r"`--cases` must be at least 5.*got 4"):
+        scaled_counts(4)

@@ -1,0 +1,15 @@
+"""Proportions of the blind report."""
+
+import pandas as pd
+
+from bench.blind import sections
+from diagnosis.blind.scoring import clopper_pearson
+
+
+def test_coverage_is_resampled_by_case():
+    """Four intervals of one fit that miss together are not four misses of 40."""
+    rows = [{"case": str(i), "inside": 4.0 * (i > 0), "intervals": 4.0} for i in range(10)]
+    low, high = clopper_pearson(36, 40)
+    found = sections._by_case(pd.DataFrame(rows), {"low": low, "high": high})
+    assert found["low"] < low
+    assert found["high"] >= high
