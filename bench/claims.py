@@ -6,6 +6,7 @@ from pathlib import Path
 from bench import markdown
 from bench.comparison import interval, summary, verdict
 from bench.leaderboard import number
+from bench.off_spec_claims import off_spec_claims
 from bench.own_claims import own_claims
 from bench.paper_claims import Claim, claims
 from bench.pictures import data_uri, write_summary
@@ -65,11 +66,17 @@ def _document(tables: Tables, notes: Path | None, figure: list[str]) -> list[str
     for i, claim in enumerate(found, 1):
         parts += [f"## {i}. {claim.title}", f"Paper: {claim.paper}. Ours: {claim.ours}."]
         parts += _detail(claim, word)
-    if beyond := own_claims(tables):
-        overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in beyond]
-        parts += ["## Beyond the paper"]
-        parts += [markdown.table(("claim", "aim", "ours", "verdict"), overview, range(4))]
-        for claim in beyond:
+    further = (
+        ("On a drone that is off its specification", "paper", off_spec_claims(tables)),
+        ("Beyond the paper", "aim", own_claims(tables)),
+    )
+    for title, theirs, made in further:
+        if not made:
+            continue
+        overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in made]
+        parts += [f"## {title}"]
+        parts += [markdown.table(("claim", theirs, "ours", "verdict"), overview, range(4))]
+        for claim in made:
             parts += [f"### {claim.title}", *_detail(claim, word)]
     headings, lines = variants(tables)
     parts += ["## Settings that differ from the default"]
