@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 
 import pandas as pd
 
-from bench.statistics import COUNTED, Cell, Entry, cell_of, entry_of, records
+from bench.statistics import COUNTED, Cell, Entry, cell_of, cells_meant, entry_of, records
 from bench.tables import Tables
 
 Endings = Mapping[str, list[int]]
@@ -14,8 +14,7 @@ Endings = Mapping[str, list[int]]
 def endings(tables: Tables) -> dict[Cell, dict[Entry, dict[str, list[int]]]]:
     """Seeds by cell, entry and status, of every run.
 
-    A run that failed before its evaluation names no world: it is listed in all worlds of its task
-    and team size.
+    A run that failed before its evaluation is listed where it was meant to be evaluated.
     """
     flown = tables.results.drop_duplicates(["run", "simulator", "deployed_effects"])
     places: dict[str, list[tuple[Cell, Entry]]] = {}
@@ -26,9 +25,9 @@ def endings(tables: Tables) -> dict[Cell, dict[Entry, dict[str, list[int]]]]:
         worlds.setdefault((cell.task, cell.team_size), set()).add(cell)
     found: dict[Cell, dict[Entry, dict[str, list[int]]]] = {}
     for row in records(_every_run(tables)):
-        task, team_size = str(row["task"]), int(row["team_size"])
-        anywhere = worlds.get((task, team_size), {Cell(task, team_size)})
-        for cell, entry in places.get(row["run"], [(cell, entry_of(row)) for cell in anywhere]):
+        entry, size = entry_of(row), (str(row["task"]), int(row["team_size"]))
+        meant = cells_meant(*size, entry.variant, worlds.get(size, set()))
+        for cell, entry in places.get(row["run"], [(cell, entry) for cell in meant]):
             ended = found.setdefault(cell, {}).setdefault(entry, {})
             ended.setdefault(row["status"], []).append(int(row["seed"]))
     return found

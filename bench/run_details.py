@@ -9,7 +9,7 @@ import pandas as pd
 from bench.figures import by_run
 from bench.flown import playable_all
 from bench.leaderboard import number
-from bench.statistics import COUNTED, Cell, Entry, cell_of, entry_of, records
+from bench.statistics import COUNTED, Cell, Entry, cell_of, cells_meant, entry_of, records
 from bench.tables import Tables
 
 MAX_POINTS = 100
@@ -109,7 +109,7 @@ def details(
 def first_runs(tables: Tables, lines: list[dict[str, Any]]) -> dict[tuple[Cell, Entry], str]:
     """Id of the run that a row of the leaderboard opens: the first seed of its entry there.
 
-    A run that failed names no world; it stands for its entry in every world of its cell.
+    A run that failed stands for its entry where it was meant to be evaluated.
     """
     flown = tables.results.drop_duplicates(["run", "simulator", "deployed_effects"])
     worlds: dict[str, set[tuple[Cell, Entry]]] = {}
@@ -119,9 +119,9 @@ def first_runs(tables: Tables, lines: list[dict[str, Any]]) -> dict[tuple[Cell, 
         cells.setdefault((row["task"], int(row["team_size"])), set()).add(cell_of(row))
     found: dict[tuple[Cell, Entry], str] = {}
     for line in sorted(lines, key=lambda line: (line["lost"], line["seed"])):
-        size = line["task"], line["team_size"]
-        anywhere = {(cell, line["entry"]) for cell in cells.get(size, {Cell(*size)})}
-        for key in worlds.get(line["run"], anywhere):
+        entry, size = line["entry"], (line["task"], line["team_size"])
+        meant = cells_meant(*size, entry.variant, cells.get(size, set()))
+        for key in worlds.get(line["run"], {(cell, entry) for cell in meant}):
             found.setdefault(key, line["id"])
     return found
 

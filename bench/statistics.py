@@ -16,7 +16,8 @@ percentile bootstrap covers 0.88 (measured by simulation).
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ LEVEL = 0.95
 """Coverage of every interval."""
 FEWEST = 2
 """Seeds that an entry needs in a cell, where cells are compared or pooled."""
+_WORLD = re.compile(r"(?:reality|deployed_in)=(\w+)\+((?:\w+\([^()]*\)\+?)+)")
 
 
 class Entry(NamedTuple):
@@ -204,6 +206,18 @@ def cell_of(row: Mapping[str, Any]) -> Cell:
         str(row["simulator"]),
         str(row["deployed_effects"]),
     )
+
+
+def cells_meant(task: str, team_size: int, variant: str, known: Collection[Cell]) -> set[Cell]:
+    """The cells that a run was meant for that ended before it flew.
+
+    Its variant may name their world; otherwise it is that without effects, if any of `known`, the
+    cells of its task and team size, is.
+    """
+    if named := _WORLD.search(variant):
+        return {Cell(task, team_size, named[1], named[2])}
+    plain = {cell for cell in known if not cell.deployed_effects}
+    return plain or set(known) or {Cell(task, team_size)}
 
 
 def _quantile(freedom: float) -> float:

@@ -10,6 +10,7 @@ from markdown_it import MarkdownIt
 from tables_for_tests import Sheet
 
 from bench import markdown
+from bench.endings import endings
 from bench.leaderboard import leaderboard_rows, write_leaderboard
 from bench.numbers import number, seconds
 from bench.standings import axis_lines, standings
@@ -70,6 +71,14 @@ def test_a_method_whose_runs_all_failed_is_listed_last():
         "2 failed (seed 0, 1)",
     )
     assert math.isnan(row["reward_mean"])
+
+
+def test_a_run_that_failed_is_listed_only_where_it_was_meant_to_fly():
+    sheet = Sheet().add()
+    sheet.add("recalibrated", variant="reality=crazyflow+Drag(c=2)", status="failed", cause="x")
+    found = endings(sheet.tables())
+    ended = {cell.deployed_effects: {e.method for e in entries} for cell, entries in found.items()}
+    assert ended == {"": {"lf_baseline"}, "Drag(c=2)": {"recalibrated"}}
 
 
 def test_a_finished_run_without_a_finite_reward_is_named():

@@ -8,7 +8,15 @@ import pytest
 from scipy import stats
 
 from bench.errors import UsageError
-from bench.statistics import Cell, Entry, difference, estimate, ranks, seed_values
+from bench.statistics import (
+    Cell,
+    Entry,
+    cells_meant,
+    difference,
+    estimate,
+    ranks,
+    seed_values,
+)
 from bench.tables import table
 
 A, B, C, D = (Entry(name) for name in "abcd")
@@ -132,6 +140,22 @@ def test_worlds_are_cells_of_their_own():
     rows = [result_row(), result_row(deployed_effects="wind(1.5)", value=-2.0)]
     found = seed_values(table("results", rows), "reward")
     assert list(found) == [Cell("spread", 3), Cell("spread", 3, "crazyflow", "wind(1.5)")]
+
+
+def test_a_run_that_never_flew_was_meant_for_the_world_of_its_variant():
+    plain, windy = Cell("spread", 3), Cell("spread", 3, "crazyflow", "Wind(x=1.5, y=0, z=0)")
+    world = "crazyflow+Wind(x=1.5, y=0, z=0)"
+    for variant, known, meant in (
+        (f"deployed_in={world}, tracked=true", {plain, windy}, windy),
+        (f"reality={world}, trainer.lr=0.01", set(), windy),
+        ("trainer.lr=0.01", {plain, windy}, plain),
+        ("", {windy}, windy),
+        ("", set(), plain),
+    ):
+        assert cells_meant("spread", 3, variant, known) == {meant}
+    two = "reality=crazyflow+Mass(e=0.2)+Drag(c=2)"
+    (found,) = cells_meant("spread", 3, two, ())
+    assert found.deployed_effects == "Mass(e=0.2)+Drag(c=2)"
 
 
 def test_two_runs_for_one_seed_are_an_error():
