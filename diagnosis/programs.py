@@ -24,7 +24,9 @@ from jax import export
 from diagnosis.library import Library
 
 
-def cached(name: str, trace: Callable, library: Library, settings: str, args: tuple) -> Callable:
+def cached(
+    name: str, trace: Callable, library: Library, settings: str, args: tuple
+) -> jax.stages.Wrapped:
     """`trace` compiled for `args`, from disk where it was traced before."""
     folder = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     if not folder:

@@ -13,7 +13,10 @@ More derivatives are along what windows start from whose attitude is set to the 
 
 import dataclasses
 import functools
+import os
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
@@ -30,7 +33,7 @@ from simulators.effects.voltage_sag import VoltageSag
 from simulators.flight import Flight
 from simulators.rotation import quat_to_rpy, rpy_to_quat
 
-LANES = 8
+LANES = 4
 """Segments per call."""
 _INPUTS = ("start", "pos", "vel", "quat", "ang_vel", "fresh", "cmd", "voltage", "place")
 TURNS = 10
@@ -75,17 +78,31 @@ class Replay:
     ) -> Iterator[tuple[slice, Prediction]]:
         """Predictions batch by batch, so that memory does not grow with the logs.
 
-        Every flight has a vector of its own. Without `turns`, those slopes are left out.
+        Every flight has a vector of its own. Without `turns`, those slopes are left out. Each core
+        flies a batch of its own.
         """
         along = jnp.asarray(directions, float)
-        for begin in range(0, len(segments), LANES):
+
+        def prepared(begin: int) -> tuple[slice, Callable[..., tuple[Array, Array]], tuple]:
             chosen = slice(begin, min(begin + LANES, len(segments)))
             batch = {name: _padded(getattr(segments, name)[chosen]) for name in _INPUTS}
-            theta = _padded(vectors[segments.flight[chosen]])
-            value, slope = self._program((batch, theta, along), turns)(batch, theta, along)
-            n, k = chosen.stop - begin, len(directions)
+            args = batch, _padded(vectors[segments.flight[chosen]]), along
+            return chosen, self._program(args, turns), args
+
+        def flown(chosen: slice, program: Callable, args: tuple) -> tuple[slice, Prediction]:
+            value, slope = program(*args)
+            n, k = chosen.stop - chosen.start, len(directions)
             slopes = np.moveaxis(np.asarray(slope[:n]), 1, 0)
-            yield chosen, Prediction(np.asarray(value[:n]), slopes[:k], slopes[k:])
+            return chosen, Prediction(np.asarray(value[:n]), slopes[:k], slopes[k:])
+
+        with ThreadPoolExecutor(_cores()) as pool:
+            flying = deque[Future[tuple[slice, Prediction]]]()
+            for begin in range(0, len(segments), LANES):
+                flying.append(pool.submit(flown, *prepared(begin)))
+                if len(flying) >= _cores():
+                    yield flying.popleft().result()
+            while flying:
+                yield flying.popleft().result()
 
     def _program(self, args: tuple, turns: bool) -> Callable[..., tuple[Array, Array]]:
         """The program for the shapes of `args`, compiled once a process."""
@@ -97,8 +114,14 @@ class Replay:
                 return jax.vmap(one)(batch, theta)
 
             settings = f"dt={self.dt} prescribed={self.prescribed} turns={turns}"
-            self.programs[shapes] = cached("replay", fly, self.library, settings, args)
+            program = cached("replay", fly, self.library, settings, args)
+            self.programs[shapes] = program.lower(*args).compile()
         return self.programs[shapes]
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _padded(x: np.ndarray) -> Array:
