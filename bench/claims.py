@@ -1,6 +1,6 @@
 """The page that puts the paper's claims beside ours, as Markdown and as HTML."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from bench import markdown
@@ -9,7 +9,7 @@ from bench.leaderboard import number
 from bench.off_spec_claims import off_spec_claims
 from bench.own_claims import own_claims
 from bench.paper_claims import Claim, claims
-from bench.pictures import data_uri, write_summary
+from bench.pictures import data_uri, write_off_spec, write_summary
 from bench.report import write_page
 from bench.statistics import difference, estimate, matched, seed_values
 from bench.tables import Tables
@@ -19,6 +19,11 @@ PICTURE = (
     "means over seeds with one standard deviation"
 )
 """What the figure shows."""
+OFF_SPEC = (
+    "Deployed return on drones that are off their specification; means over seeds with one "
+    "standard deviation"
+)
+"""What the figure beside these claims shows."""
 
 __all__ = ["Claim", "claims", "variants", "write_claims"]
 
@@ -28,24 +33,32 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
 
     Args:
         tables: What the sweep found.
-        path_md: Where to write; the HTML gets the suffix `.html`, the figure `_summary.png`.
+        path_md: Where to write; the HTML gets the suffix `.html`, the figures `_summary.png` and
+            `_worlds.png`.
         notes: A Markdown file to append, e.g. why a claim fails.
     """
     path = Path(path_md)
-    picture = path.with_name(f"{path.stem}_summary.png")
-    drawn = write_summary(tables, picture)
+    drawings = ((PICTURE, "summary", write_summary), (OFF_SPEC, "worlds", write_off_spec))
+    drawn = [
+        (title, picture) if draw(tables, picture) else None
+        for title, name, draw in drawings
+        for picture in [path.with_name(f"{path.stem}_{name}.png")]
+    ]
 
-    def text(link: str) -> str:
-        figure = [f"![{PICTURE}]({link})", f"*{PICTURE}.*"] if drawn else []
-        return "\n\n".join(_document(tables, notes, figure)) + "\n"
+    def text(link: Callable[[Path], str]) -> str:
+        figures = [
+            [f"![{made[0]}]({link(made[1])})", f"*{made[0]}.*"] if made else [] for made in drawn
+        ]
+        return "\n\n".join(_document(tables, notes, *figures)) + "\n"
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text(picture.name), encoding="utf-8")
-    page = text(data_uri(picture) if drawn else "")
-    write_page(page, path.with_suffix(".html"), "The paper's claims beside ours")
+    path.write_text(text(lambda picture: picture.name), encoding="utf-8")
+    write_page(text(data_uri), path.with_suffix(".html"), "The paper's claims beside ours")
 
 
-def _document(tables: Tables, notes: Path | None, figure: list[str]) -> list[str]:
+def _document(
+    tables: Tables, notes: Path | None, figure: list[str], worlds: list[str]
+) -> list[str]:
     found = claims(tables)
     word = {True: "holds", False: "**does not hold**", None: "not tested"}
     overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in found]
@@ -64,17 +77,19 @@ def _document(tables: Tables, notes: Path | None, figure: list[str]) -> list[str
         markdown.table(("claim", "paper", "ours", "verdict"), overview, range(4)),
     ]
     for i, claim in enumerate(found, 1):
+        if claim.holds is None and not claim.lines:
+            continue  # the table above says that it was not tested
         parts += [f"## {i}. {claim.title}", f"Paper: {claim.paper}. Ours: {claim.ours}."]
         parts += _detail(claim, word)
     further = (
-        ("On a drone that is off its specification", "paper", off_spec_claims(tables)),
-        ("Beyond the paper", "aim", own_claims(tables)),
+        ("On a drone that is off its specification", "paper", off_spec_claims(tables), worlds),
+        ("Beyond the paper", "aim", own_claims(tables), []),
     )
-    for title, theirs, made in further:
+    for title, theirs, made, shown in further:
         if not made:
             continue
         overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in made]
-        parts += [f"## {title}"]
+        parts += [f"## {title}", *shown]
         parts += [markdown.table(("claim", theirs, "ours", "verdict"), overview, range(4))]
         for claim in made:
             parts += [f"### {claim.title}", *_detail(claim, word)]

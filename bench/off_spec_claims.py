@@ -14,6 +14,14 @@ from bench.tables import Tables
 RECALIBRATED = Entry("recalibrated")
 TRACKED = Entry("lf_baseline", variant="PD tracking")
 CLEAN = Entry("hybrid", "mlp", "on the nominal drone")
+NAMES = {
+    CLEAN: "Hybrid on the nominal drone",
+    RECALIBRATED: "recalibrated",
+    HYBRID: "Hybrid as it is",
+    LF: "LF baseline as it is",
+    TRACKED: "PD tracking",
+}
+"""What stands beside each other, as figures name it."""
 LOST = 0.25
 """Largest share of Hybrid's return on the nominal drone that a recalibrated one may lose; the
 paper's largest is -102 for -82."""
@@ -21,13 +29,13 @@ paper's largest is -102 for -82."""
 
 def off_spec_claims(tables: Tables) -> list[Claim]:
     """Every claim with its verdict; none where nothing was recalibrated."""
-    values = _values(tables)
+    values = off_spec_values(tables)
     if not values:
         return []
     return [_above(values, LF), _above(values, TRACKED), _kept(values), _tracking(values)]
 
 
-def _values(tables: Tables) -> Values:
+def off_spec_values(tables: Tables) -> Values:
     """Deployed returns in each world in which something was recalibrated, by what it is there."""
     nominal = undisturbed(tables, "reward")
     found = {}

@@ -1,12 +1,15 @@
-"""The summary figure as a picture file, for pages that cannot run a script."""
+"""Figures of the claims as picture files, for pages that cannot run a script."""
 
 import base64
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
+import pandas as pd
 import seaborn
 
 from bench.figures import BUILT_IN, COLORS
+from bench.off_spec_claims import NAMES, off_spec_values
 from bench.statistics import COUNTED, entry_of, records
 from bench.tables import Tables
 
@@ -16,6 +19,8 @@ ROWS = {
     "reward": "deployed return",
 }
 """Metrics from top to bottom, as in the paper's summary figure, and their axis labels."""
+STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+"""Settings of every figure."""
 COSTS = ("fleet_minutes", "training_crashes")
 """Rows with a logarithmic axis from 10 on, the same for all tasks."""
 
@@ -38,7 +43,7 @@ def write_summary(tables: Tables, path: Path) -> bool:
     order = [e.label for e in known] + sorted({e.label for e in entries if e not in BUILT_IN})
     colors = {label: COLORS[i % len(COLORS)] for i, label in enumerate(order)}
     colors |= {e.label: COLORS[BUILT_IN.index(e)] for e in known}
-    with plt.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
+    with plt.rc_context(STYLE):
         grid = seaborn.relplot(
             shown,
             x="team_size",
@@ -72,6 +77,52 @@ def write_summary(tables: Tables, path: Path) -> bool:
         for axes in grid.axes[1:].flat:
             axes.set_title("")
         grid.set_axis_labels("team size N", None)
+        if grid.legend is not None:
+            grid.legend.set_title("")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        grid.savefig(path, dpi=110)
+        plt.close(grid.figure)
+    return True
+
+
+def write_off_spec(tables: Tables, path: Path) -> bool:
+    """Writes a PNG: return on an off-spec drone against team size, a row a disturbance.
+
+    Nothing is written, and False returned, where nothing was recalibrated.
+    """
+    rows = [
+        {"task": cell.task, "N": cell.team_size, "world": cell.deployed_effects, "what": NAMES[e]}
+        | {"return": value}
+        for cell, found in off_spec_values(tables).items()
+        for e, seeds in found.items()
+        for value in seeds.values()
+    ]
+    if not rows:
+        return False
+    shown = pd.DataFrame(rows)
+    with plt.rc_context(STYLE):
+        grid = seaborn.relplot(
+            shown,
+            x="N",
+            y="return",
+            row="world",
+            col="task",
+            hue="what",
+            hue_order=list(NAMES.values()),
+            palette=list(COLORS[: len(NAMES)]),
+            style="what",
+            style_order=list(NAMES.values()),
+            kind="line",
+            markers=True,
+            dashes=False,
+            errorbar="sd",
+            err_style="bars",
+            height=2.1,
+            aspect=1.5,
+        )
+        grid.set_titles("{col_name}, {row_name}")
+        grid.set(xticks=sorted(shown["N"].unique()))
+        grid.set_axis_labels("team size N", "deployed return")
         if grid.legend is not None:
             grid.legend.set_title("")
         path.parent.mkdir(parents=True, exist_ok=True)

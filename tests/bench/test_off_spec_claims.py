@@ -53,8 +53,13 @@ def test_other_settings_are_not_what_the_paper_compares():
 
 
 def test_they_stand_in_the_document_only_where_something_was_recalibrated(tmp_path):
-    path = tmp_path / "off_spec.md"
+    path, other = tmp_path / "off_spec.md", tmp_path / "other.md"
     write_claims(flown().tables(), path)
-    assert "## On a drone that is off its specification" in path.read_text(encoding="utf-8")
-    write_claims(Sheet().add("hybrid", "mlp").tables(), path)
-    assert "off its specification" not in path.read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8")
+    assert "## On a drone that is off its specification" in text
+    assert "](off_spec_worlds.png)" in text
+    assert path.with_suffix(".html").read_text(encoding="utf-8").count("data:image/png") == 2
+    write_claims(Sheet().add("hybrid", "mlp").tables(), other)
+    assert "off its specification" not in other.read_text(encoding="utf-8")
+    pictures = sorted(picture.name for picture in tmp_path.glob("*.png"))
+    assert pictures == ["off_spec_summary.png", "off_spec_worlds.png", "other_summary.png"]
