@@ -181,7 +181,8 @@ def _study(
     replay = make_replay(library, _step(simulator), inputs.prescribed)
     logs = inputs.flights
     sigma = noise_of(replay, logs)
-    progress("compiling the simulator", 0.05)
+    fitted = ", fitting it to the reference flights" if compared is not None else ""
+    progress(f"compiling the simulator{fitted}", 0.05)
     base = reference_of(replay, compared.flights) if compared is not None else None
     every = make_likelihood(replay, logs, base.enlarged * sigma if base else sigma)
     fit_ids, held = shrinkage.split(len(logs))
