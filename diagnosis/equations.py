@@ -41,7 +41,9 @@ def bounded_step(
     root = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
     target = vectors[:, kept].T @ (g / scale) / np.sqrt(values[kept])
     room = (scale * least - 1e-12, scale * most + 1e-12)
-    return np.clip(np.asarray(lsq_linear(root, target, room).x) / scale, least, most)
+    with np.errstate(invalid="ignore"):  # scipy multiplies a step of zero by infinity and drops it
+        found = lsq_linear(root, target, room).x
+    return np.clip(np.asarray(found) / scale, least, most)
 
 
 def scale_of(H: np.ndarray) -> np.ndarray:
