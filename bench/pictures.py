@@ -21,6 +21,15 @@ ROWS = {
 """Metrics from top to bottom, as in the paper's summary figure, and their axis labels."""
 STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
 """Settings of every figure."""
+LINES: Any = {
+    "kind": "line",
+    "markers": True,
+    "dashes": False,
+    "errorbar": "sd",
+    "err_style": "bars",
+    "height": 2.1,
+}
+"""Lines through means over seeds, with one standard deviation."""
 COSTS = ("fleet_minutes", "training_crashes")
 """Rows with a logarithmic axis from 10 on, the same for all tasks."""
 
@@ -56,12 +65,7 @@ def write_summary(tables: Tables, path: Path) -> bool:
             palette=colors,
             style="method",
             style_order=order,
-            kind="line",
-            markers=True,
-            dashes=False,
-            errorbar="sd",
-            err_style="bars",
-            height=2.1,
+            **LINES,
             aspect=1.25,
             facet_kws={"sharey": False, "margin_titles": False},
         )
@@ -77,12 +81,7 @@ def write_summary(tables: Tables, path: Path) -> bool:
         for axes in grid.axes[1:].flat:
             axes.set_title("")
         grid.set_axis_labels("team size N", None)
-        if grid.legend is not None:
-            grid.legend.set_title("")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        grid.savefig(path, dpi=110)
-        plt.close(grid.figure)
-    return True
+        return _saved(grid, path)
 
 
 def write_off_spec(tables: Tables, path: Path) -> bool:
@@ -112,22 +111,22 @@ def write_off_spec(tables: Tables, path: Path) -> bool:
             palette=list(COLORS[: len(NAMES)]),
             style="what",
             style_order=list(NAMES.values()),
-            kind="line",
-            markers=True,
-            dashes=False,
-            errorbar="sd",
-            err_style="bars",
-            height=2.1,
+            **LINES,
             aspect=1.5,
         )
         grid.set_titles("{col_name}, {row_name}")
         grid.set(xticks=sorted(shown["N"].unique()))
         grid.set_axis_labels("team size N", "deployed return")
-        if grid.legend is not None:
-            grid.legend.set_title("")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        grid.savefig(path, dpi=110)
-        plt.close(grid.figure)
+        return _saved(grid, path)
+
+
+def _saved(grid: seaborn.FacetGrid, path: Path) -> bool:
+    """True, after the figure was written and closed."""
+    if grid.legend is not None:
+        grid.legend.set_title("")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    grid.savefig(path, dpi=110)
+    plt.close(grid.figure)
     return True
 
 
