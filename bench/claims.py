@@ -38,16 +38,18 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
         notes: A Markdown file to append, e.g. why a claim fails.
     """
     path = Path(path_md)
-    drawings = ((PICTURE, "summary", write_summary), (OFF_SPEC, "worlds", write_off_spec))
-    drawn = [
-        (title, picture) if draw(tables, picture) else None
-        for title, name, draw in drawings
-        for picture in [path.with_name(f"{path.stem}_{name}.png")]
-    ]
+    summary_png, worlds_png = (
+        path.with_name(f"{path.stem}_{name}.png") for name in ("summary", "worlds")
+    )
+    drawn = (
+        (PICTURE, summary_png, write_summary(tables, summary_png)),
+        (OFF_SPEC, worlds_png, write_off_spec(tables, worlds_png)),
+    )
 
     def text(link: Callable[[Path], str]) -> str:
         figures = [
-            [f"![{made[0]}]({link(made[1])})", f"*{made[0]}.*"] if made else [] for made in drawn
+            [f"![{title}]({link(picture)})", f"*{title}.*"] if there else []
+            for title, picture, there in drawn
         ]
         return "\n\n".join(_document(tables, notes, *figures)) + "\n"
 

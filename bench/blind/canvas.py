@@ -1,15 +1,12 @@
 """What all figures of the blind report have in common."""
 
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 OUR_COLOR = "#00527f"
 """The accent of the pages."""
-STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
-"""Settings of every figure."""
 
 
 def saved(figure: Figure, path: Path) -> bool:

@@ -79,7 +79,7 @@ def _work(
     state = folders.read_state()
     console.print(f"SHA-256 of the labels: {state['sha256']}", soft_wrap=True, highlight=False)
     labels = read_labels(folders.labels, state["sha256"])
-    if len(folders.flown()) < len(labels):
+    if folders.gone(len(labels)):
         console.print("Flights of the draw are gone; its seeds fly them again.")
         _fly(folders, {"out": str(folders.out.resolve())}, len(labels), console)
     _answer(folders, labels, jobs, console, command, timeout)

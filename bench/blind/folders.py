@@ -82,6 +82,11 @@ class Folders:
         cases = sorted(self.cases.glob("*"))
         return [path for path in cases if path.suffix == "" and (true / path.name).is_dir()]
 
+    def gone(self, n_cases: int) -> bool:
+        """Whether flights of a draw of so many cases are missing."""
+        others = self.reference.is_dir() and self.undisturbed.is_dir()
+        return not others or len(self.flown()) < n_cases
+
     def drawn(self) -> list[Path]:
         """All that a draw makes; studies, which lie beside it, are none of it."""
         made = (self.cases, self.labels.parent, self.reference, self.undisturbed)

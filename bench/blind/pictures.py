@@ -11,10 +11,11 @@ import seaborn
 from matplotlib.axes import Axes
 
 from bench.blind import limits, next_flight
-from bench.blind.canvas import OUR_COLOR, STYLE, saved
+from bench.blind.canvas import OUR_COLOR, saved
 from bench.blind.sections import asked
 from bench.blind.tables import OURS, Tables
 from bench.figures import COLORS
+from bench.pictures import STYLE
 from bench.statistics import records
 
 Drawing = tuple[str, str]

@@ -61,6 +61,8 @@ def stub(tmp_path):
 def made(out, *cases):
     """Folders of cases as if they had been flown; each with what the stub shall say of it."""
     folders = Folders(out)
+    for flown in (folders.reference, folders.undisturbed):
+        flown.mkdir(parents=True)
     for one, what in cases:
         place = folders.cases / one.id / "flights"
         for folder in (place, folders.labels.parent / "true" / one.id):
@@ -177,6 +179,10 @@ def test_flights_that_are_gone_are_flown_again_before_the_diagnoses(
     tmp_path, stub, no_measuring, monkeypatch
 ):
     folders = made(tmp_path, (MASS, "mass"), (CLEAN, "none"))
+    assert not folders.gone(2)
+    folders.reference.rmdir()
+    assert folders.gone(2)
+    folders.reference.mkdir()
     shutil.rmtree(folders.cases / MASS.id)
 
     def fly(_, settings, total, console):
