@@ -134,13 +134,18 @@ def probability_of_improvement(a: Sample, b: Sample, reps: int = REPS) -> Interv
 
 
 def differences(samples: Sequence[Sample], reps: int = REPS) -> Differences:
-    """IQMs of samples over the same strata, with simultaneous intervals of all differences."""
+    """IQMs of samples over the same strata, with simultaneous intervals of all differences.
+
+    They have no end where some stratum has fewer than two seeds.
+    """
     point = np.asarray([iqm(_values(s), _weights(s)) for s in samples])
     drawn = np.stack([iqm(_resampled(s, reps), _weights(s)) for s in samples], axis=1)
     first, second = np.triu_indices(len(samples), k=1)
     half = np.zeros((len(samples), len(samples)))
     if len(first) == 0:
         return Differences(point, half)
+    if not all(_resamplable(sample) for sample in samples):
+        return Differences(point, np.where(np.eye(len(samples), dtype=bool), 0.0, math.inf))
     apart = drawn[:, first] - drawn[:, second] - (point[first] - point[second])
     spread = apart.std(axis=0)
     safe = np.where(spread > 0.0, spread, 1.0)
@@ -160,14 +165,17 @@ def tie_groups(above: Bool[np.ndarray, "samples samples"]) -> list[tuple[int, ..
     """
     tied = ~(above | above.T)
     np.fill_diagonal(tied, False)
+    others = [set(np.flatnonzero(row).tolist()) for row in tied]
     found: list[tuple[int, ...]] = []
 
-    def grow(group: set[int], may: set[int], seen: set[int]) -> None:  # Bron and Kerbosch (1973)
+    def grow(group: set[int], may: set[int], seen: set[int]) -> None:
+        """Bron and Kerbosch (1973) with the pivot of Tomita, Tanaka and Takahashi (2006)."""
         if not may and not seen:
             found.append(tuple(sorted(group)))
-        for i in sorted(may):
-            others = set(np.flatnonzero(tied[i]).tolist())
-            grow(group | {i}, may & others, seen & others)
+            return
+        pivot = max(may | seen, key=lambda i: len(may & others[i]))
+        for i in sorted(may - others[pivot]):
+            grow(group | {i}, may & others[i], seen & others[i])
             may, seen = may - {i}, seen | {i}
 
     grow(set(), set(range(len(above))), set())
@@ -181,8 +189,6 @@ Deviations = dict[Hashable, dict[int, float]]
 def _stretch(a: Deviations, b: Deviations, quantile: float) -> float:
     """Half width of the difference of two samples over its bootstrap's standard deviation."""
     fewest = min(len(seeds) for sample in (a, b) for seeds in sample.values())
-    if fewest < 2:
-        return math.inf
     parts = []
     for stratum, first in a.items():
         second = b.get(stratum, {})

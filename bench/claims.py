@@ -69,9 +69,10 @@ def _document(
         'Claims of Mednikov and Gal, "Calibrate Once, Fly Any Team" (arXiv 2609.17265). '
         "Hybrid is the one with the MLP ensemble unless said otherwise. Every number is computed "
         "from the tables of the sweep: means over training seeds, default settings, deployed in "
-        "the undisturbed high-fidelity simulator; ± is one standard deviation over seeds; "
-        '"significant" means that the 95 % t-interval of the difference (paired by seed, over the '
-        "seeds that both have) excludes 0. Initial states depend on the seed, so ± holds their "
+        "the undisturbed high-fidelity simulator unless a cell names what it was flown with; ± is "
+        'one standard deviation over seeds; "significant" means that the 95 % t-interval of the '
+        "difference (paired by seed, over the seeds that both have; not corrected for the number "
+        "of cells) excludes 0. Initial states depend on the seed, so ± holds their "
         "differences, too, which a paired difference does not. Crashes are onsets of contact, and "
         "contacts are flags in this simulator: drones never push each other.",
         _ended(tables),

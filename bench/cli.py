@@ -43,9 +43,9 @@ class Part:
     method: Annotated[list[str] | None, Repeatable] = None
     """Only this method."""
     residual: Annotated[list[str] | None, Repeatable] = None
-    """Only methods with this residual, and those that --method names and that take none."""
+    """Only with this residual, and what --method names and takes none."""
     seeds: int | None = None
-    """Number of seeds, from the suite's first; rows with a number of their own keep that."""
+    """Number of seeds, from the suite's first; rows that have fewer keep their number."""
 
     def of(self, suite: str) -> "Suite":
         """That part of the suite."""

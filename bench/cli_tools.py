@@ -81,7 +81,7 @@ def diagnose(
 def blind(
     *,
     cases: int | None = None,
-    reality: str = "crazyflow",
+    reality: str | None = None,
     out: Path | None = None,
     seed: int | None = None,
     jobs: int | None = None,
@@ -101,7 +101,7 @@ def blind(
     cases
         Number of cases of all kinds; without it, the 321 of a counted run.
     reality
-        Where they are flown: crazyflow, or rotorpy, against which a reference is used.
+        Where they are flown: crazyflow (the default) or rotorpy, where a reference is used.
     out
         Folder for tables, report and flights; without it, tables go to results/blind/REALITY and
         the report on all realities to reports/blind.md.
@@ -120,17 +120,25 @@ def blind(
     """
     from bench.environment import environment
 
+    studies = {"--next-flight": next_flight, "--limits": limits}
+    wanted = [name for name, on in studies.items() if on]
+    instead = ["--report"] if report else wanted
+    given = {"--cases": cases, "--seed": seed, "--jobs": jobs}
+    if report:
+        given |= {"--reality": reality, **dict.fromkeys(wanted, True)}
+    if needless := [name for name, value in given.items() if instead and value is not None]:
+        raise UsageError(f"Leave out {', '.join(needless)}: no meaning with {instead[0]}.")
     os.environ.update(environment())
     from bench.blind.command import rebuild_report, run_blind
 
-    if next_flight or limits:
-        from bench.blind.studies import run_studies
-
-        wanted = [name for name, on in (("next_flight", next_flight), ("limits", limits)) if on]
-        return run_studies(wanted, reality, out, notes)
     if report:
         return rebuild_report(out, notes)
-    return run_blind(cases, reality, out, seed, jobs, notes=notes)
+    if wanted:
+        from bench.blind.studies import run_studies
+
+        names = [name.removeprefix("--").replace("-", "_") for name in wanted]
+        return run_studies(names, reality or "crazyflow", out, notes)
+    return run_blind(cases, reality or "crazyflow", out, seed, jobs, notes=notes)
 
 
 def check(

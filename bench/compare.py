@@ -21,7 +21,7 @@ from bench.endings import endings, lost
 from bench.errors import UsageError
 from bench.numbers import mean_std, number, seconds, span
 from bench.scores import flown_settings, scored
-from bench.statistics import FEWEST, Cell, Entry, difference, estimate, seed_values
+from bench.statistics import FEWEST, Cell, Entry, difference, estimate, matched, seed_values
 from bench.tables import Tables
 from simulators.registry import unknown
 
@@ -153,7 +153,8 @@ def report(a: Side, b: Side, console: Console) -> int:
 
 def _one(a: Mapping[int, float], b: Mapping[int, float]) -> tuple[Verdict, list[str]]:
     """The answer in one stratum, from rewards."""
-    first, second, apart = estimate(a.values()), estimate(b.values()), difference(a, b)
+    first, second = (estimate(x.values()) for x in matched(a, b))
+    apart = difference(a, b)
     means = [f"{mean_std(x.mean, x.std)} (n = {x.n})" for x in (first, second)]
     text = (
         f"Reward {means[0]} against {means[1]}: difference {number(apart.mean, 1)}, "

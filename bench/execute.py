@@ -71,8 +71,7 @@ class _Execution:
     def result(self) -> dict[str, str]:
         """Executes; the statuses."""
         for parent in self._failed:
-            for child in self._schedule.end(parent, "failed"):
-                self._fail(child, f"parent {parent} failed", interrupted=True)
+            self._fail_children(parent, "failed")
         self._blocked = {*self._schedule.status}
         while not self._over():
             for slot, runs in self._slots.items():
@@ -132,9 +131,12 @@ class _Execution:
         """Notes the end of a run; a failed one takes its children along."""
         seconds = time.monotonic() - self._schedule.started.get(run.name, time.monotonic())
         self._display.finished(run, status, cause, seconds)
-        for child in self._schedule.end(run.name, status):
+        self._fail_children(run.name, status)
+
+    def _fail_children(self, parent: str, status: str) -> None:
+        for child in self._schedule.end(parent, status):
             if child.name not in self._schedule.status:  # not by way of another child
-                self._fail(child, f"parent {run.name} failed", interrupted=True)
+                self._fail(child, f"parent {parent} failed", interrupted=True)
 
 
 class _Schedule:

@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bench.plan import expand
+from bench.plan import PlanError, expand
 from bench.suite import built_in, load_suite
 from simulators import registry
 
@@ -29,7 +29,11 @@ def show_suites(console: Console) -> None:
     table = _table("Suites")
     for name in built_in():
         suite = load_suite(name)
-        plan = expand(suite)
+        try:
+            plan = expand(suite)
+        except PlanError as error:
+            table.add_row(Text(name, "bold"), Text("0 runs", "dim"), Text(str(error), "red"))
+            continue
         table.add_row(
             Text(name, "bold"),
             Text(f"{len(plan.runs)} runs", "dim"),

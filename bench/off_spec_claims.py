@@ -60,7 +60,7 @@ def _above(values: Values, other: Entry) -> Claim:
     name = "PD tracking" if other == TRACKED else "the LF baseline"
     return Claim(
         f"Recalibrated on the off-spec drone, Hybrid deploys above {name} there",
-        "every cell" if other == LF else "every cell, by less under drag",
+        "every cell" if other == LF else "every cell, by the least under drag",
         wins.text,
         all(wins.won) if wins.won else None,
         "its mean reward is higher in every cell",

@@ -127,6 +127,8 @@ def expectations(
         )
     parts = [f"{used[basis]} from the {basis}".replace("the other", "another") for basis in BASES]
     parts = [part for part, basis in zip(parts, BASES, strict=True) if used[basis]]
+    if idle := used["no training"]:
+        parts.append(f"{idle} that train nothing")
     if unknown := len(missing) - len(known):
         parts.append(f"{unknown} unknown, because no run like them is in the past rows")
     lines.append(f"That rests on {n_past} past runs: {', '.join(parts)}.")

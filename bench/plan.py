@@ -26,6 +26,7 @@ from bench.pages import file_name
 from bench.realities import parse_reality, written
 from bench.sources import own_source, shared_sources
 from bench.suite import Row, Suite
+from methods.evaluate import Evaluation
 from methods.reference_paths import Followers
 from simulators import registry
 from simulators.contract import AbstractSimulator
@@ -250,7 +251,9 @@ def _make_recipe(
         "team_size": team_size,
         "overrides": row.settings,
         "task_overrides": row.task_settings,
-        "sources": _sources(found | ({"controller": Followers} if row.tracked else {})),
+        "sources": _sources(
+            found | {"evaluation": Evaluation} | ({"controller": Followers} if row.tracked else {})
+        ),
         "cost": 0.5 if row.deploys else _cost(method_class, team_size),
         "reality": row.world or REALITY,
         "deploys": row.deploys,

@@ -46,6 +46,8 @@ class Outcome:
     """Whether it failed from outside, e.g. its process was killed: it may go well next time."""
     trained: Trained | None = None
     """Policy, ledger, residual, notes."""
+    trained_effects: str = ""
+    """Effects of the simulator that it was trained in, a residual not among them."""
     metrics: Mapping[str, float] = dataclasses.field(default_factory=dict)
     """Metric -> value."""
     curves: pd.DataFrame | None = None
@@ -83,6 +85,7 @@ def describe_run(run: Run, outcome: Outcome, files: Mapping[str, bytes]) -> dict
         "status": outcome.status,
         "cause": outcome.cause,
         "interrupted": outcome.interrupted,
+        "trained_effects": outcome.trained_effects,
         "deployed_in": REALITY,
         "deployed_effects": canonical(parse_reality(run.reality).effects),
         "parents": dict(run.parents),

@@ -7,8 +7,9 @@ itself a module (such as a method's `trainer`) is overridden field by field.
 import dataclasses
 import difflib
 import json
+import typing
 from collections.abc import Iterable, Mapping
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import equinox as eqx
 import numpy as np
@@ -65,7 +66,7 @@ def build(cls: type[T], overrides: Mapping[str, Setting], where: str, **given: S
 
 def _override(instance: T, overrides: Mapping[str, Setting], where: str) -> T:
     """`instance` with some fields replaced, nested ones too."""
-    allowed = {field.name for field in dataclasses.fields(instance) if field.init}
+    allowed = {field.name: field.type for field in dataclasses.fields(instance) if field.init}
     changes = {}
     for key, value in overrides.items():
         if key not in allowed:
@@ -76,16 +77,22 @@ def _override(instance: T, overrides: Mapping[str, Setting], where: str) -> T:
                 raise SettingsError(f"{path} must be a table of its settings, got {value!r}.")
             changes[key] = _override(old, value, path)
         else:
-            changes[key] = _like(old, value, path)
+            changes[key] = _like(old, value, allowed[key], path)
     return dataclasses.replace(instance, **changes)
 
 
-def _like(old: object, value: Setting, path: str) -> Setting:
-    """`value`, checked to be of the kind of the default `old`; lists become tuples."""
+def _like(old: Any, value: Setting, kind: object, path: str) -> Setting:
+    """`value`, checked to be of the kind of the default `old`; lists become tuples.
+
+    Where that is None, an annotation `int | None` or `float | None` says what else it may be.
+    """
     value = tuple(value) if isinstance(value, list) else value
-    for kind, words in {bool: "true or false", str: "text", tuple: "a list"}.items():
-        if isinstance(old, kind):
-            if isinstance(value, kind):
+    if old is None and value is not None:
+        others = [t for t in typing.get_args(kind) if t is not type(None)]
+        old = {int: 1, float: 0.5}.get(others[0]) if len(others) == 1 else None
+    for cls, words in ((bool, "true or false"), (str, "text"), (tuple, "a list")):
+        if isinstance(old, cls):
+            if isinstance(value, cls):
                 return value
             raise SettingsError(f"{path} must be {words} (such as {old!r}), got {value!r}.")
     if isinstance(old, int) and (not isinstance(value, int) or isinstance(value, bool)):

@@ -33,7 +33,7 @@ LEVEL = 0.95
 """Coverage of every interval."""
 FEWEST = 2
 """Seeds that an entry needs in a cell, where cells are compared or pooled."""
-_WORLD = re.compile(r"(?:reality|deployed_in)=(\w+)\+((?:\w+\([^()]*\)\+?)+)")
+_WORLD = re.compile(r"(?:reality|deployed_in)=(\w+)\+(\w+\([^()]*\)(?:; \w+\([^()]*\))*)")
 
 
 class Entry(NamedTuple):
@@ -42,14 +42,12 @@ class Entry(NamedTuple):
     method: str
     residual: str = ""
     variant: str = ""
-    trained_effects: str = ""
 
     @property
     def label(self) -> str:
         """The name to show, e.g. `hybrid (mlp)`."""
         name = f"{self.method} ({self.residual})" if self.residual else self.method
-        extras = [self.variant, self.trained_effects and f"trained with {self.trained_effects}"]
-        return ", ".join([name, *filter(None, extras)])
+        return ", ".join(filter(None, [name, self.variant]))
 
 
 class Cell(NamedTuple):
@@ -146,9 +144,10 @@ def matched(
 def ranks(samples: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, int | None]:
     """Rank of each entry, higher values first; entries that cannot be told apart share one.
 
-    The best mean takes rank 1 together with all whose difference to it has an interval that
-    contains 0; the best of the rest takes the next rank in the same way (1, 1, 3, ...). An entry
-    with fewer than two seeds has no interval, so no order is claimed: its rank is None.
+    The best mean takes rank 1 together with all that are not shown to be below it: the interval of
+    the difference, over the seeds that both have, reaches 0 or beyond. The best of the rest takes
+    the next rank in the same way (1, 1, 3, ...). An entry with fewer than two seeds has no
+    interval, so no order is claimed: its rank is None.
     """
     result: dict[Entry, int | None] = dict.fromkeys(samples)
     rest = [entry for entry, values in samples.items() if len(values) >= 2]
@@ -158,7 +157,7 @@ def ranks(samples: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, int | Non
         tied = [
             entry
             for entry in rest
-            if entry == best or not difference(samples[best], samples[entry]).excludes_zero
+            if entry == best or not difference(samples[best], samples[entry]).low > 0.0
         ]
         result.update(dict.fromkeys(tied, rank))
         rest = [entry for entry in rest if entry not in tied]

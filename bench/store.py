@@ -64,8 +64,9 @@ class Store:
         self.runs = self.directory / "runs"
         self._disk = disk or Disk()
 
-    def lock(self, waiting: Callable[[], None]) -> filelock.BaseFileLock:
-        """The acquired lock of this directory; calls `waiting` once if another process has it."""
+    @contextlib.contextmanager
+    def lock(self, waiting: Callable[[], None]) -> Iterator[None]:
+        """Inside, this directory is ours; calls `waiting` once if another process has it."""
         self._disk.make_folder(self.runs)
         lock = filelock.FileLock(self.runs / ".lock")
         try:
@@ -73,7 +74,10 @@ class Store:
         except filelock.Timeout:
             waiting()
             lock.acquire()
-        return lock
+        try:
+            yield
+        finally:
+            lock.release()
 
     @contextlib.contextmanager
     def claim(self, name: str, longest: float = LONGEST_CLAIM) -> Iterator[None]:

@@ -22,7 +22,8 @@
     deployed_in = "crazyflow+wind(x=1.5)"  # as it is: this row trains nothing
     tracked = true                     # a PD controller flies the paths of that policy
 
-An unknown key is an error. Plug-in names are checked without importing any plug-in.
+An unknown key is an error, and so is a row outside the suite's own tasks, team sizes and seeds.
+Plug-in names are checked without importing any plug-in.
 """
 
 import dataclasses
@@ -142,8 +143,8 @@ class Suite:
         """The suite with what the command line chose instead of its own lists.
 
         A task, team size or method need not be in the suite; such a method gets a row with
-        default settings. `residuals` keeps rows with one of these; of rows without a residual, it
-        keeps those that `methods` names.
+        default settings. `residuals` keeps rows with one of these and fills in rows that name none
+        but could; of methods that take none, it keeps those that `methods` names.
 
         Raises:
             SuiteError: Nothing is left, or something chosen is not allowed.
@@ -155,11 +156,7 @@ class Suite:
         known = {row.method for row in rows}
         rows += [Row(method) for method in dict.fromkeys(methods) if method not in known]
         if residuals:
-            rows = [
-                row
-                for row in rows
-                if row.residual in residuals or (not row.residual and row.method in methods)
-            ]
+            rows = [kept for row in rows for kept in _filled(row, residuals, row.method in methods)]
             rows += [
                 Row(method, residual)
                 for method in dict.fromkeys(r.method for r in self.methods if r.residual)
@@ -176,6 +173,19 @@ class Suite:
             seeds=self.seeds if seeds is None else seeds,
             methods=tuple(rows),
         )
+
+
+def _filled(row: Row, residuals: Sequence[str], named: bool) -> list[Row]:
+    """What is left of a row where residuals are chosen; `named`: its method is chosen, too."""
+    if row.residual:
+        return [row] if row.residual in residuals else []
+    try:
+        cls = registry.load("method", row.method)
+    except registry.BrokenPluginError:
+        return [row] if named else []  # planning says why
+    if any(field.name == "residual" for field in dataclasses.fields(cls)):
+        return [dataclasses.replace(row, residual=name) for name in dict.fromkeys(residuals)]
+    return [row] if named else []
 
 
 def built_in() -> list[str]:
@@ -229,7 +239,7 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
                 seeds=_typed(place, row, "seeds", int) if "seeds" in row else None,
             )
         )
-    return Suite(
+    suite = Suite(
         name=_typed(where, content, "name", str, path.stem),
         description=_typed(where, content, "description", str, ""),
         tasks=_list(where, content, "tasks", str),
@@ -238,6 +248,20 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
         methods=tuple(rows),
         first_seed=_typed(where, content, "first_seed", int, 0),
     )
+    for number, row in enumerate(rows, start=1):
+        for key in ("tasks", "team_sizes"):
+            for value in getattr(row, key) or ():
+                if value not in getattr(suite, key):
+                    raise SuiteError(
+                        f"{where}, method {number}: `{key}` names {value!r}, which the suite's own "
+                        f"`{key}` lack."
+                    )
+        if row.seeds is not None and row.seeds > suite.seeds:
+            raise SuiteError(
+                f"{where}, method {number}: `seeds` must be at most the suite's {suite.seeds}, got "
+                f"{row.seeds}."
+            )
+    return suite
 
 
 def _check_keys(

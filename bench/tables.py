@@ -182,7 +182,7 @@ def results_rows(content: Mapping, metrics: Mapping[str, float]) -> list[dict]:
     shared = {column: content[column] for column in ("run", *IDENTITY, "status")}
     shared |= {
         "simulator": content["deployed_in"],
-        "trained_effects": "",
+        "trained_effects": content.get("trained_effects", ""),
         "deployed_effects": content.get("deployed_effects", ""),
         "calibration_flights": content["ledger"]["calibration_flights"],
     }

@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 from bench.executor import Report, one_line
-from bench.plan import NOMINAL, Run
+from bench.plan import NOMINAL, REALITY, Run
 from bench.realities import parse_reality
 from bench.record import Outcome
 from bench.settings import build
@@ -36,6 +36,8 @@ from methods.policy import PolicyController, make_policy
 from methods.reference_paths import Followers
 from methods.together import Team
 from simulators import registry
+from simulators.contract import AbstractSimulator
+from simulators.effects.chain import canonical
 
 REPORT_EVERY = 0.2
 """Shortest time between two progress reports of a worker [s]."""
@@ -153,6 +155,7 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
     return Outcome(
         status=trained.status,
         trained=trained,
+        trained_effects=_trained_in(run, store, trained, reality),
         metrics=metrics(trained, deployed, in_nominal),
         curves=_curves(run, trained),
         trajectory=_trajectory(run, deployed),
@@ -162,6 +165,14 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
 def _deployed(parent: Trained) -> Trained:
     """What a parent trained, of which a run that only deploys bears no cost."""
     return dataclasses.replace(parent, ledger=Ledger(), curves={})
+
+
+def _trained_in(run: Run, store: Store, trained: Trained, reality: AbstractSimulator) -> str:
+    """Effects of the simulator in which the policy was trained."""
+    if run.deploys:
+        return store.read(run.parents[run.method]).get("trained_effects", "")
+    at_home = registry.load("method", run.method).simulator == REALITY
+    return canonical(reality.effects if at_home else trained.effects)
 
 
 def _trained(run: Run, setup: Setup) -> Trained:

@@ -55,7 +55,7 @@ class GreyBox(AbstractMethod):
     spread: float = eqx.field(static=True, default=0.5)
     """Largest change of the logarithm of an identified time in a training episode [-]."""
     trainer: BPTT = eqx.field(default=BPTT(epochs=600))
-    """How the policy is trained; in all fewer updates than a hot start makes (300 + 500)."""
+    """How the policy is trained; twice those of the LF baseline."""
 
     version: ClassVar[str] = "1"
     parents: ClassVar[tuple[str, ...]] = ()

@@ -14,6 +14,7 @@ from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import Policy, make_policy
 from methods.residual_effect import ResidualEffect
 from methods.residuals.contract import AbstractResidual, AbstractResidualModel, Transitions
+from methods.together import in_turn
 from simulators import registry
 from simulators.contract import with_effects
 
@@ -57,26 +58,27 @@ class Hybrid(AbstractMethod):
         fitted: AbstractResidualModel | None = None,
     ) -> Trained:
         """The same with a residual whose fit goes on from `fitted`."""
-        start = time.perf_counter()
         flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
         task, nominal = setup.task, setup.nominal
-        setup.progress("calibration flights", 0, 1, float("nan"))
-        calibration = calibrate(
-            task,
-            nominal,
-            setup.reality,
-            setup.parents["lf_baseline"].policy,
-            flight_key,
-            n_flights=self.flights or pool_size(task.n_drones),
-            attitude=self.attitude,
-            excitation=self.excitation,
-            hover_weight=self.hover_weight if task.station_keeping else 0.0,
-        )
-        setup.progress("residual fit", 0, 1, float("nan"))
-        model = residual.fit(calibration.transitions, fit_key, fitted)
+        with in_turn():
+            start = time.perf_counter()
+            setup.progress("calibration flights", 0, 1, float("nan"))
+            calibration = calibrate(
+                task,
+                nominal,
+                setup.reality,
+                setup.parents["lf_baseline"].policy,
+                flight_key,
+                n_flights=self.flights or pool_size(task.n_drones),
+                attitude=self.attitude,
+                excitation=self.excitation,
+                hover_weight=self.hover_weight if task.station_keeping else 0.0,
+            )
+            setup.progress("residual fit", 0, 1, float("nan"))
+            model = residual.fit(calibration.transitions, fit_key, fitted)
+            before = time.perf_counter() - start
         corrected = with_effects(nominal, [ResidualEffect(model, nominal.spec.mass)])
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
-        before = time.perf_counter() - start
         training = self.trainer.train(
             task, corrected, policy, train_key, setup.progress, "hybrid training"
         )

@@ -34,6 +34,13 @@ class Recalibrated(AbstractMethod):
     simulator: ClassVar[str] = "point_mass"
     goes_on_from: ClassVar[tuple[str, ...]] = ("hybrid",)
 
+    def __check_init__(self) -> None:
+        for name in ("flights", "refit_epochs"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"`{name}` must be at least 1, got {getattr(self, name)}.")
+        if not self.refit_lr > 0.0:
+            raise ValueError(f"`refit_lr` must be above 0, got {self.refit_lr}.")
+
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         parent = setup.parents["hybrid"]
         hybrid = Hybrid(flights=self.flights, trainer=self.trainer)

@@ -55,6 +55,8 @@ class Team:
         self._waiting: list[_Call] = []
         self._rooms: dict[tuple[Hashable, int], Any] = {}
         self._change = threading.Condition()
+        self.turn = threading.Lock()
+        """Who has it does what members do one after another."""
 
     @contextlib.contextmanager
     def member(self) -> Iterator[None]:
@@ -131,6 +133,14 @@ def _together(given: tuple[Function, Any, tuple], room: Any) -> tuple[list[tuple
     *results, room = eqx.filter_vmap(function)(stacked, room)
     one = lambda i: jax.tree.map(lambda x: x[i] if _is_array(x) else x, tuple(results))  # noqa: E731
     return [one(i) for i in range(len(numbers))], room
+
+
+@contextlib.contextmanager
+def in_turn() -> Iterator[None]:
+    """Inside, no other member of the team does such work, so that its time is this member's."""
+    team = current_team()
+    with team.turn if team else contextlib.nullcontext():
+        yield
 
 
 _TEAM: contextvars.ContextVar[Team | None] = contextvars.ContextVar("team", default=None)

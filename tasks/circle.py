@@ -22,6 +22,7 @@ from tasks.contract import (
     AbstractTask,
     Target,
     TaskState,
+    check_positive,
     direction,
     ring_offset,
     ring_radius,
@@ -48,6 +49,9 @@ class Circle(AbstractTask):
 
     version: ClassVar[str] = "1"
     station_keeping: ClassVar[bool] = False
+
+    def __check_init__(self) -> None:
+        check_positive(self, "altitude")
 
     @property
     def radius(self) -> float:

@@ -61,6 +61,13 @@ class Target(eqx.Module):
     """Acceleration of a drone that keeps satisfying it [m/s^2]."""
 
 
+def check_positive(task: "AbstractTask", *names: str) -> None:
+    """Raises a ValueError unless each of these fields of a task is above 0."""
+    for name in names:
+        if not getattr(task, name) > 0.0:
+            raise ValueError(f"`{name}` must be above 0, got {getattr(task, name)}.")
+
+
 class AbstractTask(eqx.Module):
     """A cooperative task for `n_drones` drones that share one policy."""
 

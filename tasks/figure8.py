@@ -25,6 +25,7 @@ from tasks.contract import (
     AbstractTask,
     Target,
     TaskState,
+    check_positive,
     ring_offset,
     ring_radius,
     spawn_grid,
@@ -53,6 +54,9 @@ class Figure8(AbstractTask):
 
     version: ClassVar[str] = "1"
     station_keeping: ClassVar[bool] = False
+
+    def __check_init__(self) -> None:
+        check_positive(self, "altitude", "period")
 
     @property
     def radius(self) -> float:

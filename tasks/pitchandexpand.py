@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from simulators.vehicle import CONTROL_DT
-from tasks.contract import AbstractTask, Target, TaskState, direction, spawn_grid
+from tasks.contract import AbstractTask, Target, TaskState, check_positive, direction, spawn_grid
 
 
 class PitchAndExpand(AbstractTask):
@@ -45,6 +45,9 @@ class PitchAndExpand(AbstractTask):
 
     version: ClassVar[str] = "1"
     station_keeping: ClassVar[bool] = False
+
+    def __check_init__(self) -> None:
+        check_positive(self, "period", "clearance")
 
     @property
     def radius(self) -> float:

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from tasks.contract import AbstractTask, Target, TaskState, ring_radius, spawn_grid
+from tasks.contract import AbstractTask, Target, TaskState, check_positive, ring_radius, spawn_grid
 
 
 class Spread(AbstractTask):
@@ -39,6 +39,9 @@ class Spread(AbstractTask):
 
     version: ClassVar[str] = "1"
     station_keeping: ClassVar[bool] = True
+
+    def __check_init__(self) -> None:
+        check_positive(self, "altitude", "coverage_width")
 
     @property
     def radius(self) -> float:

@@ -54,8 +54,11 @@ def check(plugin: str, assignments: Sequence[str], simulator_names: Sequence[str
         )
     if len(simulator_names) > 1 and kind == "method":
         raise UsageError("`--simulator` may be given once for a method: where it is deployed.")
-    chosen = simulator_names or (registry.names("simulator") if kind == "effect" else [REALITY])
-    realities = {name: registry.load("simulator", name) for name in chosen}
+    if kind == "effect" and not simulator_names:
+        realities = registry.load_all("simulator")
+    else:
+        chosen = simulator_names or [REALITY]
+        realities = {name: registry.load("simulator", name) for name in chosen}
     settings = parse(assignments)
     say(console, f"Checking {kind} {cls.__module__}.{cls.__qualname__}.")
     if kind == "method":

@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import markdown
+from bench.diagnosis.documents import check_place
 from bench.errors import UsageError
 from bench.plan import NOMINAL
 from bench.realities import parse_reality, written
@@ -44,8 +45,11 @@ def deploy(
 ) -> int:
     """Trains and deploys all ways, writes deploy.json and deploy.md, shows the table.
 
+    Both are written after every seed, with what there is by then.
+
     Raises:
-        UsageError: The reality is not understood, or a number is out of range.
+        UsageError: The reality is not understood, a number is out of range, or `out` cannot be
+            written to.
     """
     if seeds < 1 or team_size < 2:
         raise UsageError(
@@ -53,18 +57,21 @@ def deploy(
         )
     reality = parse_reality(reality_text)
     task = registry.load("task", task_name)(n_drones=team_size)
-    rows = [row for seed in range(seeds) for row in _seed(task, reality, seed, console)]
-    content = {
+    names = ("deploy.json", "deploy.md")
+    check_place(out, names)
+    content: dict[str, Any] = {
         "task": task_name,
         "team_size": team_size,
         "reality": written(reality),
-        "runs": rows,
-        "ways": _summary(rows),
+        "runs": [],
     }
-    out.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    (out / "deploy.json").write_text(text, encoding="utf-8")
-    (out / "deploy.md").write_text(_markdown(content), encoding="utf-8")
+    for seed in range(seeds):
+        content["runs"] += _seed(task, reality, seed, console)
+        content["ways"] = _summary(content["runs"])
+        out.mkdir(parents=True, exist_ok=True)
+        texts = json.dumps(content, indent=1, allow_nan=False) + "\n", _markdown(content)
+        for name, text in zip(names, texts, strict=True):
+            (out / name).write_text(text, encoding="utf-8")
     _show(content, console)
     console.print(f"Written: {out / 'deploy.md'}", markup=False)
     return 0
@@ -98,7 +105,7 @@ def _seed(
                     "fleet_minutes": trained.ledger.hf_fleet_seconds / 60.0,
                     "train_seconds": trained.ledger.train_seconds,
                     "status": trained.status,
-                    "effects": canonical(trained.effects),
+                    "effects": canonical(trained.effects, digits=4),
                 }
             )
             said = "" if trained.status in COUNTED else f" ({trained.status})"

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ NAMES = ("diagnosis.json", "diagnosis.md", "diagnosis.html")
 """What a folder of a diagnosis holds."""
 
 
-def check_place(out: Path) -> None:
+def check_place(out: Path, names: Sequence[str] = NAMES) -> None:
     """Raises if the documents could not be written to the folder `out`; writes nothing.
 
     Raises:
@@ -28,7 +29,7 @@ def check_place(out: Path) -> None:
         raise UsageError(f"{existing} is not a folder, so nothing can be written there.")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise UsageError(f"The folder {existing} is not writable. Choose another with `--out`.")
-    for name in NAMES:
+    for name in names:
         if (out / name).is_dir():
             raise UsageError(f"{out / name} is a folder, so no file can be written there.")
 

@@ -143,11 +143,11 @@ def has(effects: Effects, kind: type[AbstractEffect]) -> bool:
     return any(isinstance(effect, kind) for effect in effects)
 
 
-def canonical(effects: Effects) -> str:
-    """Effects as text, sorted by name, parameters included; empty for none."""
+def canonical(effects: Effects, digits: int = 12) -> str:
+    """Effects as text, sorted by name, parameters with so many digits; empty for none."""
     texts = []
     for effect in effects:
         name = type(effect).__name__
-        values = (f"{p}={float(getattr(effect, p)):g}" for p in type(effect).parameters)
+        values = (f"{p}={float(getattr(effect, p)):.{digits}g}" for p in type(effect).parameters)
         texts.append(f"{name}({', '.join(values)})")
     return "; ".join(sorted(texts))

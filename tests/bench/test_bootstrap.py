@@ -1,6 +1,7 @@
 """Pooled numbers: frozen values of rliable, simulated coverage, ranks and ties."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -129,6 +130,23 @@ def test_tie_groups_of_samples_that_are_all_alike_or_all_apart():
     assert tie_groups(np.zeros((3, 3), bool)) == [(0, 1, 2)]
     assert tie_groups(np.triu(np.ones((3, 3), bool), k=1)) == [(0,), (1,), (2,)]
     assert differences([sample(A)]).ranks == [(1, 1)]
+
+
+def test_tie_groups_are_all_largest_ones_and_many_ties_take_no_time():
+    n = 30
+    assert tie_groups(np.zeros((n, n), bool)) == [tuple(range(n))]
+    above = np.triu(np.random.default_rng(0).random((7, 7)) < 0.4, k=1)
+    apart = above | above.T
+    subsets = [s for k in range(1, 8) for s in itertools.combinations(range(7), k)]
+    tied = [set(s) for s in subsets if not apart[np.ix_(s, s)].any()]
+    largest = [tuple(sorted(s)) for s in tied if not any(s < other for other in tied)]
+    assert tie_groups(above) == sorted(largest)
+
+
+def test_one_seed_in_a_stratum_decides_nothing():
+    found = differences([sample(A[:1] + 100.0), sample(A[:1])])
+    assert found.half.tolist() == [[0.0, math.inf], [math.inf, 0.0]]
+    assert not found.above.any()
 
 
 def test_no_common_cell_is_an_error():

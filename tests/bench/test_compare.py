@@ -40,6 +40,13 @@ def test_one_cell_is_decided_by_the_t_interval_of_rewards():
     assert compare(*sides(both())[::-1]).verdict is Verdict.WORSE
 
 
+def test_the_means_that_are_shown_are_of_the_seeds_that_are_compared():
+    sheet = Sheet().add("good", rewards=(-9.0, -9.11)).add("bad", rewards=(-10.0, -10.1, -1.0))
+    found = compare(*sides(sheet))
+    assert found.verdict is Verdict.BETTER
+    assert "-9.1 ± 0.1 (n = 2) against -10.1 ± 0.1 (n = 2): difference 1.0" in found.lines[0]
+
+
 def test_several_cells_are_decided_by_pooled_scores():
     found = compare(*sides(two_cells()))
     assert found.verdict is Verdict.BETTER

@@ -39,6 +39,28 @@ def test_a_reality_that_makes_no_sense_is_refused(text, match):
         parse_reality(text)
 
 
+def test_a_folder_that_cannot_be_written_to_is_refused_before_any_training(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_seed", pytest.fail)
+    (tmp_path / "file").touch()
+    with pytest.raises(UsageError, match="file is not a folder"):
+        deploy("circle", "crazyflow", 2, 1, tmp_path / "file", Console(quiet=True))
+
+
+def test_a_seed_that_fails_leaves_the_others_results(tmp_path, monkeypatch):
+    def fly(task, reality, seed, console):
+        if seed == 1:
+            raise ValueError("a drone never left the ground")
+        row = {"reward": -1.0, "crashes": 0.0, "fleet_minutes": 0.0, "train_seconds": 1.0}
+        ways = [module._name(*way) for way in module.WAYS]
+        return [row | {"way": w, "seed": 0, "status": "ok", "effects": ""} for w in ways]
+
+    monkeypatch.setattr(module, "_seed", fly)
+    with pytest.raises(ValueError, match="never left"):
+        deploy("circle", "crazyflow", 2, 2, tmp_path, Console(quiet=True))
+    assert len(json.loads((tmp_path / "deploy.json").read_text())["runs"]) == 4
+    assert "Mean over 1 seed;" in (tmp_path / "deploy.md").read_text()
+
+
 def test_an_unknown_effect_is_named():
     with pytest.raises(UnknownPluginError, match="Did you mean 'mass'"):
         parse_reality("crazyflow+mas(e=0.2)")

@@ -17,6 +17,21 @@ from bench.suite import Row, Suite
 from bench.worker import do_run
 
 
+class Idle(AbstractExecutor):
+    """Has nothing to do."""
+
+    slots = 1
+
+    def start(self, slot, task):
+        pytest.fail("nothing can start")
+
+    def events(self, timeout):
+        return []
+
+    def stop(self):
+        pass
+
+
 def test_a_full_disk_costs_the_runs_that_cannot_be_stored(plugins, tmp_path, monkeypatch):
     """Nothing can be stored, not even that they failed; the sweep ends and says so."""
 
@@ -73,6 +88,20 @@ def test_what_failed_by_itself_stays_so_when_its_group_dies_later(plugins, tmp_p
     assert [content["interrupted"] for content in found] == [False, True, True]
     assert found[0]["cause"] == "the propellers fell off"
     assert (store.runs / runs[0].name / "traceback.txt").read_text() == "why"
+
+
+def test_a_child_of_two_that_failed_earlier_fails_once(plugins, tmp_path, monkeypatch):
+    *_, run = expand(Suite("test", "", ("spread",), (2,), 1, (Row("child"),))).runs
+    child = dataclasses.replace(run, parents={"one": "one", "other": "other"})
+    grand = dataclasses.replace(run, parents={"one": "one", "child": child.name}, seed=7)
+    ended = []
+    display = Display([child, grand], Console(quiet=True))
+    monkeypatch.setattr(display, "finished", lambda run, *_: ended.append(run.name))
+    store, failed = Store(tmp_path), ["one", "other"]
+    status = execute([child, grand], store, Idle(), display, failed=failed)
+    assert status == {child.name: "failed", grand.name: "failed"}
+    assert ended == [child.name, grand.name]
+    assert store.read(child.name)["cause"] == "parent one failed"
 
 
 def test_a_run_that_was_planned_for_another_device_is_not_done(plugins, tmp_path):

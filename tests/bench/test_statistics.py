@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 
 from bench.errors import UsageError
+from bench.realities import parse_reality, written
 from bench.statistics import (
     Cell,
     Entry,
@@ -18,6 +19,7 @@ from bench.statistics import (
     seed_values,
 )
 from bench.tables import table
+from simulators.effects import chain
 
 A, B, C, D = (Entry(name) for name in "abcd")
 
@@ -116,6 +118,13 @@ def test_what_cannot_be_told_from_the_best_shares_its_rank():
     assert ranks(samples) == {A: 1, B: 1, C: 3, D: 4}
 
 
+def test_what_is_shown_to_be_better_is_not_ranked_worse():
+    """B has the lower mean, because it lacks the seeds that are easy."""
+    samples = {A: by_seed(-10.0, -10.1, -1.0, -1.0, -1.0), B: by_seed(-9.0, -9.11)}
+    assert difference(samples[B], samples[A]).low > 0.0
+    assert ranks(samples) == {A: 1, B: 1}
+
+
 def test_one_seed_takes_no_rank_and_gives_none_away():
     samples = {A: by_seed(-1.0), B: by_seed(-10.0, -11.0), C: by_seed(-20.0, -21.5)}
     assert ranks(samples) == {A: None, B: 1, C: 2}
@@ -153,9 +162,10 @@ def test_a_run_that_never_flew_was_meant_for_the_world_of_its_variant():
         ("", set(), plain),
     ):
         assert cells_meant("spread", 3, variant, known) == {meant}
-    two = "reality=crazyflow+Mass(e=0.2)+Drag(c=2)"
-    (found,) = cells_meant("spread", 3, two, ())
-    assert found.deployed_effects == "Mass(e=0.2)+Drag(c=2)"
+    reality = parse_reality("crazyflow+mass(e=0.2)+drag(c=2)")
+    variant = f"reality={written(reality)}, trainer.lr=0.01"
+    (found,) = cells_meant("spread", 3, variant, ())
+    assert found.deployed_effects == chain.canonical(reality.effects)
 
 
 def test_two_runs_for_one_seed_are_an_error():

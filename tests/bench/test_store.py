@@ -210,8 +210,7 @@ def test_a_stale_lock_and_a_stale_claim_hold_nobody_up(store, planned):
         import os, signal
         from bench.store import Store
         store = Store({str(store.directory)!r})
-        store.lock(lambda: None)
-        with store.claim("x"):
+        with store.lock(lambda: None), store.claim("x"):
             os.kill(os.getpid(), signal.SIGKILL)
     """
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], check=False)
@@ -340,8 +339,11 @@ def test_a_second_sweep_waits_for_the_first(store):
             waited.append("second")
             other.release()
 
-        store.lock(release).release()
+        with store.lock(release):
+            pass
     assert waited == ["second"]
+    with other:
+        pass  # it is free again
 
 
 def test_failed_runs_are_tried_again_if_asked_for_and_interrupted_ones_always(store, plugins):

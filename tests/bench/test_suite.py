@@ -82,6 +82,9 @@ def test_built_in_suites_are_what_the_documentation_promises():
         ('"mine"', '"../mine"', "names a folder, got '../mine'"),
         ("[[methods]]", "[methods]", "`methods` must be a list"),
         ("seeds = 2", "seeds = ", "cannot be read"),
+        ('residual = "mlp"', "team_sizes = [12]", "`team_sizes` names 12, which the suite's own"),
+        ('residual = "mlp"', 'tasks = ["circle"]', "`tasks` names 'circle', which the suite's own"),
+        ('residual = "mlp"', "seeds = 3", "`seeds` must be at most the suite's 2, got 3"),
     ],
 )
 def test_a_mistake_in_a_suite_is_named_in_one_line(load, old, new, message):
@@ -150,6 +153,14 @@ def test_a_residual_filter_keeps_rows_with_it():
     both = small().select(methods=["lf_baseline", "hybrid"], residuals=["mlp"])
     assert methods_of(both) == [("lf_baseline", ""), ("hybrid", "mlp")]
     assert methods_of(small().select(residuals=["sindy"])) == [("hybrid", "sindy")]
+
+
+def test_a_residual_filter_fills_rows_that_name_none_but_could():
+    off_spec = load_suite("off_spec").select(methods=["hybrid"], residuals=["affine"])
+    assert {(row.method, row.residual) for row in off_spec.methods} == {("hybrid", "affine")}
+    assert {row.deployed_in for row in off_spec.methods} > {"", "crazyflow+mass(e=0.2)"}
+    new = small().select(methods=["grey_box", "lf_baseline"], residuals=["mlp"])
+    assert methods_of(new) == [("lf_baseline", ""), ("grey_box", "mlp")]
 
 
 def test_filters_are_checked_as_a_file_is():

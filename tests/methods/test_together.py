@@ -45,6 +45,21 @@ def training(seed, trainer=TRAINER, simulator=None, task=None):
     return work
 
 
+def test_members_take_turns_where_each_is_billed_for_its_own_time():
+    inside, most = set(), []
+
+    def work():
+        with together.in_turn():
+            inside.add(threading.get_ident())
+            most.append(len(inside))
+            threading.Event().wait(0.05)
+            inside.remove(threading.get_ident())
+
+    as_team([work] * 4)
+    assert most == [1, 1, 1, 1]
+    work()  # alone, without a team
+
+
 def assert_alike(one, other, rtol=1e-4):
     assert one.curves.keys() == other.curves.keys()
     for name, curve in one.curves.items():
