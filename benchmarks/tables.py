@@ -15,8 +15,9 @@ import matplotlib.pyplot as plt
 import pandas as pd
 import seaborn
 
-from bench.blind.canvas import STYLE, saved
+from bench.blind.canvas import saved
 from bench.figures import COLORS
+from bench.pictures import STYLE
 
 TABLE = Path("results/performance/benchmarks.csv")
 FIGURE = Path("reports/performance/scale.png")

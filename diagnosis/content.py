@@ -9,7 +9,14 @@ from jaxtyping import Float
 
 from diagnosis import gap, shrinkage
 from diagnosis.advice import next_flight
-from diagnosis.library import LEFT_OUT, NEEDS_ATTITUDE_CMD, NEEDS_VOLTAGE, NEVER_BLAMED, Library
+from diagnosis.library import (
+    LEFT_OUT,
+    NEEDS_ATTITUDE_CMD,
+    NEEDS_THRUST_CMD,
+    NEEDS_VOLTAGE,
+    NEVER_BLAMED,
+    Library,
+)
 from diagnosis.logs import FlightLog, FlightSet
 from diagnosis.noise import CHANNELS
 from diagnosis.outliers import standing_out
@@ -241,6 +248,8 @@ def _not_observable(study: "Study", exclude: Collection[str]) -> list[dict[str, 
             why = "a floor is seen or not; it has no slope to follow"
         elif name in NEEDS_VOLTAGE:
             why = "not every flight is of one drone that logs commands and its battery's voltage"
+        elif name in NEEDS_THRUST_CMD and study.inputs.produced:
+            why = "the rotors' speeds are measured, so that how they lag cannot be seen"
         elif name in NEEDS_ATTITUDE_CMD:
             why = f"the attitude is prescribed from measurement ({study.inputs.kind})"
         else:

@@ -181,13 +181,7 @@ def _screened(problem: Problem, true: Fit) -> Iterator[tuple[Set, float]]:
 
 def _gain(problem: Problem, near: Fit, rival: Set) -> float:
     """Fall of chi-square that a set promises at nominal."""
-    if "gust" not in rival:
-        return problem.solve(near.normal, near, problem.free(rival))[1]
-    # The evidence that is promised knows the onset; what the parameters cost is taken out again.
-    free = problem.free(rival)
-    H, _ = problem.reduced(near.normal, near, free)
-    log_evidence = problem.promised(near, rival) + problem.occam(H, free)
-    return near.objective + 2.0 * problem.phi * log_evidence
+    return problem.gain(near, rival)
 
 
 def _exchanged(problem: Problem, true: Fit, rival: Set) -> float:

@@ -177,8 +177,9 @@ def _study(
         inputs.prescribed,
         referenced=compared is not None,
         voltage=_voltage_known(inputs, sets),
+        produced=inputs.produced,
     )
-    replay = make_replay(library, _step(simulator), inputs.prescribed)
+    replay = make_replay(library, _step(simulator), inputs.measured)
     logs = inputs.flights
     sigma = noise_of(replay, logs)
     fitted = ", fitting it to the reference flights" if compared is not None else ""
@@ -218,7 +219,7 @@ def _scorable(inputs: Inputs, flights: FlightSet, simulator: str) -> Inputs:
     Raises:
         LogError: There is none.
     """
-    segments = _segments(inputs.flights, _step(simulator), inputs.prescribed, flights.vehicle.mass)
+    segments = _segments(inputs.flights, _step(simulator), inputs.measured, flights.vehicle.mass)
     why = (
         f"in the air no {WINDOW:g} s without unknown commands hold {FEWEST_NODES} rows or more; "
         f"rows every {NODE_DT:g} s are expected."
@@ -229,11 +230,9 @@ def _scorable(inputs: Inputs, flights: FlightSet, simulator: str) -> Inputs:
         raise LogError(f"{flights.path}, no flight is usable:\n{error}") from None
 
 
-def _segments(
-    logs: Sequence[FlightLog], dt: float, prescribed: bool, mass: float
-) -> list[Segments]:
+def _segments(logs: Sequence[FlightLog], dt: float, measured: int, mass: float) -> list[Segments]:
     """Windows of flights; time on the ground does not count."""
-    return cut(logs, dt, prescribed, functools.partial(on_ground, mass=mass))
+    return cut(logs, dt, measured, functools.partial(on_ground, mass=mass))
 
 
 def make_likelihood(
@@ -241,7 +240,7 @@ def make_likelihood(
 ) -> Likelihood:
     """The likelihood of flights."""
     mass = replay.library.simulator.spec.mass
-    segments = _segments(logs, replay.dt, replay.prescribed, mass)
+    segments = _segments(logs, replay.dt, replay.measured, mass)
     return Likelihood(replay, segments, sigma, _shake(logs) if replay.prescribed else 0.0)
 
 
@@ -271,7 +270,7 @@ def reference_of(replay: Replay, logs: Sequence[FlightLog]) -> Reference:
     rows = [vars(drone).items() for log in logs for drone in log.drones]
     inputs = [x for columns in rows for _, x in columns if x is not None]
     given = [[name for name, x in columns if x is not None] for columns in rows]
-    settings = f"dt={replay.dt} prescribed={replay.prescribed} {given}"
+    settings = f"dt={replay.dt} measured={replay.measured} {given}"
     settings += f" drones={[len(log.drones) for log in logs]}"
     return Reference.of(remembered("reference", fit, replay.library, settings, inputs))
 

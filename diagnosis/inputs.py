@@ -4,7 +4,8 @@ Without an attitude command the attitude is prescribed from measurement at every
 collective thrust is an input; effects on the attitude are then not observable.
 
 - Rotor speeds: thrust of the airframe's measured curve, f = c0 + c1 n + c2 n^2 per rotor, n in
-  rev/min (crazyflow 0.4.0, ``rpm2thrust``).
+  rev/min (crazyflow 0.4.0, ``rpm2thrust``). Rotors have these speeds at every step, joined by
+  straight lines between rows; how they lag behind a command cannot be seen.
 - PWM and battery voltage: the motor voltage is duty times battery voltage, and thrust follows from
   it as the Crazyflie's firmware believes, V = 0.088 F - 0.0006239 F^2, F in grams force of all
   four rotors (crazyflie-firmware, ``motors.c``, battery compensation). Beyond the parabola's top,
@@ -27,6 +28,8 @@ PRESCRIBED = "commanded thrust and measured attitude"
 """What drives a replay that does not trust how the attitude follows its command."""
 ON_GROUND = 0.3
 """Share of the weight below which a drone is taken to stand on the ground."""
+LANDED = 0.3
+"""Time below that from which it is; a shorter dip in the air is none. A fall of 0.4 m [s]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +44,16 @@ class Inputs:
     """`commands`, `PRESCRIBED`, `rotor speeds` or `PWM and voltage`."""
     left_out: tuple[tuple[str, str], ...]
     """Flights without that input, and why."""
+
+    @property
+    def produced(self) -> bool:
+        """Whether thrust is what rotors of a known speed produce, which no lag delays."""
+        return self.kind == "rotor speeds"
+
+    @property
+    def measured(self) -> int:
+        """Leading columns of `cmd` that were measured: none, the attitude, the thrust as well."""
+        return 3 * self.prescribed + self.produced
 
     @property
     def follows_commands(self) -> bool:
@@ -143,11 +156,16 @@ def thrust_of_pwm(
 
 
 def on_ground(log: DroneLog, mass: float) -> Sequence[tuple[float, float]]:
-    """Stretches [s] in which the commanded thrust is far from carrying the drone."""
+    """Stretches [s] in which the commanded thrust is far from carrying the drone.
+
+    They last, or the log begins or ends with them.
+    """
     cmd = _known(log.cmd)
     low = cmd[:, 3] < ON_GROUND * mass * GRAVITY
     edges = np.flatnonzero(np.diff(np.concatenate([[0], low.astype(int), [0]])))
-    return [
+    stretches = [
         (float(log.t[a] - log.t[0]), float(log.t[min(b, len(log.t) - 1)] - log.t[0]))
         for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]
+    last = float(log.t[-1] - log.t[0])
+    return [(a, b) for a, b in stretches if b - a >= LANDED or a == 0.0 or b == last]

@@ -51,6 +51,9 @@ NEEDS_ATTITUDE_CMD = (
 )
 """Effects that are not observable where the attitude is prescribed from measurement."""
 
+NEEDS_THRUST_CMD = ("motor_lag", "rotor_response", "thrust_lag")
+"""Effects that are not observable where the rotors' speeds are measured."""
+
 FAMILIES: Mapping[str, frozenset[str]] = {
     name: frozenset(family)
     for family in (
@@ -75,7 +78,7 @@ FAMILIES: Mapping[str, frozenset[str]] = {
     )
     for name in family
 }
-"""Static aliases, a lower bound: effects that ordinary flights often cannot tell apart."""
+"""Effects that ordinary flights often cannot tell apart, and that are excluded together."""
 
 
 FAR = 1e9
@@ -205,6 +208,7 @@ def make_library(
     prescribed: bool = False,
     referenced: bool = False,
     voltage: bool = False,
+    produced: bool = False,
 ) -> Library:
     """Every registered effect that `simulator` has the doors for, without those excluded.
 
@@ -212,6 +216,7 @@ def make_library(
     `referenced`: there are reference flights, which those excluded may describe; what changed since
     is still none of them.
     `voltage`: every flight is of one drone that logged its battery's voltage.
+    `produced`: the rotors' speeds are measured, so that how they lag cannot be seen.
     """
     exclude = {*exclude, *NEVER_BLAMED}
     effects, slots = {}, []
@@ -220,6 +225,7 @@ def make_library(
         unseen = (
             (name in NEEDS_NEIGHBOUR and not several_drones)
             or (name in NEEDS_ATTITUDE_CMD and prescribed)
+            or (name in NEEDS_THRUST_CMD and produced)
             or (name in NEEDS_VOLTAGE and not voltage)
         )
         hidden = name in exclude and name not in LOCAL and not referenced

@@ -65,7 +65,7 @@ def remembered(
         # As above.
         made = make()
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **made)
+    np.savez(buffer, **made)  # pyright: ignore[reportArgumentType]
     _keep(path, buffer.getvalue())
     return made
 

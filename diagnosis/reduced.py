@@ -124,6 +124,19 @@ class Equations:
         H = fit.normal.H.sum(axis=0)
         return -np.linalg.solve(H + self.precision, H[:, free] @ step)
 
+    def shift_beside(
+        self, rest: Normal, fit: Fit, free: list[int], step: Float[np.ndarray, " free"]
+    ) -> Float[np.ndarray, " params"]:
+        """How far the shared shift of `fit` is from that of other flights, to first order.
+
+        `step` is that of the free parameters there.
+        """
+        if self.precision is None:
+            return np.zeros(len(fit.vector))
+        H, g = rest.H.sum(axis=0), rest.g.sum(axis=0)
+        pull = g - self.precision @ fit.shift - H[:, free] @ step
+        return np.linalg.solve(H + self.precision, pull)
+
     def joint_step(
         self, fit: Fit, damping: float
     ) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
@@ -155,7 +168,7 @@ class Equations:
         new = [slot.walked(x, step) for slot, x, step in zip(slots, vector, by, strict=True)]
         return np.clip(new, np.minimum(self.low, vector), np.maximum(self.high, vector))
 
-    def _inwards(
+    def inwards(
         self, vector: Float[np.ndarray, " params"], by: Float[np.ndarray, " params"]
     ) -> Float[np.ndarray, " params"]:
         """As much of the step `by` as leaves no bound behind."""
@@ -187,17 +200,22 @@ class Equations:
     def variance(
         self, fit: Fit, free: list[int], following: Float[np.ndarray, " free"]
     ) -> Float[np.ndarray, " free"]:
-        """Variance over `phi` of free parameters plus `following` times their shared shifts."""
+        """Variance over `phi` of free parameters plus `following` times their shared shifts.
+
+        Infinite where flights say nothing of a parameter.
+        """
         own, _ = self.reduced(fit.normal, fit, free)
-        along, n = np.eye(len(free)), len(fit.vector)
+        told, along, n = np.diag(own) > 0.0, np.eye(len(free)), len(fit.vector)
         if self.precision is None:
-            return np.diag(np.linalg.pinv(own))
+            found = np.diag(np.linalg.pinv(own))
+            return np.where(told & (found > 0.0), found, np.inf)
         H, shift = fit.normal.H.sum(axis=0), np.zeros((len(free), n))
         shift[np.arange(len(free)), free] = following
         pull = np.linalg.solve(H + self.precision, np.column_stack([H[:, free], shift.T]))
         along = along - shift @ pull[:, : len(free)]
         loose = np.sum(shift * pull[:, len(free) :].T, axis=1)
-        return np.einsum("ij,jk,ik->i", along, np.linalg.pinv(own), along) + loose
+        found = np.einsum("ij,jk,ik->i", along, np.linalg.pinv(own), along) + loose
+        return np.where(told & (found > 0.0), found, np.inf)
 
     def log_evidence(self, fit: Fit) -> float:
         """Laplace's log evidence [nats]; of parameters that cannot be flown minus infinity."""

@@ -62,12 +62,18 @@ class Replay:
     """The effects and the simulator."""
     dt: float
     """Integration step [s]."""
-    prescribed: bool = False
-    """Whether the attitude follows the commanded angles exactly at every step."""
+    measured: int = 0
+    """Leading columns of commands that were measured and are met at every step: none, the attitude
+    (3), the thrust of the rotors as well (4)."""
     programs: dict[tuple, Callable[..., tuple[Array, Array]]] = dataclasses.field(
         default_factory=dict
     )
     """Compiled programs by shapes."""
+
+    @property
+    def prescribed(self) -> bool:
+        """Whether the attitude comes from measurement."""
+        return self.measured >= 3
 
     def __call__(
         self,
@@ -113,7 +119,7 @@ class Replay:
                 one = functools.partial(_segment, self, directions=along, turns=turns)
                 return jax.vmap(one)(batch, theta)
 
-            settings = f"dt={self.dt} prescribed={self.prescribed} turns={turns}"
+            settings = f"dt={self.dt} measured={self.measured} turns={turns}"
             program = cached("replay", fly, self.library, settings, args)
             self.programs[shapes] = program.lower(*args).compile()
         return self.programs[shapes]
@@ -147,7 +153,7 @@ def _segment(
             pos=lane["pos"][0],
             vel=lane["vel"][0],
             quat=lane["quat"][0],
-            ang_vel=jnp.zeros_like(lane["pos"][0]),
+            ang_vel=lane["ang_vel"][0],
             thrust=cmds[0, 0, :, 3],
             torque=jnp.zeros_like(lane["pos"][0]),
         )
@@ -218,6 +224,8 @@ def _fly(
             everyone = jnp.ones(len(cmd), bool)
             still = jnp.zeros_like(cmd[:, :3])
             state = simulator.turned(state, rpy_to_quat(cmd[:, :3]), still, everyone)
+        if replay.measured == 4:
+            state = simulator.producing(state, cmd[:, 3])
         state = simulator.step_cmd(state, cmd, replay.dt)
         return state, _measured(simulator.flight(state))
 
@@ -241,7 +249,7 @@ def _measured(flight: Flight) -> Float[Array, "drones 9"]:
 def _at(
     track: Float[Array, "steps drones 9"], place: Float[Array, "drones nodes"]
 ) -> Float[Array, "drones nodes 9"]:
-    """The track between its steps, linearly; yaw must not cross +-pi within a step."""
+    """The track between its steps, linearly."""
     low = jnp.clip(jnp.floor(place), 0, len(track) - 2).astype(int)
     part = (place - low)[..., None]
     drone = jnp.arange(track.shape[1])[:, None]
@@ -252,7 +260,7 @@ def _at(
     return before + part * jnp.concatenate([change[..., :8], turn], axis=-1)
 
 
-def make_replay(library: Library, dt: float, prescribed: bool = False) -> Replay:
+def make_replay(library: Library, dt: float, measured: int = 0) -> Replay:
     """The replay of `library` with integration steps of `dt` [s].
 
     Raises:
@@ -260,4 +268,4 @@ def make_replay(library: Library, dt: float, prescribed: bool = False) -> Replay
     """
     if abs(WINDOW / dt - round(WINDOW / dt)) > 1e-6:
         raise ValueError(f"`dt` must divide {WINDOW} s, got {dt}.")
-    return Replay(library=library, dt=dt, prescribed=prescribed)
+    return Replay(library=library, dt=dt, measured=measured)

@@ -237,7 +237,7 @@ class Problem(Equations):
         for part in PARTS:
             vector = fit.vector.copy()
             vector[free] += part * step
-            shift = self._inwards(vector, part * follows)
+            shift = self.inwards(vector, part * follows)
             tried = self.made(fit.effects, vector + shift, fit.shared + shift, whole=False)
             if tried.objective < fit.objective:
                 return tried
@@ -245,12 +245,21 @@ class Problem(Equations):
 
     def promised(self, near: Fit, effects: Set) -> float:
         """Log evidence that the linear screening at `near` promises a set [nats]."""
-        free, normal = self.free(effects), near.normal
-        if "gust" in effects - near.effects:
-            normal = self._gusty(normal)(self.onset(near, effects))
-        _, gain = self.solve(normal, near, self._felt(effects, near))
+        normal, gain = self._screened(near, effects)
+        free = self.free(effects)
         H, _ = self.reduced(normal, near, free)
         return -0.5 * (near.objective - gain) / self.phi - self.occam(H, free)
+
+    def gain(self, near: Fit, effects: Set) -> float:
+        """Fall of chi-square that the linear screening at `near` promises a set."""
+        return self._screened(near, effects)[1]
+
+    def _screened(self, near: Fit, effects: Set) -> tuple[Normal, float]:
+        """Normal equations at `near`, a gust's from where it begins, and the promised fall."""
+        normal = near.normal
+        if "gust" in effects - near.effects:
+            normal = self._gusty(normal)(self.onset(near, effects))
+        return normal, self.solve(normal, near, self._felt(effects, near))[1]
 
     def search(self, largest: int = LARGEST) -> list[Fit]:
         """Fits of every set that came near the top, best evidence first.

@@ -20,8 +20,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
+from diagnosis import noise
 from diagnosis.logs import DroneLog, FlightLog
-from diagnosis.noise import measured
 
 WINDOW = 0.5
 """Length of a window [s]."""
@@ -30,7 +30,8 @@ N_WINDOWS = 20
 NODE_DT = 0.02
 """Shortest time between two nodes [s]."""
 FORGET = 0.2
-"""Time until rotors have forgotten an unknown command [s]; three of their time constants."""
+"""Time until rotors have forgotten an unknown command [s]: three time constants of `cf21B_500`, one
+and a half of `cf2x_L250`, whose windows `DOUBT` covers."""
 DOUBT = 1.5
 """Time after an unknown command in which a slow rotor may still show it [s]; a choice."""
 LARGEST_FILL = 0.07
@@ -107,14 +108,14 @@ def nowhere(log: DroneLog) -> Sequence[tuple[float, float]]:
 
 
 def cut(
-    flights: Sequence[FlightLog], dt: float, smooth: bool = False, ignored: Stretches = nowhere
+    flights: Sequence[FlightLog], dt: float, measured: int = 0, ignored: Stretches = nowhere
 ) -> list[Segments]:
     """Segments for steps of `dt` [s], one group for each number of drones in a flight.
 
-    Commanded angles are held between rows, or joined by straight lines where they are `smooth`
-    because they were measured.
+    Commands are held between rows; the first `measured` of their four columns, which were measured
+    instead, are joined by straight lines.
     """
-    parts = [_cut_flight(i, flight, dt, smooth, ignored) for i, flight in enumerate(flights)]
+    parts = [_cut_flight(i, flight, dt, measured, ignored) for i, flight in enumerate(flights)]
     return [
         _joined([part for part in parts if part.pos.shape[2] == size])
         for size in sorted({part.pos.shape[2] for part in parts})
@@ -127,13 +128,13 @@ def _joined(parts: Sequence[Segments]) -> Segments:
 
 
 def _cut_flight(
-    index: int, flight: FlightLog, dt: float, smooth: bool, ignored: Stretches
+    index: int, flight: FlightLog, dt: float, measured: int, ignored: Stretches
 ) -> Segments:
     zero = min(drone.t[0] for drone in flight.drones)
     seconds = max(drone.t[-1] for drone in flight.drones) - zero
     n_segments = max(1, math.ceil((seconds - WINDOW / 2) / (N_WINDOWS * WINDOW)))
     start = np.arange(n_segments) * N_WINDOWS * WINDOW - WINDOW
-    drones = [_Drone(drone, zero, smooth, ignored(drone)) for drone in flight.drones]
+    drones = [_Drone(drone, zero, measured, ignored(drone)) for drone in flight.drones]
     edges = start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
     n_steps = round(WINDOW / dt)
     steps = start[:, None] + dt * (np.arange((N_WINDOWS + 1) * n_steps) + 0.5)
@@ -160,12 +161,12 @@ class _Drone:
     """One drone's log with commands filled, time from the flight's start."""
 
     def __init__(
-        self, log: DroneLog, zero: float, smooth: bool, ignored: Sequence[tuple[float, float]]
+        self, log: DroneLog, zero: float, measured: int, ignored: Sequence[tuple[float, float]]
     ) -> None:
         if log.cmd is None:
             raise ValueError("The log has no commands.")
-        self.t, self.smooth = log.t - zero, smooth
-        self.rows, self.battery = measured(log), log.battery
+        self.t, self.measured = log.t - zero, measured
+        self.rows, self.battery = noise.measured(log), log.battery
         cmd = np.column_stack([log.cmd[:, :2], np.unwrap(log.cmd[:, 2]), log.cmd[:, 3]])
         self.cmd_t, self.cmd, unknown = filled(self.t, cmd)
         shift = log.t[0] - zero
@@ -179,10 +180,8 @@ class _Drone:
         """The command that is held at each time."""
         at = np.searchsorted(self.cmd_t, t + 1e-9, side="right") - 1
         held = self.cmd[np.clip(at, 0, None)]
-        if self.smooth:
-            angles = [np.interp(t, self.cmd_t, self.cmd[:, i]) for i in range(3)]
-            held = np.concatenate([np.stack(angles, axis=-1), held[..., 3:]], axis=-1)
-        return held
+        joined = [np.interp(t, self.cmd_t, self.cmd[:, i]) for i in range(self.measured)]
+        return np.stack([*joined, *np.moveaxis(held[..., self.measured :], -1, 0)], axis=-1)
 
     def voltage(self, t: Float[np.ndarray, "segments steps"]) -> Float[np.ndarray, "..."]:
         """The battery's voltage [V], joined by straight lines; zero without a log of it."""

@@ -1,9 +1,14 @@
 """How far the gap shrinks: drift over half a second on flights that the fit never saw.
 
 With ten flights or more, a third of them is kept out of everything. With fewer, every flight is
-scored under parameters fitted to the others (leave one flight out), and the interval is a
-t-interval over the flights' log ratios. The drift is measured from the smoothed measured state,
-noise not subtracted.
+scored under parameters fitted to the others (leave one flight out). The drift is measured from the
+smoothed measured state, noise not subtracted. Flights weigh as they have windows, in the percentage
+and in its interval, which is a t-interval of the log ratio by the jackknife over flights:
+
+    r = ln(RMS after / RMS before),     r_f the same without flight f,     n flights
+    r +- t(0.975, n - 1) sqrt((n - 1) / n sum_f (r_f - mean r_f)^2)
+
+Source of the jackknife: Efron (1982).
 """
 
 import dataclasses
@@ -44,13 +49,17 @@ class Drift:
 
 
 def left_out(problem: Problem, fit: Fit, flight: int) -> Float[np.ndarray, " params"]:
-    """The fit's parameters without one flight, by the normal equations at the fit."""
+    """The fit's parameters without one flight, by the normal equations at the fit.
+
+    What the flights share with a reference is estimated from those that are left, too.
+    """
     free = problem.free(fit.effects)
     rest = fit.normal.of(fit.normal.flight != flight)
     step, _ = problem.solve(rest, fit, free)
     vector = fit.total.copy()
     vector[free] = np.clip(vector[free] + step, problem.low[free], problem.high[free])
-    return vector
+    step = vector[free] - fit.total[free]
+    return vector + problem.inwards(vector, problem.shift_beside(rest, fit, free, step))
 
 
 def score(problem: Problem, fit: Fit, scored: Likelihood, n_flights: int, lofo: bool) -> Drift:
@@ -65,27 +74,32 @@ def score(problem: Problem, fit: Fit, scored: Likelihood, n_flights: int, lofo: 
 def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> dict:
     """The diagnosis' `shrink`."""
     before, after = (np.linalg.norm(drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after))
-    flights = np.unique(drift.before.flight)
-    pairs = [
-        (rms(before[drift.before.flight == f]), rms(after[drift.after.flight == f]))
-        for f in flights
-    ]
-    pairs = [(a, b) for a, b in pairs if a > 0 and b > 0]
-    n, unit = len(pairs), {"horizon_s": WINDOW, "unit": "m", "n": len(pairs)}
-    if n < FEW:
+    seen = np.isfinite(before)
+    flown = drift.before.flight[seen]
+    flights = [f for f in np.unique(flown) if rms(before[seen][flown == f]) > 0.0]
+    n, lost = len(flights), int(np.sum(~np.isfinite(after[seen])))
+    unit = {"horizon_s": WINDOW, "unit": "m", "n": n}
+    if n < FEW or lost:
         reason = f"{n} flight{'s' if n != 1 else ''} with windows; at least {FEW} are needed"
+        if lost:
+            reason = f"with the chosen effects the simulator cannot be flown in {lost} windows"
         empty = dict.fromkeys(("before", "after", "percent", "low", "high"))
         return {**unit, **empty, "by_channel": {}, "reason": reason}
-    ratio = np.log([b / a for a, b in pairs])
-    half = stats.t.ppf(0.975, n - 1) * np.std(ratio, ddof=1) / np.sqrt(n)
-    a, b = rms(before), rms(after)
+
+    def log_ratio(chosen: np.ndarray) -> float:
+        return float(np.log(rms(after[seen][chosen]) / rms(before[seen][chosen])))
+
+    kept = np.isin(flown, flights)
+    ratio, without = log_ratio(kept), np.asarray([log_ratio(kept & (flown != f)) for f in flights])
+    half = stats.t.ppf(0.975, n - 1) * np.sqrt((n - 1) * np.var(without))
+    a, b = rms(before[seen]), rms(after[seen])
     return {
         **unit,
         "before": a,
         "after": b,
         "percent": 100.0 * (1.0 - b / a),
-        "low": 100.0 * (1.0 - float(np.exp(ratio.mean() + half))),
-        "high": 100.0 * (1.0 - float(np.exp(ratio.mean() - half))),
+        "low": 100.0 * (1.0 - float(np.exp(ratio + half))),
+        "high": 100.0 * (1.0 - float(np.exp(ratio - half))),
         "by_channel": _by_channel(drift, sigma),
         "how": "leave one flight out" if lofo else "flights held out",
     }

@@ -35,6 +35,9 @@ MIN_ROTOR_VEL = 500.0
 BATTERY = (2.0, 5.0)
 """Voltages of the one cell that these vehicles fly on [V]."""
 
+MAX_THRUST = 4.0
+"""Largest commanded thrust over what the rotors can do; a reserve above full thrust is usual."""
+
 HOVER = (0.3, 5.0)
 """Median commanded thrust over weight; one rotor's share of it would be 0.25."""
 
@@ -64,7 +67,7 @@ def check_units(drone: Columns, rows: Rows, mass: float, spec: VehicleSpec) -> N
         _check_acc(drone)
     if "cmd_roll" in drone:
         _check_angles(drone, rows)
-        _check_thrust(drone, mass, spec)
+        _check_thrust(drone, rows, mass, spec)
     if "rotor_vel_1" in drone:
         _check_rotors(drone, rows)
     if "pwm_1" in drone:
@@ -162,11 +165,12 @@ def _check_angles(drone: Columns, rows: Rows) -> None:
         )
 
 
-def _check_thrust(drone: Columns, mass: float, spec: VehicleSpec) -> None:
+def _check_thrust(drone: Columns, rows: Rows, mass: float, spec: VehicleSpec) -> None:
     """The commanded thrust against what hovering takes and what the rotors can do."""
     thrust, hover = drone["cmd_thrust"], mass * GRAVITY
     median = np.median(thrust[thrust > 0.0]) if (thrust > 0.0).any() else 0.0
     if HOVER[0] * hover <= median <= min(HOVER[1] * hover, 1.25 * spec.thrust_max):
+        _range("cmd_thrust", thrust, rows, (-0.01, MAX_THRUST * spec.thrust_max), "N", "")
         return
     guess = {"newtons per rotor": hover / 4, "kilograms": mass, "grams": 1000.0 * mass}
     unit = _closest(median, guess, 0.4)

@@ -136,7 +136,7 @@ def check_upright(quat: Float64[np.ndarray, "rows 4"], who: str) -> None:
 
 def _rows_of_drones(columns: Columns) -> list[tuple[int | None, Int[np.ndarray, " _rows"]]]:
     """Each drone's number, None where there is but one, with its rows counted from 0."""
-    if "drone" not in columns:
+    if "drone" not in columns or len(columns["t"]) == 0:
         return [(None, np.arange(len(columns["t"])))]
     drone = columns["drone"]
     bad = np.flatnonzero(drone != np.round(drone))

@@ -244,6 +244,7 @@ def intervals(
     Standard errors come from the curvature, widened by the dispersion between flights, by `WIDER`,
     and by the root of the structure that the fit leaves (Birge's ratio): what all flights have in
     common and no effect describes, moves parameters by as much, and flights do not differ in it.
+    They have no end where flights say nothing of a parameter.
     """
     free = problem.free(fit.effects)
     if not free:

@@ -84,11 +84,11 @@ class BPTT(eqx.Module):
             raise ValueError(f"`patience` must be at least 1 or None, got {self.patience}.")
         if not 0.0 < self.decay <= 1.0:
             raise ValueError(f"`decay` must lie in (0, 1], got {self.decay}.")
-        for name in ("lr", "clip"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be above 0, got {getattr(self, name)}.")
-        if not self.final_lr >= 0.0:
-            raise ValueError(f"`final_lr` must be at least 0, got {self.final_lr}.")
+        if not self.clip > 0.0:
+            raise ValueError(f"`clip` must be above 0, got {self.clip}.")
+        for name in ("lr", "final_lr"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"`{name}` must be at least 0, got {getattr(self, name)}.")
 
     def worlds(self, n_drones: int) -> int:
         """Episodes per update of a team: each drone's view is a sample for the shared policy."""

@@ -74,6 +74,10 @@ class AbstractSimulator(eqx.Module):
         """The state with the chosen drones' rotors, if any, faster by those shares."""
         return state
 
+    def producing(self, state: Any, thrust: Float[Array, " drones"]) -> Any:
+        """The state with every drone's rotors, if any, at the speeds of a nominal thrust [N]."""
+        return state
+
     def repeating(self, after: Any) -> "AbstractSimulator":
         """The simulator for a step that is known to end in `after`, to be differentiated.
 

@@ -40,11 +40,11 @@ from simulators.contract import AbstractSimulator
 from simulators.crazyflow_params import (
     SimData,
     hover_rotor_vel,
-    opaque,
     rotor_wrench,
     scaled_gains,
     scaled_params,
 )
+from simulators.crazyflow_state import CrazyflowState, packed, unpacked
 from simulators.effects import chain
 from simulators.effects.contract import (
     AbstractEffect,
@@ -74,29 +74,6 @@ with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.St
     from crazyflow.dynamics import Dynamics
     from crazyflow.sim import Sim
     from crazyflow.sim.pipeline import append_fn, insert_fn_before
-
-
-class CrazyflowState(eqx.Module):
-    """What changes from physics step to physics step."""
-
-    steps: Int[Array, ""]
-    """Physics steps since the reset."""
-    pos: Float[Array, "drones 3"]
-    """Position, world [m]."""
-    vel: Float[Array, "drones 3"]
-    """Velocity, world [m/s]."""
-    quat: Float[Array, "drones 4"]
-    """Attitude, body to world, scalar last."""
-    ang_vel: Float[Array, "drones 3"]
-    """Angular velocity, body frame [rad/s]."""
-    rotor_vel: Float[Array, "drones 4"]
-    """Rotor speeds in crazyflow's unit [rev/min]."""
-    prev_ang_vel: Float[Array, "drones 3"]
-    """Angular velocity that the attitude controller saw last [rad/s]."""
-    r_int_error: Float[Array, "drones 3"]
-    """Integral of the attitude controller's rotation error [s]."""
-    memory: tuple
-    """Memories of the attached effects."""
 
 
 class Crazyflow(AbstractSimulator):
@@ -149,7 +126,7 @@ class Crazyflow(AbstractSimulator):
         repeats = round(CONTROL_DT * self.freq)
         memory = chain.init(self.effects, n_drones, dt)
         memory, cmds = chain.warm_up(self.effects, memory, flight, cmd_history, repeats, dt)
-        data, _ = _template(self.spec.name, self.freq)
+        data = self._constants()
         targets = hover_rotor_vel(data, cmds[:, :, 3])
         _, vehicle = chain.plant(self.effects, memory, flight, self._vehicle(), dt)
         coef = scaled_params(data, vehicle).rotor_dyn_coef
@@ -219,8 +196,14 @@ class Crazyflow(AbstractSimulator):
         speeds = state.rotor_vel * (1.0 + jnp.where(chosen[:, None], faster, 0.0))
         return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
 
+    def producing(self, state: Any, thrust: Array) -> CrazyflowState:
+        speeds = hover_rotor_vel(self._constants(), thrust[None])[0]
+        return eqx.tree_at(
+            lambda s: s.rotor_vel, state, jnp.broadcast_to(speeds, state.rotor_vel.shape)
+        )
+
     def flight(self, state: CrazyflowState) -> Flight:
-        data, _ = _template(self.spec.name, self.freq)
+        data = self._constants()
         flight = self._seen(state.steps, state, data.params)
         if not chain.has(self.effects, PlantEffect):
             return flight
@@ -234,14 +217,21 @@ class Crazyflow(AbstractSimulator):
     def _vehicle(self) -> Vehicle:
         return self.spec.vehicle(drag=True)
 
+    def _constants(self) -> SimData:
+        """Constants of crazyflow; those of `spec`, where it is not the airframe's file's own."""
+        data, _ = _template(self.spec.name, self.freq)
+        if self.spec == VEHICLES.get(self.spec.name):
+            return data
+        return data.replace(params=scaled_params(data, self._vehicle()))
+
     def _physics_step(self, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -> CrazyflowState:
-        template, pipeline = _template(self.spec.name, self.freq)
+        template, (_, pipeline) = self._constants(), _template(self.spec.name, self.freq)
 
         def step(state: CrazyflowState, cmd: Array) -> CrazyflowState:
-            data = _pack(template, state, cmd)
+            data = packed(template, state, cmd)
             for fn in self._pipeline(pipeline):
                 data = fn(data)
-            return _unpack(data, state.steps + 1)
+            return unpacked(data, state.steps + 1)
 
         return written_out(step)(state, cmd)
 
@@ -320,7 +310,7 @@ class Crazyflow(AbstractSimulator):
 
 
 def _template(drone: str, freq: int) -> tuple[SimData, OrderedDict[str, Callable]]:
-    """Constants and pipeline for one drone; states are put in by `_pack`."""
+    """Constants and pipeline for one drone; states are put in by `packed`."""
     return _templates(drone, freq, jax.dtypes.canonicalize_dtype(float).name)
 
 
@@ -332,69 +322,23 @@ def _templates(drone: str, freq: int, dtype: str) -> tuple[SimData, OrderedDict[
     mujoco.set_mju_user_warning(lambda message: None)  # pyright: ignore[reportAttributeAccessIssue]
     with jax.ensure_compile_time_eval(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Attaching a spec with an empty prefix")
-        sim = Sim(
-            n_worlds=1,
-            n_drones=1,
-            drone=Drone(drone),
-            dynamics=Dynamics.first_principles,
-            control=Control.attitude,
-            freq=freq,
-            attitude_freq=freq,
-            force_torque_freq=freq,
-            device=jax.default_backend(),
-        )
-        mujoco.set_mju_user_warning(handler)  # pyright: ignore[reportAttributeAccessIssue]
+        try:
+            sim = Sim(
+                n_worlds=1,
+                n_drones=1,
+                drone=Drone(drone),
+                dynamics=Dynamics.first_principles,
+                control=Control.attitude,
+                freq=freq,
+                attitude_freq=freq,
+                force_torque_freq=freq,
+                device=jax.default_backend(),
+            )
+        finally:
+            mujoco.set_mju_user_warning(handler)  # pyright: ignore[reportAttributeAccessIssue]
         # Arrays of crazyflow are float32 even in x64, and its gains are placed on one device.
         data = jax.tree.map(
             lambda x: jnp.asarray(x, dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
             sim.data,
         )
         return data, sim.step_pipeline.copy()
-
-
-def _pack(data: SimData, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -> SimData:
-    """Data of crazyflow for one world in the given state, `cmd` staged for the controller."""
-    zeros = jnp.zeros_like(state.pos)[None]
-    idle = jnp.zeros((1, len(state.pos), 4), state.pos.dtype)
-    # crazyflow's rotation by a vector has no derivative where the vector is exactly zero.
-    ang_vel = state.ang_vel + jnp.where(state.ang_vel == 0.0, 1e-12, 0.0)
-    states = data.states.replace(
-        pos=state.pos[None],
-        quat=state.quat[None],
-        vel=state.vel[None],
-        ang_vel=ang_vel[None],
-        rotor_vel=state.rotor_vel[None],
-        force=zeros,
-        torque=zeros,
-    )
-    due = jnp.full((1, 1), -1, jnp.int32)  # both controllers run at every physics step
-    attitude = data.controls.attitude.replace(
-        cmd=cmd[None],
-        staged_cmd=cmd[None],
-        ang_vel_des=zeros,
-        staged_ang_vel_des=zeros,
-        steps=due,
-        r_int_error=state.r_int_error[None],
-        prev_ang_vel=state.prev_ang_vel[None],
-    )
-    force_torque = data.controls.force_torque.replace(cmd=idle, staged_cmd=idle, steps=due)
-    controls = data.controls.replace(attitude=attitude, force_torque=force_torque, rotor_vel=idle)
-    core = data.core.replace(steps=state.steps[None, None], n_drones=len(state.pos))
-    plugins = {"effects": (state.memory, None)}
-    params = data.params.replace(mass=opaque(data.params.mass))
-    return data.replace(states=states, controls=controls, core=core, params=params, plugins=plugins)
-
-
-def _unpack(data: SimData, steps: Int[Array, ""]) -> CrazyflowState:
-    states, attitude = data.states, data.controls.attitude
-    return CrazyflowState(
-        steps=steps,
-        pos=states.pos[0],
-        vel=states.vel[0],
-        quat=states.quat[0],
-        ang_vel=states.ang_vel[0],
-        rotor_vel=states.rotor_vel[0],
-        prev_ang_vel=attitude.prev_ang_vel[0],
-        r_int_error=attitude.r_int_error[0],
-        memory=data.plugins["effects"][0],
-    )

@@ -103,9 +103,7 @@ class PointMass(AbstractSimulator):
         repeats = math.ceil(CONTROL_DT / self.dt - 1e-9)
         h = CONTROL_DT / repeats
         memory, _ = chain.warm_up(self.effects, memory, flight, cmd_history, repeats, h)
-        # What was measured includes the gain; the lags hold thrust before it.
-        _, vehicle = chain.plant(self.effects, memory, flight, self.spec.vehicle(drag=False), h)
-        steady = jnp.concatenate([rpy, flight.thrust[:, None] / vehicle.thrust_gain], axis=-1)
+        steady = self._response(memory, flight, rpy, h)
         return PointMassState(
             t=flight.t,
             pos=flight.pos,
@@ -137,7 +135,7 @@ class PointMass(AbstractSimulator):
         """Lags start steady at the attitude; a point mass has no angular velocity."""
         rpy = jnp.where(chosen[:, None], quat_to_rpy(quat), state.rpy)
         lag = jnp.where(chosen[:, None], rpy, state.lag)
-        steady = jnp.concatenate([rpy, state.thrust[:, None]], axis=-1)
+        steady = self._response(state.memory, self.flight(state), rpy, self.dt)
         settled = chain.at(self.effects, state.memory, steady)
         memory = tuple(
             jax.tree.map(lambda new, old: _chosen(chosen, new, old), new, old)
@@ -178,6 +176,13 @@ class PointMass(AbstractSimulator):
     ) -> Float[Array, "drones 3"]:
         """Nominal acceleration [m/s^2, world] at an attitude [rad] and thrust [N]."""
         return _thrust_vector(rpy, thrust) / self.spec.mass + jnp.asarray([0.0, 0.0, -GRAVITY])
+
+    def _response(
+        self, memory: tuple, flight: Flight, rpy: Float[Array, "drones 3"], h: float
+    ) -> Float[Array, "drones 4"]:
+        """What lags hold that are steady at an attitude and a thrust: that before the gain."""
+        _, vehicle = chain.plant(self.effects, memory, flight, self.spec.vehicle(drag=False), h)
+        return jnp.concatenate([rpy, flight.thrust[:, None] / vehicle.thrust_gain], axis=-1)
 
     def _integrate(
         self, state: PointMassState, cmd: Float[Array, "drones 4"], h: float

@@ -6,7 +6,8 @@ from jaxtyping import Array, Float
 
 from diagnosis.blind.realities import DT, HOVER, AbstractReality, Disturbance
 from simulators.contract import with_effects
-from simulators.crazyflow import Crazyflow, CrazyflowState
+from simulators.crazyflow import Crazyflow
+from simulators.crazyflow_state import CrazyflowState
 from simulators.flight import Flight
 
 

@@ -132,7 +132,7 @@ def test_a_variant_names_what_differs_sorted(plugins):
         (Row("hybrid", settings={"flights": 2.5}), "must be a whole number"),
         (Row("hybrid", settings={"trainer": {"patience": "long"}}), "must be a whole number"),
         (Row("hybrid", settings={"trainer": {"patience": -3}}), "must be at least 1 or None"),
-        (Row("hybrid", settings={"trainer": {"lr": -1.0}}), "`lr` must be above 0, got -1.0"),
+        (Row("hybrid", settings={"trainer": {"lr": -1.0}}), "`lr` must be at least 0, got -1.0"),
         (Row("recalibrated", settings={"flights": 0}), "`flights` must be at least 1, got 0"),
         (Row("instant", task_settings={"altitude": -2.0}), "must be above 0, got -2.0"),
         (

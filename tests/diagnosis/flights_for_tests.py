@@ -1,5 +1,6 @@
 """Flights of known truth: a point mass (or another simulator) under a position controller."""
 
+import dataclasses
 from pathlib import Path
 
 import jax
@@ -19,8 +20,12 @@ SIGMA = np.repeat([1e-3, 1e-2, 3e-3], 3)
 """Noise of the flights: m, m/s, rad."""
 
 
-def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0):
-    """Flights around a point 1 m up, with steps of the target and a dither on the commands."""
+def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0, rotors_of=None):
+    """Flights around a point 1 m up, with steps of the target and a dither on the commands.
+
+    With `rotors_of` the logs hold the rotors' speeds instead of commands: those of so much of the
+    thrust, which is more than all of it where rotors are weaker than believed.
+    """
     rng = np.random.default_rng(seed)
     n = round(seconds / CONTROL_DT)
     hold = lambda size, k: np.repeat(rng.uniform(-1, 1, (n // k + 1, size)), k, axis=0)[:n]  # noqa: E731
@@ -30,8 +35,20 @@ def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0):
         target = np.array([0.0, 0.0, 1.5]) + hold(3, 75) * [0.5, 0.5, 0.25]
         dither = hold(4, 10) * [0.12, 0.12, 0.0, 0.03]
         log, cmd = flown(jnp.asarray(target), jnp.asarray(dither))
-        flights.append(FlightLog(f"flight_{i}", (noisy(log, np.asarray(cmd), rng, noise),)))
+        drone = noisy(log, np.asarray(cmd), rng, noise)
+        if rotors_of is not None:
+            thrust = rotors_of * np.asarray(log.thrust, float)[:, 0]
+            speeds = rotor_speeds(thrust, simulator.spec)
+            drone = dataclasses.replace(drone, cmd=None, rotor_vel=speeds)
+        flights.append(FlightLog(f"flight_{i}", (drone,)))
     return tuple(flights)
+
+
+def rotor_speeds(thrust, spec):
+    """Speeds [rad/s] of four rotors that share a thrust [N]."""
+    c0, c1, c2 = spec.rpm2thrust
+    n = (-c1 + np.sqrt(c1**2 - 4.0 * c2 * (c0 - thrust / 4.0))) / (2.0 * c2)
+    return np.repeat(n[:, None] * 2.0 * np.pi / 60.0, 4, axis=1)
 
 
 def _flown(simulator, target, dither):

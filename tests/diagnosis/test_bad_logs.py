@@ -48,12 +48,14 @@ def test_time_that_does_not_increase_is_named(tmp_path_factory, row, back, drone
 
 @MANY
 @given(
-    group=st.sampled_from(["cmd_roll", "cmd_pitch", "ang_vel_x", "vel_y", "rotor_vel_3", "pwm_2"]),
+    group=st.sampled_from(
+        ["cmd_roll", "cmd_pitch", "cmd_thrust", "ang_vel_x", "vel_y", "rotor_vel_3", "pwm_2"]
+    ),
     row=st.integers(1, 400),
 )
 def test_one_value_that_cannot_be_is_named(tmp_path_factory, group, row):
     value = {"cmd_roll": -4.0, "cmd_pitch": 35.0, "ang_vel_x": 61.0, "vel_y": -51.0}
-    value |= {"rotor_vel_3": 21000.0, "pwm_2": 1.2}
+    value |= {"rotor_vel_3": 21000.0, "pwm_2": 1.2, "cmd_thrust": -5.0 if row % 2 else 500.0}
     got = why_left_out(tmp_path_factory.mktemp("set"), changed(**{group: {row: value[group]}}))
     assert f"column '{group}', row {row}: {value[group]:g}; " in got
     assert "is expected" in got

@@ -4,11 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import flight_set, fly
+from flights_for_tests import SIGMA, flight_set, fly, rotor_speeds
 
-from diagnosis.diagnose import diagnose
+from diagnosis.diagnose import STEPS, diagnose, make_likelihood, noise_of
+from diagnosis.gap import drifts, rms
 from diagnosis.inputs import VOLTS, choose_inputs, on_ground, thrust_of_pwm, thrust_of_rotors
+from diagnosis.library import make_library
 from diagnosis.logs import LogError
+from diagnosis.replay import make_replay
+from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
 from simulators.vehicle import GRAVITY, VEHICLES
 
@@ -36,13 +40,10 @@ def test_more_voltage_than_the_parabola_knows_holds_its_top():
 
 def rotors_only(flights, spec):
     """The flights with rotor speeds in the place of their commands."""
-    _, c1, c2 = spec.rpm2thrust
     found = []
     for flight in flights:
         (drone,) = flight.drones
-        rpm = (-c1 + np.sqrt(c1**2 + c2 * drone.cmd[:, 3])) / (2 * c2)
-        speeds = np.repeat(rpm[:, None], 4, axis=1) * 2 * np.pi / 60
-        bare = dataclasses.replace(drone, cmd=None, rotor_vel=speeds)
+        bare = dataclasses.replace(drone, cmd=None, rotor_vel=rotor_speeds(drone.cmd[:, 3], spec))
         found.append(dataclasses.replace(flight, drones=(bare,)))
     return tuple(found)
 
@@ -79,6 +80,30 @@ def test_time_on_the_ground_is_found():
     cmd[:50, 3] = 0.0
     (stretch,) = on_ground(dataclasses.replace(flight.drones[0], cmd=cmd), 0.0434)
     assert stretch == pytest.approx((0.0, 1.0))
+
+
+def test_a_dip_of_thrust_in_the_air_is_no_landing():
+    (flight,) = fly(PointMass(), n_flights=1, noise=0.0)
+    cmd = flight.drones[0].cmd.copy()
+    cmd[:5, 3] = cmd[100:110, 3] = cmd[-5:, 3] = 0.0
+    found = on_ground(dataclasses.replace(flight.drones[0], cmd=cmd), 0.0434)
+    assert [begin for begin, _ in found] == pytest.approx([0.0, 5.9])
+
+
+def test_measured_rotors_of_an_unchanged_vehicle_leave_no_gap():
+    """What they produce is not delayed again; that they lag is nothing that could be seen."""
+    simulator = Crazyflow()
+    flown = fly(simulator, n_flights=3, seconds=4.0, rotors_of=1.0)
+    flights = flight_set(flown)
+    inputs = choose_inputs(flights)
+    assert inputs.produced
+    library = make_library(simulator, prescribed=True, produced=True)
+    assert not {"motor_lag", "rotor_response"} & set(library.effects)
+    replay = make_replay(library, STEPS["crazyflow"], inputs.measured)
+    tracks = make_likelihood(replay, inputs.flights, noise_of(replay, inputs.flights)).tracks(
+        library.neutral
+    )
+    assert rms(drifts(tracks)[:, 5]) < 1.5 * np.hypot(SIGMA[3], 0.4 * SIGMA[3])
 
 
 def test_effects_on_the_attitude_are_not_observable_without_its_command():

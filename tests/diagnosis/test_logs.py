@@ -164,6 +164,12 @@ def test_every_bad_file_has_a_line_and_good_ones_are_used(tmp_path):
     assert "is not a file" in reasons["more"]
 
 
+def test_a_table_of_several_drones_without_rows_is_a_bad_file(tmp_path):
+    found = load_flights(folder(tmp_path, "empty.parquet", table().assign(drone=0).iloc[:0]))
+    assert [f.name for f in found.flights] == ["good"]
+    assert "only 0 rows" in found.left_out[0].reason
+
+
 def test_two_files_of_one_name_cannot_both_be_used(tmp_path):
     loaded = load_flights(folder(tmp_path, "good.csv", table()))
     assert len(loaded.flights) == 1

@@ -13,8 +13,8 @@ from diagnosis.library import make_library
 from diagnosis.replay import make_replay
 from diagnosis.verdict import Structure
 from simulators.effects.thrust_gain import ThrustGain
+from simulators.effects.thrust_lag import ThrustLag
 from simulators.effects.wind import Wind
-from simulators.vehicle import VEHICLES
 
 
 @pytest.mark.parametrize(
@@ -48,9 +48,14 @@ def test_beside_a_reference_whose_attitude_nothing_explains_none_is_believed(enl
     assert study.attitude_lost() is lost
 
 
-def fine_set(*effects):
+def fine_set(*effects, **settings):
     """Flights in steps so fine that a measured attitude is that of the forces, too."""
-    return point_mass_set(*effects, dt=0.001, n_flights=4)
+    return point_mass_set(*effects, dt=0.001, n_flights=4, **settings)
+
+
+def spun_set(*effects, rotors_of=1.0):
+    """The same with the speeds of rotors that follow steadily, and without commands."""
+    return fine_set(*effects, ThrustLag(up=0.05, down=0.05), rotors_of=rotors_of)
 
 
 def misled(flight, rng):
@@ -78,22 +83,9 @@ def test_forces_are_judged_under_the_measured_attitude_where_nothing_explains_it
     assert content["details"]["noise"]["position x"] > 0.0
 
 
-def rotor_logged(flight, spec):
-    """The flight with the rotor speeds of its commanded thrust instead of commands."""
-    (drone,) = flight.drones
-    c0, c1, c2 = spec.rpm2thrust
-    share = drone.cmd[:, 3] / 4.0
-    n = (-c1 + np.sqrt(c1**2 - 4.0 * c2 * (c0 - share))) / (2.0 * c2)
-    rotor_vel = np.repeat(n[:, None] * 2.0 * np.pi / 60.0, 4, axis=1)
-    drone = dataclasses.replace(drone, cmd=None, rotor_vel=rotor_vel)
-    return dataclasses.replace(flight, drones=(drone,))
-
-
 def test_rotor_speeds_alone_tell_a_weaker_thrust():
-    flights = fine_set(ThrustGain(e=-0.1))
-    spec = VEHICLES[flights.vehicle.drone]
-    logged = flight_set([rotor_logged(f, spec) for f in flights.flights])
-    content = diagnose(logged, simulator="point_mass").to_json()
+    flights = spun_set(ThrustGain(e=-0.1), rotors_of=1.0 / 0.9)
+    content = diagnose(flights, simulator="point_mass").to_json()
     assert content["flights"]["input"] == "rotor speeds"
     (effect,) = content["effects"]
     assert "thrust_gain" in [effect["name"], *effect["aliases"]]
@@ -104,10 +96,7 @@ def test_rotor_speeds_alone_tell_a_weaker_thrust():
 
 def test_the_noise_of_measured_attitudes_is_no_effect():
     """Structure is one, where it was 1.5 while the noise in the force did not count."""
-    flights = fine_set()
-    spec = VEHICLES[flights.vehicle.drone]
-    logged = flight_set([rotor_logged(f, spec) for f in flights.flights])
-    content = diagnose(logged, simulator="point_mass").to_json()
+    content = diagnose(spun_set(), simulator="point_mass").to_json()
     assert content["verdict"] == "none"
     assert content["details"]["structure"]["before"] == pytest.approx(1.0, abs=0.15)
     assert content["details"]["chi2_per_dof"]["before"] == pytest.approx(1.0, abs=0.1)
@@ -122,12 +111,10 @@ def test_the_noise_of_measured_attitudes_is_no_effect():
 
 def test_a_prescribed_reference_without_a_gap_enlarges_no_noise():
     """Its attitude holds no numbers, so that those of position and velocity count alone."""
-    flights = fine_set()
-    spec = VEHICLES[flights.vehicle.drone]
-    logged = flight_set([rotor_logged(f, spec) for f in flights.flights])
+    logged = spun_set()
     library = make_library(
         nominal_simulator("point_mass", logged), prescribed=True, referenced=True
     )
-    replay = make_replay(library, 0.005, prescribed=True)
+    replay = make_replay(library, 0.005, measured=4)
     found = reference_of(replay, choose_inputs(logged).flights)
     assert found.enlarged.max() < 1.15

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, point_mass_set
 
+from diagnosis import shrinkage
 from diagnosis.diagnose import diagnose, make_likelihood
 from diagnosis.library import make_library
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
+from diagnosis.shrinkage import Drift, left_out, shrink
 from diagnosis.support import judged, support
-from diagnosis.verdict import Floor
+from diagnosis.verdict import Floor, intervals
 from simulators.effects.drag import Drag
 from simulators.effects.wind import Wind
 from simulators.point_mass import PointMass
@@ -70,6 +72,58 @@ def test_two_flights_say_nothing(replay):
     (wind,) = support(*fitted(replay, flights, {"wind"}))
     assert (wind.percent, wind.low, wind.high, wind.n) == (None, None, None, 2)
     assert not wind.clear
+
+
+def test_what_is_shared_with_a_reference_is_estimated_without_the_flight_too(replay):
+    """As the normal equations of the others say, solved for the effect and the shift at once."""
+    flights = point_mass_set(Wind(x=0.3), n_flights=4).flights
+    n = len(replay.library.neutral)
+    problem = Problem(make_likelihood(replay, flights, SIGMA), precision=1e3 * np.eye(n))
+    fit = problem.refit(frozenset({"wind"}), problem.nominal())
+    free, rest = problem.free(fit.effects), fit.normal.of(fit.normal.flight != 1)
+    every = [*free, *range(n)]
+    H, g = rest.H.sum(axis=0)[np.ix_(every, every)], rest.g.sum(axis=0)[every]
+    H[-n:, -n:] += problem.precision
+    g[-n:] -= problem.precision @ fit.shift
+    step = np.linalg.solve(H, g)
+    step[-n:][free] += step[: len(free)]
+    expected = problem.inwards(fit.total, step[-n:])
+    assert np.abs(expected[[i for i in range(n) if i not in free]]).max() > 1e-4
+    np.testing.assert_allclose(left_out(problem, fit, 1) - fit.total, expected, atol=1e-6)
+
+
+def test_the_interval_of_the_shrinkage_is_that_of_its_percentage(replay, monkeypatch):
+    """One flight in nine has most of the gap, and shrinks by more than the others."""
+    flights = point_mass_set(n_flights=9, seconds=3.0).flights
+    tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
+
+    def shrunk(first, others):
+        sizes = iter([np.where(tracks.flight == 0, *x) for x in zip(first, others, strict=True)])
+        lines = np.zeros((len(tracks.flight), 5))
+        monkeypatch.setattr(shrinkage, "drifts", lambda _: np.column_stack([next(sizes), lines]))
+        return shrink(Drift(tracks, tracks), SIGMA, lofo=True)
+
+    found = shrunk((0.1, 0.02), (0.01, 0.009))
+    assert found["percent"] == pytest.approx(68.8, abs=0.1)
+    assert found["low"] < 40.0 < found["percent"] < found["high"]
+    alike = shrunk((0.1, 0.05), (0.01, 0.005))
+    assert (alike["low"], alike["percent"], alike["high"]) == pytest.approx((50.0, 50.0, 50.0))
+    lost = shrunk((0.1, np.nan), (0.01, 0.005))
+    assert lost["percent"] is None
+    assert "cannot be flown in 6 windows" in lost["reason"]
+
+
+def test_parameters_of_which_flights_say_nothing_have_no_interval(replay):
+    flights = point_mass_set(Wind(x=0.3), n_flights=3).flights
+    problem, fit = fitted(replay, flights, {"wind"})
+    (x, *_), low, high = intervals(problem, fit)
+    assert low[0] < 0.3 < high[0]
+    H = fit.normal.H.copy()
+    H[:, x, :] = H[:, :, x] = 0.0
+    blind = dataclasses.replace(fit, normal=dataclasses.replace(fit.normal, H=H))
+    _, low, high = intervals(problem, blind)
+    assert (low[0], high[0]) == (-np.inf, np.inf)
+    assert np.isfinite(low[1:]).all()
 
 
 def unsteady(flight, rng):

@@ -150,3 +150,21 @@ def test_rotors_that_turn_at_different_speeds_turn_the_drone_by_their_torque(e):
         rates.append(float(made.step_cmd(state, LEVEL[0], 0.002).ang_vel[0, 2]))
     assert abs(rates[0]) > 1e-3
     assert rates[1] == pytest.approx((1.0 + e) * rates[0], rel=1e-3)
+
+
+def test_a_prescribed_attitude_leaves_a_weaker_thrust_and_its_lag_alone():
+    made = attached(SIMULATORS["point_mass"](dt=0.005), thrust_lag={"up": 0.1, "down": 0.1})
+    weaker = attached(made, thrust_gain={"e": -0.1})
+    level, still = jnp.asarray([[0.0, 0.0, 0.0, 1.0]]), jnp.zeros((1, 3))
+    cmd, found = jnp.asarray([[0.0, 0.0, 0.0, 1.2 * HOVER]]), []
+    for simulator in (made, weaker):
+        state = hovering(simulator, positions(1))
+        for _ in range(40):
+            state = simulator.turned(state, level, still, jnp.ones(1, bool))
+            state = simulator.step_cmd(state, cmd, 0.005)
+        found.append(float(state.thrust[0]) / HOVER)
+    risen = 0.2 * (1.0 - 1.05**-40)
+    assert found[0] == pytest.approx(1.0 + risen, rel=1e-4)
+    # It starts at a measured thrust, which the gain has made already.
+    start = 1.0 / 0.9
+    assert found[1] == pytest.approx(0.9 * (1.2 + (start - 1.2) * 1.05**-40), rel=1e-4)

@@ -1,5 +1,6 @@
 """The airframes' constants are those of crazyflow, and the action space is one for all."""
 
+import dataclasses
 import importlib.util
 import pathlib
 import tomllib
@@ -7,7 +8,9 @@ import tomllib
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flying import SPEC, attached, fly, hold, hover_flight, positions, restore
 
+from simulators.crazyflow import Crazyflow
 from simulators.vehicle import CONTROL_DT, GRAVITY, VEHICLES, ActionSpace
 
 PACKAGE = pathlib.Path(importlib.util.find_spec("crazyflow").submodule_search_locations[0])
@@ -84,3 +87,15 @@ def test_the_hover_action_carries_the_weight(name):
 
 def test_actions_are_50_a_second():
     assert CONTROL_DT == 0.02
+
+
+def test_crazyflow_weighs_what_its_airframe_says():
+    """Also without any effect, which is then the same as a neutral one."""
+    nominal = Crazyflow(spec=dataclasses.replace(SPEC, mass=0.06))
+    carrying, pos = [0.0, 0.0, 0.0, 0.06 * GRAVITY], positions(1)
+    flown, neutral = (
+        fly(made, restore(made, hover_flight(pos), hold(carrying, 50)), hold(carrying, 10))
+        for made in (nominal, attached(nominal, mass={}))
+    )
+    assert np.abs(flown.vel[-1, 0, 2]) < 1e-3
+    np.testing.assert_array_equal(flown.vel, neutral.vel)
