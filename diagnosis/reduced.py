@@ -124,29 +124,17 @@ class Equations:
         H = fit.normal.H.sum(axis=0)
         return -np.linalg.solve(H + self.precision, H[:, free] @ step)
 
-    def shift_beside(
-        self, rest: Normal, fit: Fit, free: list[int], step: Float[np.ndarray, " free"]
-    ) -> Float[np.ndarray, " params"]:
-        """How far the shared shift of `fit` is from that of other flights, to first order.
-
-        `step` is that of the free parameters there.
-        """
-        if self.precision is None:
-            return np.zeros(len(fit.vector))
-        H, g = rest.H.sum(axis=0), rest.g.sum(axis=0)
-        pull = g - self.precision @ fit.shift - H[:, free] @ step
-        return np.linalg.solve(H + self.precision, pull)
-
     def joint_step(
-        self, fit: Fit, damping: float
+        self, fit: Fit, damping: float = 0.0, others: Normal | None = None
     ) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
         """Beside a reference, the vector and the shared shift one step from `fit`, as flown.
 
         Levenberg and Marquardt's step of the free parameters and of the shift at once: the
-        curvature of each is raised by a share `damping` of its own.
+        curvature of each is raised by a share `damping` of its own. With `others`, normal
+        equations at the fit, it is the step that those ask for.
         """
-        free, n = self.free(fit.effects), len(fit.vector)
-        H, g = fit.normal.H.sum(axis=0), fit.normal.g.sum(axis=0)
+        free, n, normal = self.free(fit.effects), len(fit.vector), others or fit.normal
+        H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
         every = [*free, *range(n)]
         joint, right = H[np.ix_(every, every)], g[every]
         joint[np.diag_indices_from(joint)] *= 1.0 + damping
@@ -168,7 +156,7 @@ class Equations:
         new = [slot.walked(x, step) for slot, x, step in zip(slots, vector, by, strict=True)]
         return np.clip(new, np.minimum(self.low, vector), np.maximum(self.high, vector))
 
-    def inwards(
+    def _inwards(
         self, vector: Float[np.ndarray, " params"], by: Float[np.ndarray, " params"]
     ) -> Float[np.ndarray, " params"]:
         """As much of the step `by` as leaves no bound behind."""

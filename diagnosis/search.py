@@ -91,11 +91,14 @@ class Problem(Equations):
             self.fits[Set()] = self.made(Set(), self.base)
         return self.fits[Set()]
 
-    def polish(self, effects: Set, steps: int = 2 * STEPS) -> Fit:
-        """The fit of a set with its whole shared shift flown, not taken to first order."""
+    def polish(self, effects: Set, steps: int = 2 * STEPS, hopeless: float = HOPELESS) -> Fit:
+        """The fit of a set with its whole shared shift flown, not taken to first order.
+
+        It ends early where it will stay `hopeless` nats below another fit.
+        """
         fit = self.as_flown(self.fits[effects])
         others = [self.log_evidence(other) for key, other in self.fits.items() if key != effects]
-        goal = max(others, default=-np.inf) - HOPELESS
+        goal = max(others, default=-np.inf) - hopeless
         for left in reversed(range(steps if self.precision is not None else 0)):
             further = self._jointly(fit)
             gain, fit = fit.objective - further.objective, further
@@ -237,7 +240,7 @@ class Problem(Equations):
         for part in PARTS:
             vector = fit.vector.copy()
             vector[free] += part * step
-            shift = self.inwards(vector, part * follows)
+            shift = self._inwards(vector, part * follows)
             tried = self.made(fit.effects, vector + shift, fit.shared + shift, whole=False)
             if tried.objective < fit.objective:
                 return tried

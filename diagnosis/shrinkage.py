@@ -53,13 +53,15 @@ def left_out(problem: Problem, fit: Fit, flight: int) -> Float[np.ndarray, " par
 
     What the flights share with a reference is estimated from those that are left, too.
     """
+    kept = fit.normal.flight != flight
+    if problem.precision is not None:
+        flown = problem.as_flown(fit)
+        return problem.joint_step(flown, others=flown.normal.of(kept))[0]
     free = problem.free(fit.effects)
-    rest = fit.normal.of(fit.normal.flight != flight)
-    step, _ = problem.solve(rest, fit, free)
+    step, _ = problem.solve(fit.normal.of(kept), fit, free)
     vector = fit.total.copy()
     vector[free] = np.clip(vector[free] + step, problem.low[free], problem.high[free])
-    step = vector[free] - fit.total[free]
-    return vector + problem.inwards(vector, problem.shift_beside(rest, fit, free, step))
+    return vector
 
 
 def score(problem: Problem, fit: Fit, scored: Likelihood, n_flights: int, lofo: bool) -> Drift:

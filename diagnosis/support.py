@@ -75,7 +75,10 @@ def _of(problem: Problem, fit: Fit, name: str) -> Support:
     n = len(np.unique(fit.normal.flight))
     if n < FEW:
         return Support(name, None, None, None, n)
+    # A flight is left out to first order, which needs fits that have ended, the worse one too.
+    fit = problem.polish(fit.effects, hopeless=np.inf)
     without = problem.without(fit, name, hopeless=np.inf)
+    without = problem.polish(without.effects, hopeless=np.inf)
     ratio = np.log(misfits(problem, fit) / misfits(problem, without))
     half = stats.t.ppf(0.975, n - 1) * np.std(ratio, ddof=1) / np.sqrt(n)
     percent = -100.0 * np.expm1(ratio.mean() + half * np.asarray([0.0, 1.0, -1.0]))
