@@ -120,24 +120,24 @@ def blind(
     """
     from bench.environment import environment
 
-    studies = {"--next-flight": next_flight, "--limits": limits}
-    wanted = [name for name, on in studies.items() if on]
-    instead = ["--report"] if report else wanted
+    studies = [name for name, on in (("next_flight", next_flight), ("limits", limits)) if on]
     given = {"--cases": cases, "--seed": seed, "--jobs": jobs}
     if report:
-        given |= {"--reality": reality, **dict.fromkeys(wanted, True)}
-    if needless := [name for name, value in given.items() if instead and value is not None]:
-        raise UsageError(f"Leave out {', '.join(needless)}: no meaning with {instead[0]}.")
+        given |= {"--reality": reality, "--next-flight": next_flight or None}
+        given |= {"--limits": limits or None}
+    needless = [name for name, value in given.items() if value is not None]
+    if needless and (report or studies):
+        word = "--report" if report else "a study instead of cases"
+        raise UsageError(f"Leave out {', '.join(needless)}: no meaning with {word}.")
     os.environ.update(environment())
     from bench.blind.command import rebuild_report, run_blind
 
     if report:
         return rebuild_report(out, notes)
-    if wanted:
+    if studies:
         from bench.blind.studies import run_studies
 
-        names = [name.removeprefix("--").replace("-", "_") for name in wanted]
-        return run_studies(names, reality or "crazyflow", out, notes)
+        return run_studies(studies, reality or "crazyflow", out, notes)
     return run_blind(cases, reality or "crazyflow", out, seed, jobs, notes=notes)
 
 

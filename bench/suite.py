@@ -249,19 +249,20 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
         first_seed=_typed(where, content, "first_seed", int, 0),
     )
     for number, row in enumerate(rows, start=1):
-        for key in ("tasks", "team_sizes"):
-            for value in getattr(row, key) or ():
-                if value not in getattr(suite, key):
-                    raise SuiteError(
-                        f"{where}, method {number}: `{key}` names {value!r}, which the suite's own "
-                        f"`{key}` lack."
-                    )
-        if row.seeds is not None and row.seeds > suite.seeds:
-            raise SuiteError(
-                f"{where}, method {number}: `seeds` must be at most the suite's {suite.seeds}, got "
-                f"{row.seeds}."
-            )
+        _check_within(suite, row, f"{where}, method {number}")
     return suite
+
+
+def _check_within(suite: Suite, row: Row, where: str) -> None:
+    for key, asked in (("tasks", row.tasks), ("team_sizes", row.team_sizes)):
+        for value in set(asked or ()) - set(getattr(suite, key)):
+            raise SuiteError(
+                f"{where}: `{key}` names {value!r}, which the suite's own `{key}` lack."
+            )
+    if row.seeds is not None and row.seeds > suite.seeds:
+        raise SuiteError(
+            f"{where}: `seeds` must be at most the suite's {suite.seeds}, got {row.seeds}."
+        )
 
 
 def _check_keys(

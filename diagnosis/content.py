@@ -134,7 +134,7 @@ def _candidates(problem: Problem, verdict: Verdict) -> list[dict[str, Any]]:
         {
             "effects": sorted(ranked.effects),
             "probability": ranked.probability,
-            "evidence": None if alone else shrinkage.evidence(nominal.normal, problem, ranked.fit),
+            "evidence": None if alone else shrinkage.evidence(problem, ranked.fit),
             "shrink_percent": 100.0 * (1.0 - _drift(problem, ranked.fit.total) / before)
             if before > 0
             else None,

@@ -174,14 +174,9 @@ def _screened(problem: Problem, true: Fit) -> Iterator[tuple[Set, float]]:
     """Every rival with the chi-square beyond the truth's that it promises at least."""
     nominal = problem.nominal()
     for rival in rivals(true.effects, problem.library.candidates):
-        from_nominal = nominal.objective - _gain(problem, nominal, rival)
+        from_nominal = nominal.objective - problem.gain(nominal, rival)
         from_truth = true.objective + _exchanged(problem, true, rival)
         yield rival, min(from_nominal, from_truth) - true.objective
-
-
-def _gain(problem: Problem, near: Fit, rival: Set) -> float:
-    """Fall of chi-square that a set promises at nominal."""
-    return problem.gain(near, rival)
 
 
 def _exchanged(problem: Problem, true: Fit, rival: Set) -> float:

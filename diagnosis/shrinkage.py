@@ -19,7 +19,7 @@ from scipy import stats
 
 from diagnosis.fit import Fit
 from diagnosis.gap import channels, drifts, rms
-from diagnosis.likelihood import Likelihood, Normal, Tracks
+from diagnosis.likelihood import Likelihood, Tracks
 from diagnosis.search import Problem
 from diagnosis.segments import WINDOW
 
@@ -77,29 +77,29 @@ def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> dict:
     """The diagnosis' `shrink`."""
     before, after = (np.linalg.norm(drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after))
     seen = np.isfinite(before)
-    flown = drift.before.flight[seen]
-    flights = [f for f in np.unique(flown) if rms(before[seen][flown == f]) > 0.0]
-    n, lost = len(flights), int(np.sum(~np.isfinite(after[seen])))
+    before, after, flown = before[seen], after[seen], drift.before.flight[seen]
+    sizes = {f: (rms(before[flown == f]), rms(after[flown == f])) for f in np.unique(flown)}
+    flights = [f for f, pair in sizes.items() if min(pair) > 0.0]
+    n, lost = len(flights), int(np.sum(~np.isfinite(after)))
     unit = {"horizon_s": WINDOW, "unit": "m", "n": n}
-    if n < FEW or lost:
-        reason = f"{n} flight{'s' if n != 1 else ''} with windows; at least {FEW} are needed"
-        if lost:
-            reason = f"with the chosen effects the simulator cannot be flown in {lost} windows"
+    if lost or n < FEW:
+        few = f"{n} flight{'s' if n != 1 else ''} with windows; at least {FEW} are needed"
+        cannot = f"with the chosen effects the simulator cannot be flown in {lost} windows"
+        reason = cannot if lost else few
         empty = dict.fromkeys(("before", "after", "percent", "low", "high"))
         return {**unit, **empty, "by_channel": {}, "reason": reason}
 
     def log_ratio(chosen: np.ndarray) -> float:
-        return float(np.log(rms(after[seen][chosen]) / rms(before[seen][chosen])))
+        return float(np.log(rms(after[chosen]) / rms(before[chosen])))
 
     kept = np.isin(flown, flights)
     ratio, without = log_ratio(kept), np.asarray([log_ratio(kept & (flown != f)) for f in flights])
     half = stats.t.ppf(0.975, n - 1) * np.sqrt((n - 1) * np.var(without))
-    a, b = rms(before[seen]), rms(after[seen])
     return {
         **unit,
-        "before": a,
-        "after": b,
-        "percent": 100.0 * (1.0 - b / a),
+        "before": rms(before[kept]),
+        "after": rms(after[kept]),
+        "percent": 100.0 * (1.0 - float(np.exp(ratio))),
         "low": 100.0 * (1.0 - float(np.exp(ratio + half))),
         "high": 100.0 * (1.0 - float(np.exp(ratio - half))),
         "by_channel": _by_channel(drift, sigma),
@@ -127,6 +127,7 @@ def misfits(problem: Problem, fit: Fit) -> Float[np.ndarray, " flights"]:
     return np.asarray(found)
 
 
-def evidence(nominal: Normal, problem: Problem, fit: Fit) -> float:
-    """Log-likelihood gain over nominal on flights left out in turn, in nats."""
-    return float(0.5 * (nominal.c.sum() - misfits(problem, fit).sum()) / problem.phi)
+def evidence(problem: Problem, fit: Fit) -> float:
+    """Log-likelihood gain over no effect on flights left out in turn, in nats."""
+    both = (misfits(problem, one).sum() for one in (problem.nominal(), fit))
+    return float(0.5 * np.subtract(*both) / problem.phi)

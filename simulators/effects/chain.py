@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from simulators.effects.contract import (
@@ -148,6 +149,7 @@ def canonical(effects: Effects, digits: int = 12) -> str:
     texts = []
     for effect in effects:
         name = type(effect).__name__
-        values = (f"{p}={float(getattr(effect, p)):.{digits}g}" for p in type(effect).parameters)
-        texts.append(f"{name}({', '.join(values)})")
+        # The shortest text that is this number in its own precision: 0.2 is not 0.200000003.
+        values = {p: float(str(np.asarray(getattr(effect, p)))) for p in type(effect).parameters}
+        texts.append(f"{name}({', '.join(f'{p}={x:.{digits}g}' for p, x in values.items())})")
     return "; ".join(sorted(texts))

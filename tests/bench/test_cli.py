@@ -3,7 +3,9 @@ import sys
 
 import pytest
 
+from bench import listing
 from bench.cli import documents_of, main
+from bench.plan import PlanError
 from bench.progress import _clock
 
 
@@ -94,6 +96,16 @@ def test_the_list_shows_plugins_with_their_package_and_broken_ones_with_the_reas
     assert "broken" not in line("hybrid")
     assert "12 runs" in line("quick")
     assert "720 runs" in line("paper")
+
+
+def test_a_suite_of_broken_plugins_alone_is_listed_with_the_reason(capsys, monkeypatch):
+    def broken(suite):
+        raise PlanError(f"Suite '{suite.name}' has nothing to run: no simulator imports.")
+
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(listing, "expand", broken)
+    assert main(["list"]) == 0
+    assert "Suite 'pilot' has nothing to run: no simulator imports." in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

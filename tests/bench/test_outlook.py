@@ -10,7 +10,7 @@ from rich.console import Console
 from tables_for_tests import Sheet
 
 from bench.cli import main
-from bench.forecast import Past, guess, longest_chain, past_of_states, past_of_tables
+from bench.forecast import Guess, Past, guess, longest_chain, past_of_states, past_of_tables
 from bench.missing import State, states
 from bench.outlook import expectations, past_rows, show_plan
 from bench.plan import Plan, expand
@@ -162,6 +162,8 @@ def test_jobs_do_not_undercut_the_longest_chain(runs):
     assert "3.3 min on 2 workers" in two
     assert "3.3 min on 99 workers" in many
     assert expectations([], {}, 1, 0) == ["Nothing to do."]
+    idle = {run.name: Guess(0.0, 0.0, "no training") for run in runs}
+    assert f"5 past runs: {len(runs)} that train nothing." in expectations(missing, idle, 1, 5)[-1]
 
 
 def test_damaged_tables_are_named_and_stop_nobody(tmp_path, monkeypatch, capsys):

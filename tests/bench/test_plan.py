@@ -1,11 +1,17 @@
+import dataclasses
 import re
 
 import pytest
+from outcomes import outcome
 
 from bench.errors import UsageError
 from bench.plan import PlanError, expand
+from bench.realities import parse_reality
 from bench.settings import SettingsError, describe
+from bench.store import Store
 from bench.suite import Row, Suite
+from bench.worker import _trained_in
+from simulators.effects.drag import Drag
 
 
 def make_suite(*rows, tasks=("spread",), team_sizes=(2,), seeds=1):
@@ -220,3 +226,15 @@ def test_a_reality_determines_the_key_of_its_runs_and_of_no_parent(plugins):
 def test_a_reality_that_cannot_be_is_named(plugins, row, message):
     with pytest.raises(UsageError, match=message):
         only(row)
+
+
+@pytest.mark.parametrize(
+    ("method", "noted"),
+    [("hf_scratch", "Mass(e=0.2)"), ("grey_box", "Drag(c=0.5)"), ("lf_baseline", "Drag(c=0.5)")],
+)
+def test_effects_of_the_simulator_that_was_trained_in_are_noted(tmp_path, method, noted):
+    """Those of the reality where the policy flew there, else what the method corrected by."""
+    run = only(Row(method, reality="crazyflow+mass(e=0.2)"))
+    trained = dataclasses.replace(outcome(run).trained, effects=(Drag(c=0.5),))
+    reality = parse_reality(run.reality)
+    assert _trained_in(run, Store(tmp_path), trained, reality) == noted

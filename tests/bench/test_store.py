@@ -334,16 +334,11 @@ def test_a_second_sweep_waits_for_the_first(store):
             other.acquire(timeout=0)
     assert waited == []
     with other:
-
-        def release():
-            waited.append("second")
-            other.release()
-
-        with store.lock(release):
+        waits = store.lock(lambda: (waited.append("second"), other.release()))
+        with waits:
             pass
     assert waited == ["second"]
-    with other:
-        pass  # it is free again
+    other.acquire(timeout=0)  # free again, and not only once `waits` is collected
 
 
 def test_failed_runs_are_tried_again_if_asked_for_and_interrupted_ones_always(store, plugins):

@@ -108,6 +108,20 @@ def test_a_report_without_studies_says_nothing_of_them(tmp_path):
     assert not next_flight.draw(given, tmp_path / "a.png")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "needless"),
+    [
+        (["--limits", "--cases", "50"], "--cases"),
+        (["--next-flight", "--seed", "3", "--jobs", "2"], "--seed, --jobs"),
+        (["--report", "--reality", "rotorpy"], "--reality"),
+        (["--report", "--limits"], "--limits"),
+    ],
+)
+def test_options_without_a_meaning_are_refused(tmp_path, capsys, arguments, needless):
+    assert main(["blind", "--out", str(tmp_path), *arguments]) == 2
+    assert f"Leave out {needless}: no meaning with" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("study", ["--next-flight", "--limits"])
 def test_studies_are_flown_in_one_reality_only(tmp_path, capsys, study):
     assert main(["blind", "--reality", "rotorpy", "--out", str(tmp_path), study]) == 2
