@@ -99,13 +99,13 @@ def _support(diagnosis: Json) -> list[str]:
     """What flights that were left out say where evidence is not to be relied on."""
     lines = (diagnosis.get("details") or {}).get("support") or []
     label = {x["effect"]: effect_words(clean(x["effect"])).label for x in lines}
-    helps = join(label[x["effect"]] for x in lines if x["clear"])
+    sure = join(label[x["effect"]] for x in lines if x["clear"])
     idle = join(label[x["effect"]] for x in lines if not x["clear"] and is_number(x["percent"]))
     said = []
-    if helps and diagnosis["verdict"] == "unexplained":
+    if sure and diagnosis["verdict"] == "unexplained":
         drift = drift_clause(diagnosis)
         tail = f": with the likeliest set {drift}" if drift else ""
-        said.append(f"All the same, {helps} helps on flights that were left out{tail}.")
+        said.append(f"All the same, flights that were left out confirm {sure}{tail}.")
     if idle:
         said.append(f"Flights that were left out do not confirm {idle}.")
     return said
