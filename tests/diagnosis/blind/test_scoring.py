@@ -176,6 +176,15 @@ def test_reliability_compares_stated_with_true():
     assert scores.summary["brier"] == pytest.approx((0.1**2 + 0.85**2 + 0.3**2) / 3)
 
 
+def test_probabilities_that_differ_by_rounding_share_a_bin():
+    answers = {
+        MASS.id: answer(effect("mass", 0.6, e=0.25)),
+        WIND.id: answer(effect("trim", 0.6 * (1.0 - 1e-8), roll=0.1)),
+    }
+    table = score({c.id: c for c in (MASS, WIND)}, answers).reliability
+    assert table[["from", "n"]].to_numpy().tolist() == [[0.6, 2]]
+
+
 def test_shrink_stands_beside_the_oracles_and_the_best_wrong_ones():
     listed = [{"effects": ["mass"], "shrink_percent": 80.0}]
     given = {MASS.id: answer(effect("mass", e=0.25), candidates=listed, shrink={"percent": 78.0})}
