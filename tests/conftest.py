@@ -2,6 +2,7 @@
 
 import os
 import socket
+from pathlib import Path
 
 from bench.environment import xla_flags
 
@@ -15,6 +16,19 @@ jaxtyping.install_import_hook(["simulators", "tasks", "diagnosis", "methods"], "
 
 import jax  # noqa: E402 - after the settings and the hook above
 import pytest  # noqa: E402
+
+MAPS = 30_000
+"""Memory maps of a process at which it forgets compiled programs. Linux allows 65,530, and all
+tests in one process need more: compilation then ends with a MemoryError or a segmentation fault."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _room_for_programs():
+    """What a module leaves is no obstacle to those that come after it."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.is_file() and len(maps.read_bytes().splitlines()) > MAPS:
+        jax.clear_caches()
 
 
 @pytest.fixture
