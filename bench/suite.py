@@ -255,10 +255,11 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
 
 def _check_within(suite: Suite, row: Row, where: str) -> None:
     for key, asked in (("tasks", row.tasks), ("team_sizes", row.team_sizes)):
-        for value in set(asked or ()) - set(getattr(suite, key)):
-            raise SuiteError(
-                f"{where}: `{key}` names {value!r}, which the suite's own `{key}` lack."
-            )
+        for value in asked or ():
+            if value not in getattr(suite, key):
+                raise SuiteError(
+                    f"{where}: `{key}` names {value!r}, which the suite's own `{key}` lack."
+                )
     if row.seeds is not None and row.seeds > suite.seeds:
         raise SuiteError(
             f"{where}: `seeds` must be at most the suite's {suite.seeds}, got {row.seeds}."

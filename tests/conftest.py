@@ -27,7 +27,7 @@ def _room_for_programs():
     """What a module leaves is no obstacle to those that come after it."""
     yield
     maps = Path("/proc/self/maps")
-    if maps.is_file() and len(maps.read_bytes().splitlines()) > MAPS:
+    if maps.is_file() and maps.read_bytes().count(b"\n") > MAPS:
         jax.clear_caches()
 
 

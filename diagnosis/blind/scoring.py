@@ -259,14 +259,11 @@ def _by_effect(singles: list[Row]) -> pd.DataFrame:
 
 
 def _reliability(stated: list[tuple[float, bool]], n_bins: int = 5) -> pd.DataFrame:
-    """Bins of equal width, those without an answer left out.
-
-    What lies below an edge by less than a millionth, as a product that was cut short, is above it.
-    """
+    """Bins of equal width, those without an answer left out; probabilities count to six digits."""
     rows = []
     for i in range(n_bins):
         low, high = i / n_bins, (i + 1) / n_bins
-        here = [(p, t) for p, t in stated if min(int(p * n_bins + 1e-6), n_bins - 1) == i]
+        here = [(p, t) for p, t in stated if min(int(round(p, 6) * n_bins), n_bins - 1) == i]
         if here:
             row = _row("", "", sum(true for _, true in here), len(here), None)
             mean = float(np.mean([p for p, _ in here]))
