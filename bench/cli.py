@@ -3,9 +3,13 @@
 Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
 """
 
+import contextlib
 import dataclasses
 import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -310,15 +314,16 @@ def main(arguments: list[str] | None = None) -> int:
     """Exit status of the command in `arguments`, by default those of this process.
 
     0: all is well. 1: a run failed or could not be started. 2: what was asked for makes no sense;
-    one line on stderr says why, nothing was done. 130: interrupted.
+    one line on stderr says why, nothing was done. 130: interrupted, by Ctrl-C or SIGTERM.
     """
     try:
-        status = app(
-            sys.argv[1:] if arguments is None else arguments,
-            exit_on_error=False,
-            print_error=False,
-            result_action="return_value",
-        )
+        with _termination_interrupts():
+            status = app(
+                sys.argv[1:] if arguments is None else arguments,
+                exit_on_error=False,
+                print_error=False,
+                result_action="return_value",
+            )
     except (cyclopts.CycloptsError, *USAGE_ERRORS) as error:
         print(f"bench: {' '.join(str(error).split())}", file=sys.stderr)  # noqa: T201
         return 2
@@ -329,3 +334,16 @@ def main(arguments: list[str] | None = None) -> int:
         print("bench: interrupted.", file=sys.stderr)  # noqa: T201
         return 130
     return status or 0
+
+
+@contextlib.contextmanager
+def _termination_interrupts() -> Iterator[None]:
+    """Inside, SIGTERM does what Ctrl-C does: processes that were started end, too."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -338,19 +338,24 @@ def _binned(frame: pd.DataFrame, width: int) -> np.ndarray:
 
 
 def _robust_range(groups: Iterable[list[pd.DataFrame]]) -> list[float] | None:
-    """A frame that shows the plateaus: it ends below the worst seed's last tenth."""
-    tails, tops = [], []
+    """A frame that shows the plateaus, and most of the way there.
+
+    It ends below the worst seed's last tenth, and below the last three quarters of most curves.
+    """
+    tails, ways, tops = [], [], []
     for frame in (frame for frames in groups for frame in frames):
         reward = frame["reward"].to_numpy(dtype=float)
         reward = reward[np.isfinite(reward)]
         if reward.size:
             tails.append(float(np.median(reward[-max(1, reward.size // 10) :])))
+            ways.append(float(np.quantile(reward[reward.size // 4 :], 0.02)))
             tops.append(float(reward.max()))
     if not tails:
         return None
     top, low = max(tops), float(np.quantile(tails, 0.1))
     room = max(top - low, 1e-3 * abs(top), 1e-6)
-    return [low - 1.5 * room, top + 0.1 * room]
+    bottom = min(low - 1.5 * room, float(np.median(ways)))
+    return [bottom, top + 0.04 * (top - bottom)]
 
 
 def by_run(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:

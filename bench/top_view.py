@@ -28,6 +28,10 @@ TOP_VIEW_INTRO = (
 )
 
 
+MARKED = 40
+"""Team size up to which starts and ends have marks of full size."""
+
+
 def trajectory_drawings(tables: Tables) -> list[Drawing]:
     """Top views of one episode, one figure per task and team size, one panel per method."""
     owner = owners(tables.runs)
@@ -108,8 +112,11 @@ def _flight(frame: pd.DataFrame, color: str, stride: int) -> list[go.Scatter]:
             parts += [path[max(0, first - 1) : last], gap]
         found.append(_scatter(np.concatenate(parts), color, "lines", opacity=opacity))
     starts, ends = np.array([p[0] for p in paths]), np.array([p[-1] for p in paths])
-    hollow = {"symbol": "circle-open", "size": 8, "color": "#444444"}
-    star = {"symbol": "star", "size": 11, "color": color, "line": {"color": "white", "width": 1}}
+    # Marks of a large team are small, or each would cover those of its neighbours.
+    scale = min(1.0, (MARKED / len(paths)) ** 0.5)
+    edge = {"color": "white", "width": scale**2}
+    hollow = {"symbol": "circle-open", "size": 8 * scale, "color": "#444444"}
+    star = {"symbol": "star", "size": 11 * scale, "color": color, "line": edge}
     found.append(_scatter(starts, color, "markers", marker=hollow))
     return [*found, _scatter(ends, color, "markers", marker=star)]
 

@@ -117,8 +117,11 @@ def check_tables(out):
     assert settings["task"]["horizon"] == 5
 
 
-def test_ctrl_c_keeps_finished_runs_and_running_again_resumes(
-    plugins, write_suite, tmp_path, capsys
+@pytest.mark.parametrize(
+    "end", [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)], ids=["Ctrl-C", "SIGTERM"]
+)
+def test_an_interruption_keeps_finished_runs_and_running_again_resumes(
+    plugins, write_suite, tmp_path, capsys, end
 ):
     log, gate, out = tmp_path / "trainings", tmp_path / "gate", tmp_path / "out"
     suite = write_suite(
@@ -145,7 +148,8 @@ def test_ctrl_c_keeps_finished_runs_and_running_again_resumes(
             check=True,
         )
         pids = [int(pid) for pid in listing.stdout.split()]
-        os.killpg(process.pid, signal.SIGINT)
+        send, interruption = end
+        send(process.pid, interruption)
         _, errors = process.communicate(timeout=WAIT)
     assert process.returncode == 130
     assert "Interrupted: 1 of 2 runs are finished and kept." in errors

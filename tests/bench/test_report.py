@@ -1,5 +1,6 @@
 """The report: one file, nothing loaded, nothing executed that a name brings along."""
 
+import dataclasses
 import html.parser
 import json
 import re
@@ -165,6 +166,24 @@ def test_curves_keep_the_mean_of_what_they_bin():
     y = drawing.plot.data[0].y[:-1]  # the last is the gap between seeds
     assert len(y) == 30
     assert np.mean(y) == pytest.approx(np.mean([-100.0 / (1 + i) for i in range(30)]), rel=1e-6)
+
+
+def test_a_frame_holds_most_of_a_curve_that_rises_to_the_end():
+    tables = Sheet().add(drawn=True).tables()
+    rising = tables.curves.assign(reward=-100.0 * 0.9 ** tables.curves["epoch"])
+    (drawing,) = curve_drawings(dataclasses.replace(tables, curves=rising))
+    low, high = drawing.plot.layout.yaxis.range
+    assert low == pytest.approx(-100.0 * 0.9**7, rel=0.05)  # of 30 epochs the first 7 may be lost
+    assert high > rising["reward"].max()
+
+
+def test_marks_of_a_large_team_are_small():
+    def sizes(team_size):
+        (drawing,) = trajectory_drawings(Sheet().add(team_size=team_size, drawn=True).tables())
+        return [t.marker.size for t in drawing.plot.data if t.mode == "markers"]
+
+    assert sizes(18) == [8, 11]
+    assert sizes(160) == [4, 5.5]
 
 
 def test_built_in_methods_keep_their_colours(typical):
