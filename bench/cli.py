@@ -3,13 +3,10 @@
 Whatever needs JAX or pandas is imported inside the commands, so that help appears at once.
 """
 
-import contextlib
 import dataclasses
 import os
 import signal
 import sys
-import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -17,6 +14,7 @@ import cyclopts
 
 from bench.cli_tools import Repeatable, blind, check, diagnose, doctor, profile
 from bench.errors import UsageError
+from bench.signals import handled
 from simulators.registry import BrokenPluginError, UnknownPluginError
 
 if TYPE_CHECKING:
@@ -317,7 +315,8 @@ def main(arguments: list[str] | None = None) -> int:
     one line on stderr says why, nothing was done. 130: interrupted, by Ctrl-C or SIGTERM.
     """
     try:
-        with _termination_interrupts():
+        # Like Ctrl-C, so that processes that were started end, too.
+        with handled(signal.SIGTERM, signal.default_int_handler):
             status = app(
                 sys.argv[1:] if arguments is None else arguments,
                 exit_on_error=False,
@@ -334,16 +333,3 @@ def main(arguments: list[str] | None = None) -> int:
         print("bench: interrupted.", file=sys.stderr)  # noqa: T201
         return 130
     return status or 0
-
-
-@contextlib.contextmanager
-def _termination_interrupts() -> Iterator[None]:
-    """Inside, SIGTERM does what Ctrl-C does: processes that were started end, too."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -33,6 +33,7 @@ from bench.executor import (
     Task,
     one_line,
 )
+from bench.signals import handled
 
 POLL = 0.1
 """Longest time that a message waits to be read [s]; an end is noticed at once."""
@@ -99,7 +100,7 @@ class LocalExecutor(AbstractExecutor):
             self._processes[slot] = self._make_process(slot)
         process = self._processes[slot]
         process.given += 1
-        with _interrupts_ignored():
+        with handled(signal.SIGINT, signal.SIG_IGN):
             return process.pool.submit(_perform, task)
 
     def events(self, timeout: float) -> list[Message | Ended]:
@@ -173,19 +174,6 @@ def _received(connection: Connection) -> Iterator[tuple[Any, ...]]:
     with contextlib.suppress(EOFError, OSError):
         while connection.poll():
             yield connection.recv()
-
-
-@contextlib.contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Inside, a process that starts ignores Ctrl-C from its first instruction on."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 # --- In the process -------------------------------------------------------------------------
