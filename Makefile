@@ -33,8 +33,8 @@ lint: $(READY)
 bench: $(READY)
 	@echo "Measuring speed, one benchmark after another."
 	@mkdir -p .benchmarks
-	@$(BIN)/python -m pytest benchmarks --benchmark-only --benchmark-json .benchmarks/last.json
-	@$(BIN)/python -m benchmarks.tables .benchmarks/last.json
+	@$(BIN)/python -m pytest benchmarks --benchmark-only --benchmark-json .benchmarks/last.json; \
+		missed=$$?; $(BIN)/python -m benchmarks.tables .benchmarks/last.json && exit $$missed
 
 clean:
 	@echo "Removing .venv, caches and the results of the quick suite."

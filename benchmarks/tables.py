@@ -14,6 +14,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import pandas as pd
 import seaborn
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from bench.blind.canvas import saved
 from bench.figures import COLORS
@@ -68,12 +69,17 @@ def draw_scale(table: pd.DataFrame, path: Path) -> bool:
             markers=True,
             dashes=False,
             palette=COLORS[: shown["simulator"].nunique()],
-            height=2.8,
+            height=3.2,
             aspect=1.3,
         )
         grid.set_titles("{col_name}")
         grid.set(xscale="log", yscale="log")
-        grid.set_axis_labels("team size N", "time a drone and step [µs]")
+        grid.set_axis_labels("team size N", "µs a drone and step")
+        for axis in grid.axes.flat:
+            for each, steps in ((axis.xaxis, (1.0, 3.0)), (axis.yaxis, (1.0, 2.0, 5.0))):
+                each.set_major_locator(LogLocator(subs=steps))
+                each.set_major_formatter(StrMethodFormatter("{x:,.4g}"))
+                each.set_minor_formatter(NullFormatter())
         if grid.legend is not None:
             grid.legend.set_title("")
         path.parent.mkdir(parents=True, exist_ok=True)
