@@ -5,9 +5,11 @@ from pathlib import Path
 
 from bench import markdown
 from bench.comparison import interval, summary, verdict
+from bench.errors import UsageError
 from bench.leaderboard import number
 from bench.off_spec_claims import off_spec_claims
 from bench.own_claims import own_claims
+from bench.pages import read_notes
 from bench.paper_claims import Claim, claims
 from bench.pictures import data_uri, write_off_spec, write_summary
 from bench.report import write_page
@@ -36,8 +38,14 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
         path_md: Where to write; the HTML gets the suffix `.html`, the figures `_summary.png` and
             `_worlds.png`.
         notes: A Markdown file to append, e.g. why a claim fails.
+
+    Raises:
+        UsageError: The notes cannot be read, or `path_md` names the HTML.
     """
     path = Path(path_md)
+    if path.suffix == ".html":
+        raise UsageError(f"Markdown is written to {path} and HTML beside it: name the former.")
+    own = "" if notes is None else read_notes(notes).strip()
     summary_png, worlds_png = (
         path.with_name(f"{path.stem}_{name}.png") for name in ("summary", "worlds")
     )
@@ -51,16 +59,14 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
             [f"![{title}]({link(picture)})", f"*{title}.*"] if there else []
             for title, picture, there in drawn
         ]
-        return "\n\n".join(_document(tables, notes, *figures)) + "\n"
+        return "\n\n".join(_document(tables, own, *figures)) + "\n"
 
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text(lambda picture: picture.name), encoding="utf-8")
     write_page(text(data_uri), path.with_suffix(".html"), "The paper's claims beside ours")
 
 
-def _document(
-    tables: Tables, notes: Path | None, figure: list[str], worlds: list[str]
-) -> list[str]:
+def _document(tables: Tables, notes: str, figure: list[str], worlds: list[str]) -> list[str]:
     found = claims(tables)
     word = {True: "holds", False: "**does not hold**", None: "not tested"}
     overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in found]
@@ -99,9 +105,7 @@ def _document(
     headings, lines = variants(tables)
     parts += ["## Settings that differ from the default"]
     parts += [markdown.table(headings, lines, (0, 1)) if lines else "None was run."]
-    if notes is not None:
-        parts.append(Path(notes).read_text(encoding="utf-8").strip())
-    return parts
+    return [*parts, notes] if notes else parts
 
 
 def _detail(claim: Claim, word: Mapping[bool | None, str]) -> list[str]:

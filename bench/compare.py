@@ -173,7 +173,8 @@ def _several(a: Side, b: Side, shared: list[Stratum]) -> tuple[Verdict, list[str
         return Verdict.NOT_COMPARABLE, [
             f"Reason: rewards are not pooled without a frozen return at the spawn: {_cells(bare)}."
         ]
-    samples = [{s: own[s] for s in shared} for own in scores]
+    pairs = {s: matched(scores[0][s], scores[1][s]) for s in shared}
+    samples = [{s: pair[side] for s, pair in pairs.items()} for side in (0, 1)]
     found = differences(samples)
     better = probability_of_improvement(samples[0], samples[1])
     apart, half = float(found.iqm[0] - found.iqm[1]), float(found.half[0, 1])

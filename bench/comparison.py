@@ -28,6 +28,11 @@ class Wins:
     text: str
 
 
+def behind(value: float, base: float) -> float:
+    """How far a value lies below a base, as a share of the base's size; NaN where that is 0."""
+    return (base - value) / abs(base) if base else math.nan
+
+
 def duels(values: Values, a: Entry, b: Entry) -> tuple[tuple[tuple[str, ...], ...], Wins]:
     """Lines of a table that compares `a` with `b`, and in which cells `a` has the higher mean."""
     lines, cells, won = [], [], []

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable
 
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -61,7 +62,7 @@ def gather() -> Facts:
     """The facts of this process and its installation."""
     modules = frozenset(sys.modules)
     versions = {
-        dist.metadata["Name"].lower(): dist.version
+        canonicalize_name(dist.metadata["Name"]): dist.version
         for dist in importlib.metadata.distributions()
         if dist.metadata["Name"]
     }
@@ -125,7 +126,7 @@ def film_lines() -> list[tuple[str, str]]:
 def _named(facts: Facts) -> list[str]:
     """Packages worth showing: what we need ourselves, and what else the rules look at."""
     own = {Requirement(text) for text in facts.requirements.get(OWN, ())}
-    names = {r.name.lower() for r in own if not (r.marker and "extra" in str(r.marker))}
+    names = {canonicalize_name(r.name) for r in own if not (r.marker and "extra" in str(r.marker))}
     return sorted((names | {OWN, "jaxlib", *OPTIONAL}) & set(facts.versions))
 
 

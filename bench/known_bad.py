@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 
@@ -28,7 +29,7 @@ def unmet_requirements(facts: Facts) -> list[str]:
         for requirement in map(Requirement, texts):
             if requirement.marker and not requirement.marker.evaluate({"extra": ""}):
                 continue
-            version = facts.versions.get(requirement.name.lower())
+            version = facts.versions.get(canonicalize_name(requirement.name))
             needed = f"{owner} needs {requirement.name}{requirement.specifier}"
             if version is None:
                 found.append(f"{needed}, which is not installed. Install it with pip.")

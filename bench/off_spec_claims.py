@@ -5,7 +5,7 @@ tracks that baseline's paths, and Hybrid as it is.
 """
 
 from bench import markdown
-from bench.comparison import duels, pairs, summary, undisturbed
+from bench.comparison import behind, duels, pairs, summary, undisturbed
 from bench.leaderboard import MISSING, number
 from bench.paper_claims import HYBRID, LF, Claim
 from bench.statistics import Cell, Entry, Values, seed_values
@@ -72,9 +72,7 @@ def _above(values: Values, other: Entry) -> Claim:
 def _kept(values: Values) -> Claim:
     found = {cell: (ours, clean) for cell, ours, clean in pairs(values, RECALIBRATED, CLEAN)}
     as_is = {cell: theirs for cell, _, theirs in pairs(values, RECALIBRATED, HYBRID)}
-    lost = {
-        cell: (clean.mean - ours.mean) / abs(clean.mean) for cell, (ours, clean) in found.items()
-    }
+    lost = {cell: behind(ours.mean, clean.mean) for cell, (ours, clean) in found.items()}
     lines = tuple(
         (
             markdown.escape(cell.label),

@@ -6,7 +6,7 @@ at most half a fleet-minute.
 """
 
 from bench import markdown
-from bench.comparison import by_size, duels, pairs, shared, sizes_of, spread, undisturbed
+from bench.comparison import behind, by_size, duels, pairs, shared, sizes_of, spread, undisturbed
 from bench.leaderboard import MISSING, number
 from bench.paper_claims import HOTSTART, HYBRID, Claim
 from bench.statistics import Entry, estimate
@@ -35,15 +35,15 @@ def _hotstart(tables: Tables, entry: Entry) -> Claim:
     rewards = undisturbed(tables, "reward")
     lines, wins = duels(rewards, entry, HOTSTART)
     found = pairs(rewards, entry, HOTSTART)
-    ahead = [(ours.mean - hot.mean) / abs(hot.mean) for _, ours, hot in found]
+    lag = [behind(ours.mean, hot.mean) for _, ours, hot in found]
     mean = [estimate(s.mean for s in side).mean for side in _sides(found)]
-    worst = f"; worst cell {number(100.0 * min(ahead), 1)} %" if found else ""
+    worst = f"; worst cell {number(-100.0 * max(lag), 1)} %" if found else ""
     means = f"; means {number(mean[0], 1)} and {number(mean[1], 1)}" if found else ""
     return Claim(
         f"{entry.label} deploys at or above hot start",
         f"mean at or above, no cell more than {100 * BEHIND:.0f} % below",
         f"higher in {wins.text}{means}{worst}" if found else MISSING,
-        mean[0] >= mean[1] and min(ahead) >= -BEHIND if found else None,
+        mean[0] >= mean[1] and max(lag) <= BEHIND if found else None,
         "the mean over cells of the deployed reward is at least hot start's, and no cell's lies "
         f"more than {100 * BEHIND:.0f} % of its size below",
         _headings(entry, "hot start"),

@@ -9,6 +9,8 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup
 
+from bench.errors import UsageError
+
 MOST_CHARACTERS = 120
 """Longest file name made of a text."""
 
@@ -50,6 +52,18 @@ def harmless_json(text: str) -> Markup:
 def file_name(text: str) -> str:
     """`text` as the name of one file: letters, digits, `.`, `_`, `+`, `-`; no hidden file."""
     return re.sub(r"[^A-Za-z0-9._+-]+", "_", text).lstrip(".")[:MOST_CHARACTERS] or "_"
+
+
+def read_notes(path: Path) -> str:
+    """A text file that goes into a document.
+
+    Raises:
+        UsageError: It cannot be read.
+    """
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"The notes in {path} cannot be read: {error}") from error
 
 
 def write_text(path: Path, text: str) -> None:

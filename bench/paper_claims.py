@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 from bench import markdown
 from bench.comparison import (
+    behind,
     by_size,
     duels,
     pairs,
@@ -118,7 +119,7 @@ def _gap_to_hotstart(tables: Tables) -> list[Claim]:
     rewards = undisturbed(tables, "reward")
     gaps: dict[int, dict[str, float]] = {}
     for cell, ours, hot in pairs(rewards, HYBRID, HOTSTART):
-        gap = 100.0 * (hot.mean - ours.mean) / abs(hot.mean) if hot.mean else math.nan
+        gap = 100.0 * behind(ours.mean, hot.mean)
         gaps.setdefault(cell.team_size, {})[cell.task] = gap
     common = sorted(set.intersection(*(set(g) for g in gaps.values()))) if gaps else []
     mean = {n: estimate(gaps[n][task] for task in common).mean for n in sorted(gaps)}

@@ -26,6 +26,7 @@ from bench.pages import file_name
 from bench.realities import parse_reality, written
 from bench.sources import own_source, shared_sources
 from bench.suite import Row, Suite
+from methods.contract import AbstractMethod
 from methods.evaluate import Evaluation
 from methods.reference_paths import Followers
 from simulators import registry
@@ -191,7 +192,7 @@ def _recipe(
     texts = (json.dumps(s, sort_keys=True, default=repr) for s in (row.settings, row.task_settings))
     index = (row.method, row.residual, *texts, row.world, row.deploys, row.tracked, task, team_size)
     if index not in recipes:
-        method_class = registry.load("method", row.method)
+        method_class = _method(row.method)
         if row.deploys:
             trained = dataclasses.replace(row, deployed_in="", tracked=False)
             needed, descent = [trained], children
@@ -201,6 +202,17 @@ def _recipe(
         parents = {r.method: _recipe(recipes, r, task, team_size, descent) for r in needed}
         recipes[index] = _make_recipe(row, method_class, task, team_size, parents)
     return recipes[index]
+
+
+def _method(name: str) -> type[AbstractMethod]:
+    """The class of a method, of which nothing but the plug-in itself says that it is one."""
+    found = registry.load("method", name)
+    if isinstance(found, type) and issubclass(found, AbstractMethod) and hasattr(found, "parents"):
+        return found
+    raise PlanError(
+        f"Method '{name}' is no class that implements AbstractMethod; "
+        f"`bench check method:{name}` says what is wrong."
+    )
 
 
 def _make_recipe(

@@ -125,7 +125,7 @@ def _pool(
     rewards: Values,
     gone: Mapping[tuple[Cell, Entry], int],
 ) -> Pool:
-    samples = {entry: {cell: scores[cell][entry] for cell in cells} for entry in entries}
+    samples = _matched(cells, entries, scores)
     iqms = {entry: iqm_interval(sample) for entry, sample in samples.items()}
     entries = sorted(entries, key=lambda entry: -iqms[entry].value)
     apart = differences([samples[entry] for entry in entries])
@@ -164,6 +164,20 @@ def _pool(
         left_out=_left_out(cells, set(entries), scores, rewards),
         without=_without(cells, entries, scores, rewards),
     )
+
+
+def _matched(
+    cells: list[Cell], entries: list[Entry], scores: Values
+) -> dict[Entry, dict[Cell, dict[int, float]]]:
+    """What is pooled of each entry: in each cell the seeds that all have, if two or more are."""
+    found: dict[Entry, dict[Cell, dict[int, float]]] = {entry: {} for entry in entries}
+    for cell in cells:
+        own = {entry: scores[cell][entry] for entry in entries}
+        common = set.intersection(*(set(values) for values in own.values()))
+        for entry, values in own.items():
+            kept = {seed: x for seed, x in values.items() if seed in common}
+            found[entry][cell] = kept if len(common) >= FEWEST else dict(values)
+    return found
 
 
 def _improvement(samples: list[dict[Cell, dict[int, float]]]) -> list[list[Interval | None]]:

@@ -13,7 +13,8 @@ HOW_TO_READ_POOLED = (
     "cells), which covers somewhat less than 95 % with few seeds.",
     "A rank is an interval: what the differences of all IQMs leave open when their 95 % intervals "
     "hold together. Methods that share a letter cannot be told apart.",
-    "n: runs in the numbers (cells x seeds). Runs lost, in any cell of this world, are in none.",
+    "n: runs in the numbers (cells x seeds); in each cell they are the seeds that all methods of "
+    "the table have, if two or more are. Runs lost, in any cell of this world, are in none.",
 )
 """What a reader must know."""
 EXCLUDES_HALF = "*: the 95 % percentile-bootstrap interval excludes 0.5."

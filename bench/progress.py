@@ -123,7 +123,7 @@ class Display:
             reward = "" if math.isnan(line.reward) else f"return {line.reward:.1f}"
             epochs = f"{line.epoch}/{line.epochs}" if line.epochs > 1 else ""
             left = "" if math.isnan(line.left) else f"{_clock(line.left)} left"
-            lines.add_row(line.label, line.stage, epochs, reward, left)
+            lines.add_row(*map(Text, (line.label, line.stage, epochs, reward, left)))
         return Group(overall, lines)
 
 

@@ -55,6 +55,8 @@ def _values(effect: str, text: str, known: Mapping[str, Parameter], where: str) 
                 f"{where}: {pair!r} is no setting of '{effect}'; its parameters are "
                 f"{', '.join(known)}, each with a number."
             )
+        if name in values:
+            raise UsageError(f"{where}: {name} of '{effect}' is given twice.")
         low, high = known[name].low, known[name].high
         if not low <= value <= high:
             raise UsageError(

@@ -13,7 +13,7 @@ from bench.pages import environment, file_name, write_text
 from bench.run_details import pretty, run_metrics
 from bench.say import say
 from bench.statistics import entry_of, records
-from bench.tables import Tables
+from bench.tables import TableError, Tables
 from simulators import film
 
 
@@ -99,11 +99,18 @@ def _find(run: str, tables_dir: Path | None) -> tuple[Path, Tables]:
     else:
         folders = [tables_dir]
     known: list[str] = []
+    broken: list[TableError] = []
     for folder in folders:
-        tables = Tables.load(folder)
+        try:
+            tables = Tables.load(folder)
+        except TableError as error:
+            broken.append(error)
+            continue
         if name in set(tables.runs["run"]):
             return folder, tables
         known += tables.runs["run"].tolist()
+    if broken:
+        raise broken[0]
     if not folders:
         raise NoFlightError(
             f"No tables were found to look for run '{name}' in. Name their folder with --tables."

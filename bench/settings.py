@@ -7,6 +7,7 @@ itself a module (such as a method's `trainer`) is overridden field by field.
 import dataclasses
 import difflib
 import json
+import math
 import typing
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeAlias, TypeVar
@@ -18,6 +19,8 @@ from bench.errors import UsageError
 
 Setting: TypeAlias = bool | int | float | str | list | tuple | dict | None
 """What a setting can be in a file; tables are dicts."""
+LARGEST = 2**53 - 1
+"""The largest whole number that JSON holds exactly (RFC 8785)."""
 T = TypeVar("T", bound=eqx.Module)
 
 
@@ -97,9 +100,13 @@ def _like(old: Any, value: Setting, kind: object, path: str) -> Setting:
             raise SettingsError(f"{path} must be {words} (such as {old!r}), got {value!r}.")
     if isinstance(old, int) and (not isinstance(value, int) or isinstance(value, bool)):
         raise SettingsError(f"{path} must be a whole number (such as {old}), got {value!r}.")
+    if isinstance(value, int) and abs(value) > LARGEST:
+        raise SettingsError(f"{path} must be at most {LARGEST} in size, got {value!r:.40}.")
     if isinstance(old, float):
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise SettingsError(f"{path} must be a number (such as {old}), got {value!r}.")
+        if math.isnan(value):
+            raise SettingsError(f"{path} must be a number (such as {old}), got NaN.")
         return float(value)
     return value
 

@@ -115,6 +115,11 @@ class Suite:
             raise SuiteError(f"`seeds` must be at least 1, got {self.seeds}.")
         if self.first_seed < 0:
             raise SuiteError(f"`first_seed` must be at least 0, got {self.first_seed}.")
+        if self.first_seed + self.seeds > 2**32:
+            raise SuiteError(
+                "`first_seed` and `seeds`: a key keeps 32 bits of a seed, so that the largest is "
+                f"{2**32 - 1}, got {self.first_seed + self.seeds - 1}."
+            )
         for name in ("tasks", "team_sizes", "methods"):
             if not getattr(self, name):
                 raise SuiteError(f"{where}: `{name}` must not be empty.")

@@ -148,6 +148,10 @@ class Tables:
                 )
             try:
                 found[name] = schema.validate(pd.read_parquet(path))
+            except pa.errors.SchemaErrors as error:
+                wrong = error.failure_cases.iloc[0]
+                reason = f"{wrong['check']} fails, found {wrong['failure_case']}"
+                raise TableError(f"{path} cannot be used: {reason}") from error
             except (OSError, ValueError, pa.errors.SchemaError) as error:
                 reason = str(error).splitlines()[0]
                 raise TableError(f"{path} cannot be used: {reason}") from error

@@ -52,7 +52,9 @@ def costs_to_target(tables: Tables) -> dict[Cell, dict[Entry, ToTarget]]:
     runs = _runs(tables)
     found: dict[Cell, dict[Entry, ToTarget]] = {}
     for cell, own in runs.items():
-        counted = [r["score"] for r in own.get(REFERENCE, []) if r["status"] in COUNTED]
+        theirs = own.get(REFERENCE, [])
+        counted = [r["score"] for r in theirs if r["status"] in COUNTED]
+        counted = [score for score in counted if math.isfinite(score)]
         if not counted:
             continue
         target = float(np.mean(counted)) - TOLERANCE
@@ -85,9 +87,8 @@ def _share(run: Mapping[str, Any], target: float) -> float:
 
 
 def _runs(tables: Tables) -> dict[Cell, dict[Entry, list[dict[str, Any]]]]:
-    """What is known of every run with a finite score, by cell and entry."""
+    """What is known of every run whose cost is known, by cell and entry."""
     scores = scored(tables)
-    scores = scores.loc[np.isfinite(np.asarray(scores["value"], dtype=float))]
     cost = tables.results.loc[tables.results["metric"].isin(["fleet_minutes", "train_seconds"])]
     costs = cost.drop_duplicates(subset=["run", "metric"]).pivot(
         index="run", columns="metric", values="value"

@@ -135,10 +135,9 @@ class BPTT(eqx.Module):
             epoch_key = jax.random.fold_in(key, epoch)
             rates = (self.learning_rate(epoch), epoch_key)
             given = (rule, task, simulator, course.policy, course.opt_state, *rates)
-            begun = time.perf_counter()
-            (updated, opt_state, row), share = step(given)
+            (updated, opt_state, row), waited = step(given)
+            others += waited
             course.add(updated, opt_state, {name: float(x) for name, x in row.items()})
-            others += (1.0 - share) * (time.perf_counter() - begun)
             if place.due():
                 place.save(course.arrays(spent()))
             progress(stage, epoch + 1, self.epochs, course.history[-1]["reward"])
@@ -155,7 +154,7 @@ class BPTT(eqx.Module):
 
 
 def _step(room: Callable[[int], Any]) -> Callable[[tuple], tuple[tuple, float]]:
-    """An epoch, and which share of its time it cost: alone, or in one program with a team's."""
+    """An epoch, and how long it waited for others [s]: alone, or in one program with a team's."""
     if (team := current_team()) is not None:
         return lambda given: team.call(_update, given, room)
     kept = room(0)
@@ -163,7 +162,7 @@ def _step(room: Callable[[int], Any]) -> Callable[[tuple], tuple[tuple, float]]:
     def step(given: tuple) -> tuple[tuple, float]:
         nonlocal kept
         *results, kept = update(given, kept)
-        return tuple(results), 1.0
+        return tuple(results), 0.0
 
     return step
 
@@ -267,9 +266,14 @@ class Training:
 
     @property
     def diverged(self) -> bool:
-        """Whether many updates failed or the return ended twice as far from zero as its best."""
+        """Whether many updates failed, no policy came out best, or the return fell far behind it.
+
+        Far: the mean of the last ten epochs is twice as far from zero as the best.
+        """
         last = self.curves["smooth_reward"][-10:].mean()
-        if self.skipped > LARGEST_SKIPPED_SHARE * self.epochs or not np.isfinite(last):
+        if not np.isfinite([self.best_reward, last]).all():
+            return True
+        if self.skipped > LARGEST_SKIPPED_SHARE * self.epochs:
             return True
         return bool(last < self.best_reward - abs(self.best_reward))
 

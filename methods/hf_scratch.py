@@ -33,6 +33,11 @@ class HFScratch(AbstractMethod):
     parents: ClassVar[tuple[str, ...]] = ()
     simulator: ClassVar[str] = "crazyflow"
 
+    def __check_init__(self) -> None:
+        for name, low in (("epochs_base", 1), ("epochs_per_drone", 0)):
+            if not getattr(self, name) >= low:
+                raise ValueError(f"`{name}` must be at least {low}, got {getattr(self, name)}.")
+
     def budget(self, n_drones: int) -> int:
         """Largest number of epochs for a team."""
         budget = round(self.epochs_base + self.epochs_per_drone * n_drones)

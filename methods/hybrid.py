@@ -45,6 +45,9 @@ class Hybrid(AbstractMethod):
             raise ValueError(f"`attitude` must be {allowed}, got '{self.attitude}'.")
         if self.flights is not None and self.flights < 1:
             raise ValueError(f"`flights` must be at least 1 or None, got {self.flights}.")
+        for name in ("hover_weight", "excitation"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"`{name}` must be at least 0, got {getattr(self, name)}.")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         return self.adapted(setup, key, init, registry.load("residual", self.residual)())

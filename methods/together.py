@@ -11,6 +11,7 @@ equals the one that is alone up to rounding, as on another machine.
 import contextlib
 import contextvars
 import threading
+import time
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any
 
@@ -35,7 +36,8 @@ class _Call:
         self.shape: Hashable = (function, structure, shapes, other, tuple(fixed))
         self.results: tuple | None = None
         self.error: BaseException | None = None
-        self.share = 1.0
+        self.seconds = 0.0
+        """This member's share of the time in which it was flown [s]."""
 
     @property
     def over(self) -> bool:
@@ -73,13 +75,16 @@ class Team:
     def call(
         self, function: Function, given: Any, make_room: Callable[[int], Any]
     ) -> tuple[tuple, float]:
-        """Results of `function` for `given`, and this member's share of the common call.
+        """Results of `function` for `given`, and the time that was not this member's own [s].
+
+        Own is its share of the common call; what others did until they called, too, is not.
 
         Args:
             function: Traced; it must be the same object in every thread.
             given: Its argument; arrays are what may differ between members of one call.
             make_room: Memory for so many members, with a leading axis; None for none.
         """
+        begun = time.perf_counter()
         mine = _Call(function, given, make_room)
         with self._change:
             self._waiting.append(mine)
@@ -95,7 +100,7 @@ class Team:
         if mine.error is not None:
             raise mine.error
         assert mine.results is not None
-        return mine.results, mine.share
+        return mine.results, time.perf_counter() - begun - mine.seconds
 
     def _fly(self, calls: Sequence[_Call]) -> None:
         groups: dict[Hashable, list[_Call]] = {}
@@ -110,6 +115,7 @@ class Team:
 
     def _fly_group(self, group: Sequence[_Call]) -> None:
         """One call for all; the program stays the same until half of its places are empty."""
+        begun = time.perf_counter()
         first, size = group[0], self._size
         while (size + 1) // 2 >= len(group) and size > 1:
             size = (size + 1) // 2
@@ -121,8 +127,10 @@ class Team:
             room = first.make_room(size)
         numbers = tuple(call.numbers for call in filled)
         every, self._rooms[key] = _together((first.function, first.rest, numbers), room)
+        jax.block_until_ready(every)
+        seconds = (time.perf_counter() - begun) / len(group)
         for call, results in zip(group, every, strict=False):
-            call.results, call.share = results, 1.0 / len(group)
+            call.results, call.seconds = results, seconds
 
 
 @eqx.filter_jit(donate="all-except-first")

@@ -48,6 +48,10 @@ class PitchAndExpand(AbstractTask):
 
     def __check_init__(self) -> None:
         check_positive(self, "period", "clearance")
+        if not abs(self.amplitude) < self.radius:
+            raise ValueError(
+                f"`amplitude` must be below the mean radius {self.radius:g}, got {self.amplitude}."
+            )
 
     @property
     def radius(self) -> float:

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.blind.children import Ended, Task, python, run_tasks
+from bench.blind.children import Ended, Task, leave_with_parent, python, run_tasks
 from bench.blind.folders import Folders, write_json
+from bench.errors import UsageError
 
 ALARMS = 0.02
 """Share of undisturbed flight sets that a baseline may find something in: the aim that we have."""
@@ -37,7 +38,7 @@ def answer_baselines(folders: Folders) -> dict[str, dict[str, Any]]:
 
         run_tasks([make], 1, end)
         if causes[0]:
-            raise RuntimeError(f"the baselines failed, {causes[0]}")
+            raise UsageError(f"The baselines failed, {causes[0]}; running again tries again.")
     return json.loads(path.read_text(encoding="utf-8"))["answers"]
 
 
@@ -64,5 +65,6 @@ def _answers(folders: Folders) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
+    leave_with_parent()
     place = Folders(Path(json.loads(sys.argv[1])["out"]))
     write_json(place.runs / "baselines.json", _answers(place))

@@ -84,7 +84,9 @@ class Folders:
 
     def gone(self, n_cases: int) -> bool:
         """Whether flights of a draw of so many cases are missing."""
+        wanted = self.read_state().get("undisturbed", 0)
         others = self.reference.is_dir() and self.undisturbed.is_dir()
+        others = others and len(list(self.undisturbed.iterdir())) >= wanted
         return not others or len(self.flown()) < n_cases
 
     def drawn(self) -> list[Path]:

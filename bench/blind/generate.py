@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.blind.answering import sources_digest
+from bench.blind.children import leave_with_parent
 from bench.blind.folders import Folders, write_json
 from diagnosis.blind.cases import (
     draw_cases,
@@ -91,6 +92,7 @@ def _version(package: str) -> str:
 
 
 if __name__ == "__main__":
+    leave_with_parent()
     settings = json.loads(sys.argv[1])
     place = Folders(Path(settings.pop("out")))
     if settings:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.blind.children import Ended, Task, python, run_tasks
+from bench.blind.children import Ended, Task, leave_with_parent, python, run_tasks
 from bench.blind.folders import Folders, write_json
 from diagnosis.blind.cases import Case, read_labels
 
@@ -82,5 +82,6 @@ def _measure(folders: Folders, names: list[str]) -> int:
 
 
 if __name__ == "__main__":
+    leave_with_parent()
     given = json.loads(sys.argv[1])
     sys.exit(_measure(Folders(Path(given["out"])), given["names"]))

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from bench.blind.answering import PROGRAM, sources_digest
+from bench.blind.children import leave_with_parent
 from bench.blind.folders import write_json
 from diagnosis.diagnose import diagnose
 from diagnosis.logs import LogError, load_flights
@@ -34,4 +35,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    leave_with_parent()
     sys.exit(main())

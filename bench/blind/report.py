@@ -8,6 +8,7 @@ from bench import markdown
 from bench.blind import failures, limits, next_flight, sections
 from bench.blind.pictures import write_pictures
 from bench.blind.tables import Tables
+from bench.pages import read_notes
 from bench.pictures import data_uri
 from bench.report import write_page
 
@@ -95,7 +96,7 @@ def _notes(path: Path | None) -> tuple[dict[str, str], list[str]]:
     """Remarks by case, and everything else."""
     if path is None:
         return {}, []
-    parts = re.split(r"(?m)^#+ *([0-9a-f]{16}) *$", path.read_text(encoding="utf-8"))
+    parts = re.split(r"(?m)^#+ *([0-9a-f]{16}) *$", read_notes(path))
     remarks, rest = {}, [parts[0].strip()]
     for name, text in zip(parts[1::2], parts[2::2], strict=True):
         # A remark ends where the next heading begins.

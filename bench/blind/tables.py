@@ -63,7 +63,9 @@ class Tables:
         """Writes all of them but those of studies."""
         directory.mkdir(parents=True, exist_ok=True)
         for name in FRAMES:
-            getattr(self, name).to_parquet(directory / f"{name}.parquet", index=False)
+            part = directory / f".{name}.part"
+            getattr(self, name).to_parquet(part, index=False)
+            part.replace(directory / f"{name}.parquet")
         self.cases.to_csv(directory / "cases.csv", index=False)
         self.proportions.to_csv(directory / "proportions.csv", index=False)
         write_json(directory / "summary.json", self.summary)
@@ -74,20 +76,25 @@ class Tables:
         """What `save` wrote.
 
         Raises:
-            UsageError: A table is missing.
+            UsageError: A table is missing or cannot be read.
         """
+        files = [f"{name}.parquet" for name in FRAMES] + ["summary.json", "run.json"]
+        for name in files:
+            if not (directory / name).is_file():
+                raise UsageError(
+                    f"{directory / name} is missing; `bench blind` writes it when a run has ended."
+                )
         try:
             frames = {name: pd.read_parquet(directory / f"{name}.parquet") for name in FRAMES}
             texts = {
                 name: json.loads((directory / f"{name}.json").read_text(encoding="utf-8"))
                 for name in ("summary", "run")
             }
-        except FileNotFoundError as error:
-            raise UsageError(
-                f"{error.filename} is missing; `bench blind` writes it when a run has ended."
-            ) from error
-        places = {name: directory / f"{name}.parquet" for name in STUDIES}
-        studies = {name: pd.read_parquet(p) for name, p in places.items() if p.is_file()}
+            places = {name: directory / f"{name}.parquet" for name in STUDIES}
+            studies = {name: pd.read_parquet(p) for name, p in places.items() if p.is_file()}
+        except (OSError, ValueError) as error:
+            reason = str(error).splitlines()[0]
+            raise UsageError(f"A table in {directory} cannot be read: {reason}") from error
         return cls(**frames, **texts, studies=studies)
 
 

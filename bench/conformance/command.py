@@ -1,5 +1,6 @@
 """`bench check`: finds a plug-in, runs the suite of its kind, and says what is wrong."""
 
+import dataclasses
 import importlib
 import json
 import sys
@@ -15,7 +16,7 @@ from bench.conformance.suite import Check, Finding, execute
 from bench.errors import UsageError
 from bench.plan import REALITY
 from bench.say import say
-from bench.settings import Setting
+from bench.settings import Setting, build
 from methods.contract import AbstractMethod
 from methods.residuals.contract import AbstractResidual
 from simulators import registry
@@ -60,8 +61,8 @@ def check(plugin: str, assignments: Sequence[str], simulator_names: Sequence[str
         chosen = simulator_names or [REALITY]
         realities = {name: registry.load("simulator", name) for name in chosen}
     settings = parse(assignments)
-    say(console, f"Checking {kind} {cls.__module__}.{cls.__qualname__}.")
-    if kind == "method":
+    say(console, f"Checking {kind} {getattr(cls, '__qualname__', repr(cls))} of {cls.__module__}.")
+    if kind == "method" and _has_fields(cls):
         used = methods.short_settings(cls, settings)
         say(console, f"Trained for a moment with {json.dumps(used)}; change it with --setting.")
     done = wrong = 0
@@ -82,14 +83,21 @@ def findings(
     realities: Mapping[str, type[AbstractSimulator]],
     settings: Mapping[str, Setting],
 ) -> Iterator[Finding]:
-    """What the suite finds; if a declaration is wrong, nothing else is tried."""
-    given = {"residual": "affine"} if kind == "method" and _needs_residual(cls) else {}
-    given = {name: settings.get(name, value) for name, value in given.items()}
+    """What the suite finds; if a declaration is wrong, nothing else is tried.
+
+    Raises:
+        SettingsError: A method does not have or accept the settings.
+    """
+    needs = kind == "method" and _has_fields(cls) and _needs_residual(cls)
+    given = {"residual": "affine"} if needs else {}
+    given, wanted = {name: settings.get(name, value) for name, value in given.items()}, settings
     settings = {name: value for name, value in settings.items() if name not in given}
     sound = True
     for finding in execute(cls, declarations(kind, cls, given)):
         sound = sound and not finding.problem
         yield finding
+    if sound and kind == "method" and wanted:
+        build(cls, methods.short_settings(cls, settings), f"Method '{cls.__name__}'", **given)
     if sound:
         yield from execute(cls, behaviour(kind, cls, realities, given, settings))
 
@@ -142,7 +150,7 @@ def _imported(module: str, name: str) -> tuple[str, type]:
     sys.path.insert(0, str(Path.cwd()))
     try:
         cls = getattr(importlib.import_module(module), name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise UsageError(
             f"{module}:{name} cannot be imported: {type(error).__name__}: {error}"
         ) from error
@@ -155,9 +163,11 @@ def _imported(module: str, name: str) -> tuple[str, type]:
     raise UsageError(f"{module}:{name} is no plug-in: it must be a subclass of one of {wanted}.")
 
 
-def _needs_residual(cls: type) -> bool:
-    import dataclasses
+def _has_fields(cls: object) -> bool:
+    return isinstance(cls, type) and dataclasses.is_dataclass(cls)
 
+
+def _needs_residual(cls: type) -> bool:
     fields = {field.name: field for field in dataclasses.fields(cls)}
     return "residual" in fields and not isinstance(fields["residual"].default, str | None)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.blind.folders import DEFAULT_COUNTS, scaled_counts
+from bench.blind.folders import DEFAULT_COUNTS, Folders, scaled_counts, write_json
 from bench.errors import UsageError
 
 
@@ -16,3 +16,13 @@ def test_counts_keep_proportions_and_every_kind():
     assert scaled_counts(107)["single"] == 42
     with pytest.raises(UsageError, match=r"`--cases` must be at least 5.*got 4"):
         scaled_counts(4)
+
+
+def test_some_of_the_undisturbed_flights_are_not_all(tmp_path):
+    folders = Folders(tmp_path)
+    write_json(folders.state, {"undisturbed": 2})
+    for place in (folders.reference, folders.undisturbed / "1"):
+        place.mkdir(parents=True)
+    assert folders.gone(0)
+    (folders.undisturbed / "2").mkdir()
+    assert not folders.gone(0)

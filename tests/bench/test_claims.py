@@ -5,6 +5,7 @@ import tables_for_tests
 from tables_for_tests import Sheet
 
 from bench.claims import claims, variants, write_claims
+from bench.errors import UsageError
 
 NAMES = (
     "above_baseline",
@@ -252,6 +253,16 @@ def test_document_is_written_twice_with_the_notes(tmp_path):
     assert text.count("\n## ") == len(NAMES) + 2
     assert "**does not hold**" in text
     assert "<strong>does not hold</strong>" in html
+
+
+def test_notes_that_cannot_be_read_are_named_before_anything_is_written(tmp_path):
+    (tmp_path / "notes.md").write_bytes(b"\xff\xfe\xff")
+    for notes in ("notes.md", "nowhere.md"):
+        with pytest.raises(UsageError, match=rf"notes in .*{notes} cannot be read"):
+            write_claims(two_sizes().tables(), tmp_path / "out" / "pilot.md", tmp_path / notes)
+    with pytest.raises(UsageError, match="HTML beside it"):
+        write_claims(two_sizes().tables(), tmp_path / "out" / "pilot.html")
+    assert not (tmp_path / "out").exists()
 
 
 def test_document_of_no_rows_is_complete(tmp_path):

@@ -56,6 +56,18 @@ def test_several_cells_are_decided_by_pooled_scores():
     assert compare(*sides(two_cells())[::-1]).verdict is Verdict.WORSE
 
 
+def test_a_lost_seed_does_not_make_a_method_better_in_several_cells():
+    """Both are the same; the one that lost its hardest seeds is not the better one."""
+    sheet = Sheet()
+    for team_size in (3, 5, 7, 9, 12):
+        sheet.add("good", rewards=(-50.0, -51.0, -52.0), team_size=team_size)
+        sheet.add("bad", rewards=(-50.1, -50.9, -52.0, -90.0, -95.0), team_size=team_size)
+    found = compare(*sides(sheet))
+    assert found.verdict is Verdict.NO_DIFFERENCE
+    assert "(n = 15) against" in found.lines[0]
+    assert "(n = 15): difference" in found.lines[0]
+
+
 def test_what_the_seeds_do_not_decide_is_no_difference():
     sheet = Sheet().add("good", rewards=(-50.0, -58.0)).add("bad", rewards=(-52.0, -55.0))
     assert compare(*sides(sheet)).verdict is Verdict.NO_DIFFERENCE

@@ -121,6 +121,7 @@ def test_the_number_of_checks_and_the_exit_status_are_those_of_the_suite(capsys,
             "`--setting` is for methods, and 'drag' is of another kind: effect.",
         ),
         (["hybrid", "--setting", "flights"], "must be KEY=VALUE"),
+        (["lf_baseline", "--setting", "nope=1"], "Method 'LFBaseline' has no key 'nope'"),
         (["drag", "--simulator", "crazyflo"], "Did you mean 'crazyflow'?"),
         (
             ["circle", "--simulator", "crazyflow"],
@@ -137,6 +138,12 @@ def test_a_wrong_request_gets_one_line(arguments, message, capsys):
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert message in err
+
+
+def test_what_is_no_class_is_told_to_be_one(monkeypatch, capsys):
+    monkeypatch.setattr("bench.conformance.command.find", lambda plugin: ("method", print))
+    assert main(["check", "printer"]) == 1
+    assert "it must be a class, got <built-in function print>" in capsys.readouterr().out
 
 
 def test_settings_are_read_as_in_a_suite():

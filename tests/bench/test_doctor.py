@@ -32,6 +32,9 @@ def with_versions(**versions):
 def test_a_sound_installation_has_no_problem():
     assert problems(GOOD) == []
     assert problems(dataclasses.replace(GOOD, variables={"SCIPY_ARRAY_API": "1"})) == []
+    named = {"fidelity-bench": ("typing_extensions", "typing.extensions>=4")}
+    facts = with_versions(typing_extensions="4.9")
+    assert problems(dataclasses.replace(facts, requirements=named)) == []
 
 
 @pytest.mark.parametrize(

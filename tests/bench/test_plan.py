@@ -1,4 +1,5 @@
 import dataclasses
+import math
 import re
 
 import pytest
@@ -11,6 +12,7 @@ from bench.settings import SettingsError, describe
 from bench.store import Store
 from bench.suite import Row, Suite
 from bench.worker import _trained_in
+from methods.contract import AbstractMethod
 from simulators.effects.drag import Drag
 
 
@@ -138,6 +140,10 @@ def test_a_variant_names_what_differs_sorted(plugins):
         (Row("hybrid", settings={"flights": 2.5}), "must be a whole number"),
         (Row("hybrid", settings={"trainer": {"patience": "long"}}), "must be a whole number"),
         (Row("hybrid", settings={"trainer": {"patience": -3}}), "must be at least 1 or None"),
+        (Row("hybrid", settings={"flights": 2**60}), "must be at most 9007199254740991 in size"),
+        (Row("hybrid", settings={"trainer": {"lr": math.nan}}), "must be a number (such as"),
+        (Row("hybrid", settings={"excitation": -0.5}), "`excitation` must be at least 0, got -0.5"),
+        (Row("hf_scratch", settings={"epochs_base": -9}), "`epochs_base` must be at least 1"),
         (Row("hybrid", settings={"trainer": {"lr": -1.0}}), "`lr` must be at least 0, got -1.0"),
         (Row("recalibrated", settings={"flights": 0}), "`flights` must be at least 1, got 0"),
         (Row("instant", task_settings={"altitude": -2.0}), "must be above 0, got -2.0"),
@@ -156,6 +162,13 @@ def test_a_wrong_setting_is_named_in_one_line(plugins, row, message):
     with pytest.raises(SettingsError, match=re.escape(message)) as caught:
         only(row)
     assert "\n" not in str(caught.value)
+
+
+def test_what_is_registered_as_a_method_and_is_none_is_named(plugins, monkeypatch):
+    for wrong in (print, int, AbstractMethod):
+        monkeypatch.setattr("simulators.registry.load", lambda kind, name, it=wrong: it)
+        with pytest.raises(PlanError, match="'instant' is no class that implements AbstractMethod"):
+            only(Row("instant"))
 
 
 def test_a_residual_for_a_method_without_one_is_an_error(plugins):

@@ -117,6 +117,18 @@ def test_lost_runs_are_counted_beside_the_pool_even_where_their_cell_is_not_in_i
     assert lost == {"hf_hotstart": (6, 3), "hybrid (mlp)": (6, 0), "lf_baseline": (6, 0)}
 
 
+def test_a_seed_that_one_entry_lost_is_in_no_entry():
+    sheet = Sheet()
+    for team_size in (3, 12):
+        sheet.add("hf_hotstart", rewards=(-50.0, -51.0), team_size=team_size)
+        sheet.add("lf_baseline", rewards=(-50.0, -51.0, -500.0), team_size=team_size)
+    (pool,) = pools(sheet.tables())
+    first, second = pool.rows
+    assert (first.n, second.n) == (4, 4)
+    assert first.iqm.value == second.iqm.value
+    assert first.rank == second.rank == (1, 2)
+
+
 def test_one_cell_or_one_seed_is_no_pool():
     one_cell = Sheet().add("a", rewards=(-1.0, -2.0)).add("b", rewards=(-3.0, -4.0))
     assert pools(one_cell.tables()) == []

@@ -127,6 +127,15 @@ def test_a_run_is_found_by_name_and_its_page_lies_among_the_documents(saved, cap
     assert "reports/mine/replays/run000.html" in capsys.readouterr().out
 
 
+def test_a_damaged_folder_hides_no_run_of_another(saved, capsys):
+    damaged = saved / "results" / "a"
+    damaged.mkdir()
+    (damaged / "runs.parquet").write_bytes(b"no table")
+    assert main(["replay", "run000"]) == 0
+    assert main(["replay", "run999"]) == 2
+    assert "results/a" in capsys.readouterr().err
+
+
 def test_a_run_is_found_by_its_folder(saved, capsys):
     assert main(["replay", "results/mine/runs/run000", "--out", "page.html"]) == 0
     assert (saved / "page.html").is_file()

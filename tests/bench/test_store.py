@@ -324,6 +324,9 @@ def test_a_folder_without_tables_or_with_others_is_refused(store, planned, tmp_p
     curves.drop(columns="reward").to_parquet(tmp_path / "curves.parquet")
     with pytest.raises(TableError, match=r"curves\.parquet cannot be used: .*reward"):
         Tables.load(tmp_path)
+    curves.assign(more=1.0).to_parquet(tmp_path / "curves.parquet")
+    with pytest.raises(TableError, match=r"curves\.parquet cannot be used: .*more"):
+        Tables.load(tmp_path)
 
 
 def test_a_second_sweep_waits_for_the_first(store):

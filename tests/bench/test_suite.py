@@ -75,6 +75,7 @@ def test_built_in_suites_are_what_the_documentation_promises():
         ("residual", "residul", "method 1 has no key 'residul'. Did you mean 'residual'?"),
         ("seeds = 2", "", "lacks the key 'seeds'"),
         ("seeds = 2", "seeds = 0", "`seeds` must be at least 1, got 0"),
+        ("seeds = 2", "seeds = 5000000000", "the largest is 4294967295, got 4999999999"),
         ("seeds = 2", "seeds = true", "`seeds` must be a whole number, got True"),
         ("[3]", "[1]", "team size must be at least 2, got 1"),
         ("[3]", '["3"]', "`team_sizes` must be a whole number, got '3'"),

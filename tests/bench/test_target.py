@@ -58,6 +58,16 @@ def test_diverged_runs_are_paid_for_and_never_reach_the_target():
     assert costs(sheet)[Entry("hf_hotstart")].expected_minutes == 60.0
 
 
+def test_what_diverged_without_a_return_is_paid_for_alike():
+    sheet = Sheet().add("hf_scratch", fleet_minutes=100.0)
+    sheet.add("hf_hotstart", fleet_minutes=30.0)
+    sheet.add(
+        "hf_hotstart", rewards=(math.nan,), fleet_minutes=30.0, first_seed=1, status="diverged"
+    )
+    found = costs(sheet)[Entry("hf_hotstart")]
+    assert (found.runs, found.expected_minutes) == (2, 60.0)
+
+
 def test_training_in_high_fidelity_is_billed_up_to_the_epoch_that_gets_there():
     sheet = Sheet().add("hf_scratch", fleet_minutes=100.0)
     n, half = 4 * SMOOTHING, 2 * SMOOTHING

@@ -179,6 +179,20 @@ def test_a_run_that_ends_far_below_its_best_is_called_diverged(last, diverged):
     assert run.diverged is diverged
 
 
+def test_a_run_without_a_best_policy_is_called_diverged():
+    """An epoch without a return in every average: nothing was ever chosen."""
+    reward = np.where(np.arange(40) % 20 == 10, np.nan, -10.0)
+    run = Training(
+        policy=fresh(HOLD),
+        curves={"reward": reward, "smooth_reward": reward, "skipped": np.isnan(reward)},
+        stopped_early=False,
+        best_reward=-np.inf,
+        seconds=1.0,
+    )
+    assert run.skipped == 2
+    assert run.diverged
+
+
 def test_the_policy_of_the_best_average_is_kept_and_not_the_last(wild):
     reward = wild.curves["smooth_reward"].astype(float)
     average = np.convolve(reward, np.ones(WILD.smoothing) / WILD.smoothing, mode="valid")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import threading
+import types
 from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
@@ -136,10 +137,9 @@ def test_half_empty_programs_are_left(programs):
 
     with ThreadPoolExecutor(3) as pool:
         futures = [pool.submit(work) for work in (leaves, leaves, stays)]
-        (first,), ((second,), share) = futures[-1].result(WAIT)
+        (first,), ((second,), _) = futures[-1].result(WAIT)
     np.testing.assert_array_equal(first, 2.0)
     np.testing.assert_array_equal(second, 6.0)
-    assert share == 1.0
     assert programs[0] == 3
     assert programs[-1] < 3
 
@@ -182,14 +182,29 @@ def test_an_error_concerns_those_of_its_call_only():
     np.testing.assert_array_equal(doubled, 2.0)
 
 
-def test_time_is_shared():
+def test_time_is_shared_and_waiting_is_nobodys(monkeypatch):
     """Of a common call, each of three has a third; of one that nobody shares, the whole."""
+    clock, inside = [0.0], threading.Barrier(3)
+    monkeypatch.setattr(together, "time", types.SimpleNamespace(perf_counter=lambda: clock[0]))
 
-    def work(n):
-        return lambda: current_team().call(_double, jnp.ones(n), lambda size: None)[1]
+    def flown(given, room):
+        clock[0] += 6.0
+        return [(x,) for x in given[2]], room
 
-    assert as_team([work(2)] * 3) == [pytest.approx(1 / 3)] * 3
-    assert as_team([work(2), work(2), work(5)]) == [0.5, 0.5, 1.0]
+    monkeypatch.setattr(together, "_together", flown)
+
+    def own(n, before=0.0):
+        def work():
+            begun = clock[0]
+            inside.wait(WAIT)
+            clock[0] += before  # what a member does before its trainings
+            waited = current_team().call(_double, jnp.ones(n), lambda size: None)[1]
+            return clock[0] - begun - before - waited
+
+        return work
+
+    assert as_team([own(2)] * 3) == [2.0] * 3
+    assert as_team([own(2), own(2), own(5)]) == [3.0, 3.0, 6.0]
 
 
 @pytest.mark.parametrize("name", ["hf_scratch", "hybrid"])
