@@ -61,7 +61,7 @@ def doctor() -> int:
 def gather() -> Facts:
     """The facts of this process and its installation."""
     modules = frozenset(sys.modules)
-    versions = {
+    versions: dict[str, str] = {
         canonicalize_name(dist.metadata["Name"]): dist.version
         for dist in importlib.metadata.distributions()
         if dist.metadata["Name"]
