@@ -12,13 +12,13 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from bench.environment import environment
+from bench.environment import DEVICES, environment
 from bench.pool import share_of_cores
 
 PASSED_ON = (
     *("PATH", "HOME", "LANG", "LC_ALL", "LD_LIBRARY_PATH"),
     *("PYTHONPATH", "TMPDIR", "JAX_PLATFORMS"),
-    *("CUDA_VISIBLE_DEVICES", "HIP_VISIBLE_DEVICES", "ROCR_VISIBLE_DEVICES"),
+    *DEVICES.values(),
 )
 """What a child inherits beside the variables of `bench.environment`; nothing else gets through."""
 POLL = 0.1

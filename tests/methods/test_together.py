@@ -197,13 +197,17 @@ def test_time_is_shared_and_waiting_is_nobodys(monkeypatch):
         def work():
             begun = clock[0]
             inside.wait(WAIT)
-            clock[0] += before  # what a member does before its trainings
+            if before:  # what a member does while the two others wait for it
+                while len(current_team()._waiting) < 2:
+                    threading.Event().wait(0.01)
+                clock[0] += before
             waited = current_team().call(_double, jnp.ones(n), lambda size: None)[1]
             return clock[0] - begun - before - waited
 
         return work
 
     assert as_team([own(2)] * 3) == [2.0] * 3
+    assert as_team([own(2), own(2), own(2, before=4.0)]) == [2.0] * 3
     assert as_team([own(2), own(2), own(5)]) == [3.0, 3.0, 6.0]
 
 
