@@ -6,15 +6,14 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-from flights_for_tests import SIGMA, fly
-from scipy.spatial.transform import Rotation
+from flights_for_tests import fly
 
 from diagnosis.diagnose import STEPS, diagnose
-from diagnosis.logs import DroneLog, FlightLog, VehicleFile, load_flights, write_flights
+from diagnosis.logs import VehicleFile, load_flights, write_flights
 from simulators.contract import with_effects
 from simulators.effects.drag import Drag
 from simulators.point_mass import PointMass
+from simulators.vehicle import CONTROL_DT
 
 MINUTES = 10
 """Duration of one flight."""
@@ -22,17 +21,6 @@ RATE = 500
 """Rows per second."""
 DRAG = 0.3
 """Drag [1/s] that the simulator lacks."""
-
-
-def fine(log, name, rng):
-    """A log with noisy rows between those that there are, on straight lines; commands are held."""
-    t = np.arange(round(log.t[-1] * RATE)) / RATE
-    between = lambda x: np.stack([np.interp(t, log.t, column) for column in x.T], axis=1)  # noqa: E731
-    pos, vel, turn = rng.normal(size=(3, len(t), 3)) * SIGMA.reshape(3, 1, 3)
-    quat = (Rotation.from_quat(between(log.quat)) * Rotation.from_rotvec(turn)).as_quat()
-    cmd = log.cmd[np.searchsorted(log.t, t + 1e-9) - 1]
-    drone = DroneLog(t, between(log.pos) + pos, between(log.vel) + vel, quat, cmd=cmd)
-    return FlightLog(name, (drone,))
 
 
 def peak():
@@ -43,10 +31,9 @@ def peak():
 def write(folder):
     """Six flights of ten minutes, with more drag than the simulator has."""
     reality = with_effects(PointMass(dt=STEPS["point_mass"]), [Drag(c=DRAG)])
-    logs = fly(reality, n_flights=6, seconds=60.0 * MINUTES, noise=0.0)
-    rng = np.random.default_rng(0)
-    vehicle = VehicleFile("hour", "cf21B_500", 0.0434)
-    write_flights(folder, vehicle, [fine(log.drones[0], log.name, rng) for log in logs])
+    rows = round(RATE * CONTROL_DT)
+    logs = fly(reality, n_flights=6, seconds=60.0 * MINUTES, rows=rows)
+    write_flights(folder, VehicleFile("hour", "cf21B_500", 0.0434), logs)
 
 
 def main(folder):

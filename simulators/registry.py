@@ -58,14 +58,14 @@ def load(kind: str, name: str) -> type:
 
     Raises:
         UnknownPluginError: Nobody registered that name.
-        BrokenPluginError: Its module does not import.
+        BrokenPluginError: Its module does not import, or ends the program.
     """
     points = _entry_points(kind)
     if name not in points:
         raise UnknownPluginError(unknown(kind, name, points))
     try:
         return points[name].load()
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # also of modules that call sys.exit
         raise BrokenPluginError(
             f"The {kind} '{name}' of {distribution(kind, name)} cannot be imported: "
             f"{type(error).__name__}: {error}"

@@ -20,22 +20,23 @@ SIGMA = np.repeat([1e-3, 1e-2, 3e-3], 3)
 """Noise of the flights: m, m/s, rad."""
 
 
-def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0, rotors_of=None):
+def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0, rotors_of=None, rows=1):
     """Flights around a point 1 m up, with steps of the target and a dither on the commands.
 
     With `rotors_of` the logs hold the rotors' speeds instead of commands: those of so much of the
-    thrust, which is more than all of it where rotors are weaker than believed.
+    thrust, which is more than all of it where rotors are weaker than believed. `rows` are logged
+    while a command is held.
     """
     rng = np.random.default_rng(seed)
     n = round(seconds / CONTROL_DT)
     hold = lambda size, k: np.repeat(rng.uniform(-1, 1, (n // k + 1, size)), k, axis=0)[:n]  # noqa: E731
-    flown = jax.jit(lambda target, dither: _flown(simulator, target, dither))
+    flown = jax.jit(lambda target, dither: _flown(simulator, target, dither, rows))
     flights = []
     for i in range(n_flights):
         target = np.array([0.0, 0.0, 1.5]) + hold(3, 75) * [0.5, 0.5, 0.25]
         dither = hold(4, 10) * [0.12, 0.12, 0.0, 0.03]
         log, cmd = flown(jnp.asarray(target), jnp.asarray(dither))
-        drone = noisy(log, np.asarray(cmd), rng, noise)
+        drone = noisy(log, np.asarray(cmd), rng, noise, CONTROL_DT / rows)
         if rotors_of is not None:
             thrust = rotors_of * np.asarray(log.thrust, float)[:, 0]
             speeds = rotor_speeds(thrust, simulator.spec)
@@ -51,7 +52,7 @@ def rotor_speeds(thrust, spec):
     return np.repeat(n[:, None] * 2.0 * np.pi / 60.0, 4, axis=1)
 
 
-def _flown(simulator, target, dither):
+def _flown(simulator, target, dither, rows):
     hover = jnp.asarray([[0.0, 0.0, 0.0, simulator.spec.mass * GRAVITY]])
     flight = Flight(
         t=jnp.zeros(()),
@@ -70,18 +71,22 @@ def _flown(simulator, target, dither):
         now = simulator.flight(state)
         still = jnp.zeros((1, 3))
         cmd = tracker.cmd(now, target[None], still, still) + dither
-        return simulator.step_cmd(state, cmd, CONTROL_DT), (now, cmd)
+        held = lambda state, _: (  # noqa: E731
+            simulator.step_cmd(state, cmd, CONTROL_DT / rows),
+            (simulator.flight(state), cmd),
+        )
+        return jax.lax.scan(held, state, length=rows)
 
-    _, (flights, cmds) = jax.lax.scan(step, state, (target, dither))
-    return flights, cmds
+    _, logged = jax.lax.scan(step, state, (target, dither))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), logged)
 
 
-def noisy(flight, cmd, rng, noise=1.0):
+def noisy(flight, cmd, rng, noise=1.0, dt=CONTROL_DT):
     """The log of the first drone of a flight [time, drones, ...], `noise` times `SIGMA` on it."""
     n = len(cmd)
     rpy = np.asarray(quat_to_rpy(flight.quat))[:, 0] + rng.normal(0, noise * 3e-3, (n, 3))
     return DroneLog(
-        t=CONTROL_DT * np.arange(n),
+        t=dt * np.arange(n),
         pos=np.asarray(flight.pos)[:, 0] + rng.normal(0, noise * 1e-3, (n, 3)),
         vel=np.asarray(flight.vel)[:, 0] + rng.normal(0, noise * 1e-2, (n, 3)),
         quat=Rotation.from_euler("xyz", rpy).as_quat(),

@@ -88,5 +88,16 @@ def test_a_broken_plugin_is_named_in_a_warning_and_stops_nobody_else():
     assert {"drag", "mass", "wind"} <= set(found)
 
 
+def test_a_plugin_that_ends_the_program_is_broken_and_ends_nobody(tmp_path, monkeypatch):
+    (tmp_path / "leaving_plugin.py").write_text("import sys\n\nsys.exit('no licence')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    leaving = importlib.metadata.EntryPoint("leaving", "leaving_plugin:Effect", "bench.effects")
+    monkeypatch.setattr(registry, "_entry_points", lambda kind: {"leaving": leaving})
+    registry.load.cache_clear()
+    with pytest.raises(registry.BrokenPluginError, match=r"'leaving' .* SystemExit: no licence"):
+        registry.load("effect", "leaving")
+    registry.load.cache_clear()
+
+
 def test_built_in_plugins_come_from_this_package():
     assert registry.distribution("simulator", "crazyflow").startswith("fidelity-bench ")
