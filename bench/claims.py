@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from bench import markdown
+from bench.calibration_claims import calibration_claims
 from bench.comparison import interval, summary, verdict
 from bench.errors import UsageError
 from bench.leaderboard import number
@@ -11,7 +12,7 @@ from bench.off_spec_claims import off_spec_claims
 from bench.own_claims import own_claims
 from bench.pages import read_notes
 from bench.paper_claims import Claim, claims
-from bench.pictures import data_uri, write_off_spec, write_summary
+from bench.pictures import data_uri, write_calibration, write_off_spec, write_summary
 from bench.report import write_page
 from bench.statistics import difference, estimate, matched, seed_values
 from bench.tables import Tables
@@ -26,6 +27,11 @@ OFF_SPEC = (
     "standard deviation"
 )
 """What the figure beside these claims shows."""
+FLIGHTS = (
+    "Deployed return against calibration flights, by how much of the whole pool's Hybrid it is "
+    "higher; 0 flights: the LF baseline; means over seeds with one standard deviation; dotted: 15 %"
+)
+"""What the figure of the budgets shows."""
 
 __all__ = ["Claim", "claims", "variants", "write_claims"]
 
@@ -35,8 +41,8 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
 
     Args:
         tables: What the sweep found.
-        path_md: Where to write; the HTML gets the suffix `.html`, the figures `_summary.png` and
-            `_worlds.png`.
+        path_md: Where to write; the HTML gets the suffix `.html`, the figures
+            `_summary.png`, `_worlds.png` and `_flights.png`.
         notes: A Markdown file to append, e.g. why a claim fails.
 
     Raises:
@@ -46,12 +52,13 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
     if path.suffix == ".html":
         raise UsageError(f"Markdown is written to {path} and HTML beside it: name the former.")
     own = "" if notes is None else read_notes(notes).strip()
-    summary_png, worlds_png = (
-        path.with_name(f"{path.stem}_{name}.png") for name in ("summary", "worlds")
+    summary_png, worlds_png, flights_png = (
+        path.with_name(f"{path.stem}_{name}.png") for name in ("summary", "worlds", "flights")
     )
     drawn = (
         (PICTURE, summary_png, write_summary(tables, summary_png)),
         (OFF_SPEC, worlds_png, write_off_spec(tables, worlds_png)),
+        (FLIGHTS, flights_png, write_calibration(tables, flights_png)),
     )
 
     def text(link: Callable[[Path], str]) -> str:
@@ -66,7 +73,9 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
     write_page(text(data_uri), path.with_suffix(".html"), "The paper's claims beside ours")
 
 
-def _document(tables: Tables, notes: str, figure: list[str], worlds: list[str]) -> list[str]:
+def _document(
+    tables: Tables, notes: str, figure: list[str], worlds: list[str], flights: list[str]
+) -> list[str]:
     found = claims(tables)
     word = {True: "holds", False: "**does not hold**", None: "not tested"}
     overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in found]
@@ -92,6 +101,7 @@ def _document(tables: Tables, notes: str, figure: list[str], worlds: list[str]) 
         parts += _detail(claim, word)
     further = (
         ("On a drone that is off its specification", "paper", off_spec_claims(tables), worlds),
+        ("With fewer calibration flights", "paper", calibration_claims(tables), flights),
         ("Beyond the paper", "aim", own_claims(tables), []),
     )
     for title, theirs, made, shown in further:

@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import pandas as pd
 import seaborn
 
+from bench.calibration_claims import ENOUGH, calibration_sweep
 from bench.figures import BUILT_IN, COLORS
 from bench.off_spec_claims import NAMES, off_spec_values
 from bench.statistics import COUNTED, entry_of, records
@@ -117,6 +118,48 @@ def write_off_spec(tables: Tables, path: Path) -> bool:
         grid.set_titles("{col_name}, {row_name}")
         grid.set(xticks=sorted(shown["N"].unique()))
         grid.set_axis_labels("team size N", "deployed return")
+        return _saved(grid, path)
+
+
+def write_calibration(tables: Tables, path: Path) -> bool:
+    """Writes a PNG: return beside the whole pool's Hybrid's against flights, a column a team size.
+
+    Nothing is written, and False returned, where the number of flights was not varied.
+    """
+    rows = [
+        {"task": cell.task, "N": cell.team_size, "flights": flights, "share": 100.0 * share}
+        for cell, found in calibration_sweep(tables).items()
+        for flights, shares in found.items()
+        for share in shares
+    ]
+    if not rows:
+        return False
+    shown = pd.DataFrame(rows)
+    tasks = sorted(shown["task"].unique())
+    ticks = [k for k in (0, 1, 4, 16, 64, 256, 1024) if k <= shown["flights"].max()]
+    with plt.rc_context(STYLE):
+        grid = seaborn.relplot(
+            shown,
+            x="flights",
+            y="share",
+            col="N",
+            hue="task",
+            hue_order=tasks,
+            palette=list(COLORS[1 : 1 + len(tasks)]),
+            style="task",
+            style_order=tasks,
+            **(LINES | {"height": 3.0}),
+            aspect=1.3,
+        )
+        grid.refline(y=0.0, color=COLORS[0], linestyle="-", linewidth=0.8)
+        grid.refline(y=-100.0 * ENOUGH, color=COLORS[0], linestyle=":", linewidth=0.8)
+        for axes in grid.axes.flat:
+            axes.set_xscale("symlog", base=2, linthresh=1.0)
+            axes.set_xlim(-0.4, 1.3 * shown["flights"].max())
+            axes.set_xticks(ticks, [str(k) for k in ticks])
+            axes.minorticks_off()
+        grid.set_titles("N = {col_name}")
+        grid.set_axis_labels("calibration flights", "return beside the\nwhole pool's Hybrid [%]")
         return _saved(grid, path)
 
 

@@ -39,6 +39,7 @@ class Sheet:
         cause="",
         first_seed=0,
         drawn=False,
+        flights=0,
         **metrics,
     ):
         """Adds one run per reward; `status` is that of all of them."""
@@ -56,7 +57,7 @@ class Sheet:
             self.runs.append({**identity, "status": status, "cause": cause, **texts})
             if status != "failed":
                 world = {"simulator": "crazyflow", "trained_effects": "", "deployed_effects": ""}
-                shared = {**identity, **world, "calibration_flights": 0, "status": status}
+                shared = {**identity, **world, "calibration_flights": flights, "status": status}
                 for metric, value in (DEFAULTS | metrics | {"reward": reward}).items():
                     unit = UNITS.get(metric, "")
                     self.results.append({**shared, "metric": metric, "value": value, "unit": unit})
