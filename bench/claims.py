@@ -14,6 +14,7 @@ from bench.pages import read_notes
 from bench.paper_claims import Claim, claims
 from bench.pictures import data_uri, write_calibration, write_off_spec, write_summary
 from bench.report import write_page
+from bench.side_claims import side_claims
 from bench.statistics import difference, estimate, matched, seed_values
 from bench.tables import Tables
 
@@ -76,7 +77,7 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
 def _document(
     tables: Tables, notes: str, figure: list[str], worlds: list[str], flights: list[str]
 ) -> list[str]:
-    found = claims(tables)
+    found = [*claims(tables), *side_claims(tables)]
     word = {True: "holds", False: "**does not hold**", None: "not tested"}
     overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in found]
     parts = [

@@ -60,7 +60,9 @@ def _above(values: Values, other: Entry) -> Claim:
     name = "PD tracking" if other == TRACKED else "the LF baseline"
     return Claim(
         f"Recalibrated on the off-spec drone, Hybrid deploys above {name} there",
-        "every cell" if other == LF else "every cell, by the least under drag",
+        "every cell"
+        if other == LF
+        else "on figure8 by its text; on circle the margin narrows under drag",
         wins.text,
         all(wins.won) if wins.won else None,
         "its mean reward is higher in every cell",
@@ -87,7 +89,7 @@ def _kept(values: Values) -> Claim:
     text = f"loses {number(min(share), 1)} to {number(max(share), 1)} %" if share else MISSING
     return Claim(
         "Recalibrated, Hybrid keeps the return that it has on the nominal drone",
-        "loses at most 24 % on figure8, 5 to 8 % on circle with more mass",
+        "loses at most 24 % on figure8; on circle 5 to 8 % with more mass, 4 to 16 % in wind",
         text,
         max(lost.values()) <= LOST if lost else None,
         f"its mean reward lies at most {100 * LOST:.0f} % below in every cell",

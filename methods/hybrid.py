@@ -20,7 +20,11 @@ from simulators.contract import with_effects
 
 
 class Hybrid(AbstractMethod):
-    """The paper's method: calibrate on isolated drones, fit, freeze, train. Source: Sec. III."""
+    """The paper's method: calibrate on isolated drones, fit, freeze, train. Source: Sec. III.
+
+    Every training seed flies its own pool along the paths of its own LF baseline, so that scatter
+    over seeds holds that of the pools; the paper flies one pool for all seeds.
+    """
 
     residual: str = eqx.field(static=True, default="mlp")
     """Registered class of residual: `affine`, `sindy`, `mlp` or a plug-in's."""

@@ -1,11 +1,13 @@
 r"""Pitchandexpand: follow a sphere around a fixed centre whose radius swings.
 
-With s = 2 pi t / P + s_0, s_0 ~ U(0, 2 pi), rho the distance from the centre, u the unit vector
-away from it:
+With s = 2 pi t / P + s_0, s_0 ~ U(0, 2 pi), x the vector from the centre and rho its length:
 
-    r(t)   = r_N + A sin(s)
-    offset = (r - rho) u,   v* = dr/dt u,   a* = d2r/dt2 u
-    reward = -|r - rho| + w (exp(-|v - v*|) - 1)
+    r(t)   = r_N + A sin(s),   u = x / max(rho, CORE)
+    offset = r u - x,   v* = dr/dt u,   a* = d2r/dt2 u
+    reward = -|offset| + w (exp(-|v - v*|) - 1)
+
+Outside of `tasks.contract.CORE`, |offset| is |r - rho|; within, where a unit vector would jump, it
+falls to 0 at the centre.
 
 From the paper: a spherical shell around a static origin, sinusoidal radius, the bounded velocity
 term. Chosen here: r_N = max(1 m, 0.35 m sqrt(N)) so that the area per drone does not shrink,

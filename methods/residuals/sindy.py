@@ -4,7 +4,8 @@ Library of one drone, with thrust over mass f = a_nominal + [0, 0, g], v velocit
 
     1,  f_x, f_y, f_z,  |f|,  sin(roll), sin(pitch),  v_x, v_y, v_z,  s v_x, s v_y, s v_z
 
-that is thrust, attitude projections, linear and quadratic drag (paper, Sec. V-D, class (ii)).
+that is thrust, attitude projections and linear drag (paper, Sec. V-D, class (ii)); the constant and
+quadratic drag are ours.
 Position is not in it: no physical effect of free flight depends on it.
 """
 
