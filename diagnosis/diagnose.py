@@ -36,6 +36,8 @@ ATTITUDE_LOST = 30.0
 prescribed: five sigmas, so that forces are not judged through an attitude that is wrong."""
 FORCES_EXPLAINED = 0.1
 """Share of the gap in forces that may be left where the attitude was prescribed for their sake."""
+MEASURED = 2.0
+"""Largest thrust that rotors can be measured to give, over the largest that can be commanded."""
 DISTRUST = 2.5
 """Sigmas beyond which a window soon after an unknown command is left out."""
 
@@ -169,7 +171,7 @@ def _study(
         )
     sets = (inputs.flights, *([compared.flights] if compared else []))
     several = any(len(f.drones) > 1 for flown in sets for f in flown)
-    nominal = nominal_simulator(simulator, flights)
+    nominal = nominal_simulator(simulator, flights, limited=inputs.follows_commands)
     library = make_library(
         nominal,
         with_aliases(exclude),
@@ -282,10 +284,15 @@ def _part(every: Likelihood, logs: Sequence[FlightLog], chosen: Sequence[int]) -
     return part
 
 
-def nominal_simulator(name: str, flights: FlightSet) -> AbstractSimulator:
-    """The simulator as the operator believes it: her airframe, her mass."""
+def nominal_simulator(name: str, flights: FlightSet, limited: bool = True) -> AbstractSimulator:
+    """The simulator as the operator believes it: her airframe, her mass.
+
+    A thrust that was measured is not `limited` to what the airframe can be commanded.
+    """
     spec = VEHICLES[flights.vehicle.drone]
     spec = dataclasses.replace(spec, mass=flights.vehicle.mass)
+    if not limited:
+        spec = dataclasses.replace(spec, thrust_min=0.0, thrust_max=MEASURED * spec.thrust_max)
     # Buffers of effects are as fine as the simulator's own step, so that is the replay's.
     own = {"dt": STEPS[name]} if name == "point_mass" else {}
     return registry.load("simulator", name)(spec=spec, **own)

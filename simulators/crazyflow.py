@@ -40,6 +40,7 @@ from simulators.contract import AbstractSimulator
 from simulators.crazyflow_params import (
     SimData,
     hover_rotor_vel,
+    limited,
     rotor_wrench,
     scaled_gains,
     scaled_params,
@@ -220,9 +221,17 @@ class Crazyflow(AbstractSimulator):
     def _constants(self) -> SimData:
         """Constants of crazyflow; those of `spec`, where it is not the airframe's file's own."""
         data, _ = _template(self.spec.name, self.freq)
-        if self.spec == VEHICLES.get(self.spec.name):
+        if self.spec == VEHICLES[self.spec.name]:
             return data
+        if self._limited:
+            data = limited(data, self.spec.thrust_min, self.spec.thrust_max)
         return data.replace(params=scaled_params(data, self._vehicle()))
+
+    @property
+    def _limited(self) -> bool:
+        """Whether thrust has another range than the airframe's file gives it."""
+        own = VEHICLES[self.spec.name]
+        return (own.thrust_min, own.thrust_max) != (self.spec.thrust_min, self.spec.thrust_max)
 
     def _physics_step(self, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -> CrazyflowState:
         template, (_, pipeline) = self._constants(), _template(self.spec.name, self.freq)
@@ -238,6 +247,8 @@ class Crazyflow(AbstractSimulator):
     def _pipeline(self, stages: OrderedDict[str, Callable]) -> list[Callable[[SimData], SimData]]:
         """Stages of crazyflow with the effects' stages among them."""
         pipeline = stages.copy()
+        if self._limited:  # the motor mixing limits thrust; this stage, to the file's range alone
+            del pipeline["clip_rotor_vel_cmd"]
         if chain.has(self.effects, CommandEffect):
             insert_fn_before(pipeline, "attitude_controller", self._command, "effects_command")
         if chain.has(self.effects, AutopilotEffect):

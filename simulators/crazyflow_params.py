@@ -56,6 +56,20 @@ def scaled_gains(data: SimData, gains: AutopilotGains) -> SimData:
     return data.replace(controls=data.controls.replace(attitude=attitude))
 
 
+def limited(data: SimData, low: float, high: float) -> SimData:
+    """`data` with motors that give collective thrusts [N] from `low` to `high`.
+
+    The autopilot's PWM counts as much thrust as before, from its new range.
+    """
+    attitude, force = data.controls.attitude, data.controls.force_torque
+    per_newton = attitude.params["pwm_max"] / attitude.params["thrust_max"]
+    pwm = {"pwm_min": per_newton * low / 4.0, "pwm_max": per_newton * high / 4.0}
+    attitude = attitude.replace(params=attitude.params | pwm | {"thrust_max": high / 4.0})
+    limits = {"thrust_min": low / 4.0, "thrust_max": high / 4.0}
+    force = force.replace(params=force.params | limits)
+    return data.replace(controls=data.controls.replace(attitude=attitude, force_torque=force))
+
+
 def opaque(mass: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """`mass`, hidden from the compiler.
 

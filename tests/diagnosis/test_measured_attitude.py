@@ -3,6 +3,8 @@
 import dataclasses
 import types
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from flights_for_tests import flight_set, point_mass_set
@@ -92,6 +94,17 @@ def test_rotor_speeds_alone_tell_a_weaker_thrust():
     (size,) = effect["parameters"].values()
     expected = {"thrust_gain": -0.1, "mass": 1.0 / 0.9 - 1.0}[effect["name"]]
     assert size["value"] == pytest.approx(expected, abs=0.015)
+
+
+@pytest.mark.parametrize(("given", "limited"), [(False, 0.65), (True, 0.48)])
+def test_only_a_commanded_thrust_is_limited_to_what_can_be_commanded(given, limited):
+    """Motors of this airframe can be commanded 0.48 N; PWM and voltage may stand for more."""
+    flights = flight_set((), mass=0.027, drone="cf2x_L250")
+    simulator = nominal_simulator("crazyflow", flights, limited=given)
+    cmds = jnp.zeros((1, 4)).at[:, 3].set(0.65)
+    state = simulator.reset(jnp.asarray([[0.0, 0.0, 5.0]]), jax.random.key(0))
+    state = jax.jit(lambda state: simulator.step_cmd(state, cmds, 2.0))(state)
+    np.testing.assert_allclose(simulator.flight(state).thrust, limited, rtol=1e-3)
 
 
 def test_the_noise_of_measured_attitudes_is_no_effect():

@@ -1,5 +1,7 @@
 """Flights whose solution is known."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -176,6 +178,24 @@ def test_crazyflow_clips_thrust_to_the_vehicles_range(asked):
     thrust = hovering_flight(SIMULATORS["crazyflow"](), cmds=cmds).thrust[-1]
     given = np.clip(asked, SPEC.thrust_min, SPEC.thrust_max)
     np.testing.assert_allclose(thrust, given, rtol=1e-3)
+
+
+@pytest.mark.parametrize("asked", [0.005, 0.05, 0.6, 1.0, 1.7])
+def test_the_range_of_thrust_is_that_of_the_spec(asked):
+    spec = dataclasses.replace(SPEC, thrust_min=0.01, thrust_max=1.5)
+    made = SIMULATORS["crazyflow"](spec=spec)
+    thrust = hovering_flight(made, cmds=hold([0.0, 0.0, 0.0, asked], STEPS, N)).thrust[-1]
+    np.testing.assert_allclose(thrust, np.clip(asked, 0.01, 1.5), rtol=5e-3)
+    state = made.producing(hovering(made, positions(N)), jnp.full(N, asked))
+    np.testing.assert_allclose(made.flight(state).thrust, np.clip(asked, 0.01, 1.5), rtol=1e-3)
+
+
+def test_a_wider_range_of_thrust_leaves_attitude_control_as_it_was():
+    """Where no motor comes to its limit."""
+    cmds = hold([0.02, -0.01, 0.01, HOVER], STEPS, N)
+    wide = dataclasses.replace(SPEC, thrust_min=0.0, thrust_max=2.0 * SPEC.thrust_max)
+    flown = [hovering_flight(SIMULATORS["crazyflow"](spec=s), cmds=cmds).quat for s in (SPEC, wide)]
+    np.testing.assert_allclose(*flown, atol=1e-5)
 
 
 def test_the_derivative_of_clipped_thrust_is_zero():
