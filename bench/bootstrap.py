@@ -77,8 +77,8 @@ class Differences(NamedTuple):
 
 
 def iqm(
-    values: Float[np.ndarray, "*reps values"], weights: Float[np.ndarray, "*reps values"]
-) -> Float[np.ndarray, "*reps"]:
+    values: Float[np.ndarray, "*reps values"], weights: Float[np.ndarray, " values"]
+) -> Float[np.ndarray, "*reps"] | np.floating:
     """Interquartile mean along the last axis.
 
     With equal weights, a quarter of the values, rounded down, is left out at each end (as rliable

@@ -10,6 +10,7 @@ from bench.executor import AbstractExecutor, Ended
 from bench.plan import Run
 from bench.progress import Display
 from bench.record import Outcome
+from bench.resume import was_interrupted
 from bench.store import Store
 from bench.worker import Done, do_runs
 
@@ -117,7 +118,7 @@ class _Execution:
         content = self._store.read(run.name)
         begun = datetime.datetime.fromtimestamp(self._schedule.clock[run.name], datetime.UTC)
         late = datetime.datetime.fromisoformat(content["committed"]) >= begun
-        return content["cause"] if late and not content.get("interrupted", True) else ""
+        return content["cause"] if late and not was_interrupted(content) else ""
 
     def _fail(self, run: Run, cause: str, interrupted: bool) -> None:
         """Stores that a run failed for a reason that is not its own."""

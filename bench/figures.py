@@ -1,4 +1,4 @@
-"""Figures of a report: cost and reward against team size, training curves, top views.
+"""Figures of a report: cost and reward against team size, training curves.
 
 Colours are those of Okabe and Ito (2008) and a grey for the baseline, told apart under the common
 colour blindnesses; the built-in methods keep theirs from report to report. Markers differ too.

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from bench.plan import Run
+from bench.resume import was_interrupted
 from bench.store import Store, UnreadableRunError
 from bench.tables import IDENTITY
 
@@ -44,7 +45,7 @@ def _state(run: Run, store: Store, there: set[str], alike: list[str]) -> State:
         if content["status"] != "failed":
             return State(run, content, "")
         # What was interrupted is tried again; what failed by itself only with --retry-failed.
-        interrupted = content.get("interrupted", True)
+        interrupted = was_interrupted(content)
         ended = "interrupted" if interrupted else "failed"
         return State(run, None, f"{ended}: {content['cause']}", not interrupted)
     older = [found for name in alike if (found := _same(run, store, name)) is not None]

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from bench.plan import Plan, Run
 
@@ -36,11 +37,16 @@ def make_standing(plan: Plan, sound: Mapping[str, dict], retry_failed: bool) -> 
             standing.missing.append(run)
         elif content["status"] != "failed":
             standing.done.append(run)
-        elif retry_failed or content.get("interrupted", True):  # older ones do not say
+        elif retry_failed or was_interrupted(content):
             standing.missing.append(run)
         else:
             standing.failed.append(run)
     return standing
+
+
+def was_interrupted(content: Mapping[str, Any]) -> bool:
+    """Whether a failed run ended from outside and is tried again; older files do not say."""
+    return content.get("interrupted", True)
 
 
 def stale_lines(done: Sequence[Run], sound: Mapping[str, dict]) -> list[str]:

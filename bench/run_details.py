@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench.endings import places
 from bench.figures import by_run
 from bench.flown import playable_all
 from bench.leaderboard import number
-from bench.statistics import COUNTED, Cell, Entry, cell_of, cells_meant, entry_of, records
+from bench.statistics import COUNTED, Cell, Entry, cells_meant, entry_of, records
 from bench.tables import Tables
 
 MAX_POINTS = 100
@@ -111,17 +112,12 @@ def first_runs(tables: Tables, lines: list[dict[str, Any]]) -> dict[tuple[Cell, 
 
     A run that failed stands for its entry where it was meant to be evaluated.
     """
-    flown = tables.results.drop_duplicates(["run", "simulator", "deployed_effects"])
-    worlds: dict[str, set[tuple[Cell, Entry]]] = {}
-    cells: dict[tuple[str, int], set[Cell]] = {}
-    for row in records(flown):
-        worlds.setdefault(row["run"], set()).add((cell_of(row), entry_of(row)))
-        cells.setdefault((row["task"], int(row["team_size"])), set()).add(cell_of(row))
+    flown, worlds = places(tables)
     found: dict[tuple[Cell, Entry], str] = {}
     for line in sorted(lines, key=lambda line: (line["lost"], line["seed"])):
         entry, size = line["entry"], (line["task"], line["team_size"])
-        meant = cells_meant(*size, entry.variant, cells.get(size, set()))
-        for key in worlds.get(line["run"], {(cell, entry) for cell in meant}):
+        meant = cells_meant(*size, entry.variant, worlds.get(size, set()))
+        for key in flown.get(line["run"], [(cell, entry) for cell in meant]):
             found.setdefault(key, line["id"])
     return found
 

@@ -12,9 +12,10 @@ from methods.bptt import BPTT
 from methods.evaluate import fly
 from methods.policy import PolicyController, make_policy
 from simulators import registry
+from tasks.contact import MANY
 from tasks.spread import Spread
 
-TEAMS = (3, 18, 63, 64, 100, 300, 1000)
+TEAMS = (3, 18, MANY - 1, MANY, 100, 300, 1000)
 STEPS = 100
 """Control steps of an episode."""
 

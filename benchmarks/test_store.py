@@ -3,8 +3,6 @@
 import dataclasses
 import json
 import os
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -28,7 +26,6 @@ def planned():
 
 @pytest.fixture(scope="module")
 def outcome():
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "bench"))
     import outcomes
 
     return outcomes.outcome

@@ -141,7 +141,7 @@ def _read_parquet(path: Path) -> pa.Table:
     if not ends:
         raise LogError("the Parquet file is truncated: its end is missing; copy it again.")
     try:
-        with pa_parquet.ParquetFile(path) as file:
+        with path.open("rb") as opened, pa_parquet.ParquetFile(opened) as file:
             return file.read(columns=check_names(file.schema_arrow.names))
     except (pa.ArrowException, OSError) as error:
         raise LogError(f"the Parquet file is damaged: {one_line(error)}.") from error
@@ -170,14 +170,15 @@ def _read_csv(path: Path) -> pa.Table:
 def _parse_csv(path: Path, names: list[str], known: list[str], kind: pa.DataType) -> pa.Table:
     """The `known` columns of a CSV file whose header holds `names`, each of type `kind`."""
     try:
-        return pa_csv.read_csv(
-            path,
-            # In one thread, because only then are rows counted.
-            read_options=pa_csv.ReadOptions(use_threads=False, column_names=names, skip_rows=1),
-            convert_options=pa_csv.ConvertOptions(
-                include_columns=known, column_types=dict.fromkeys(known, kind)
-            ),
-        )
+        with path.open("rb") as file:  # a path must be UTF-8
+            return pa_csv.read_csv(
+                file,
+                # In one thread, because only then are rows counted.
+                read_options=pa_csv.ReadOptions(use_threads=False, column_names=names, skip_rows=1),
+                convert_options=pa_csv.ConvertOptions(
+                    include_columns=known, column_types=dict.fromkeys(known, kind)
+                ),
+            )
     except pa.ArrowInvalid as error:
         if "Could not skip initial" in str(error):
             raise LogError("no row follows the header; a log with rows is expected.") from error

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -21,11 +21,9 @@ from diagnosis.logs import FlightLog, FlightSet
 from diagnosis.noise import CHANNELS
 from diagnosis.outliers import standing_out
 from diagnosis.search import Problem
-from diagnosis.verdict import Verdict, intervals, limits
+from diagnosis.study import Study
+from diagnosis.verdict import Verdict, intervals, limits, sizes
 from simulators import registry
-
-if TYPE_CHECKING:
-    from diagnosis.diagnose import Study
 
 SCHEMA = 1
 """Version of `diagnosis.json`."""
@@ -34,7 +32,7 @@ SCHEMA = 1
 def content(
     flights: FlightSet,
     simulator: str,
-    study: "Study",
+    study: Study,
     reference: FlightSet | None,
     exclude: Collection[str],
 ) -> dict[str, Any]:
@@ -60,7 +58,7 @@ def content(
         },
         "where": where,
         "verdict": verdict.kind,
-        "unexplained_share": verdict.unexplained_share,
+        "unexplained_share": 0.0 if verdict.kind == "none" else verdict.unexplained_share,
         "effects": [_effect(problem, verdict, name) for name in reported],
         "candidates": _candidates(problem, verdict),
         "shrink": shrinkage.shrink(study.drift, study.every.sigma, study.fit_ids == study.held),
@@ -72,6 +70,8 @@ def content(
         ),
         "details": _details(study, seen)
         | {
+            "reference": None if reference is None else reference.path.name,
+            "excluded": sorted(exclude),
             "not_observable": _not_observable(study, exclude),
             "where_left": left,
             "support": [dataclasses.asdict(x) | {"clear": x.clear} for x in study.support],
@@ -80,7 +80,7 @@ def content(
     }
 
 
-def _left_out(flights: FlightSet, study: "Study", reference: FlightSet | None) -> list[dict]:
+def _left_out(flights: FlightSet, study: Study, reference: FlightSet | None) -> list[dict]:
     """Files and flights that were not used, those of the reference marked."""
     found = [(x.name, x.reason) for x in flights.left_out] + list(study.inputs.left_out)
     if reference is not None and study.compared is not None:
@@ -89,7 +89,7 @@ def _left_out(flights: FlightSet, study: "Study", reference: FlightSet | None) -
     return [{"name": name, "reason": reason} for name, reason in found]
 
 
-def _set_aside(study: "Study") -> list[dict]:
+def _set_aside(study: Study) -> list[dict]:
     """Windows that stand out and did not count, alone or soon after an unknown command."""
     out = standing_out(study.every.aside, study.every.typical)
     if out is None:
@@ -108,15 +108,16 @@ def _set_aside(study: "Study") -> list[dict]:
 
 def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:
     free, low, high = intervals(problem, verdict.chosen.fit)
+    value, _ = sizes(problem, verdict.chosen.fit)
     slots = problem.library.slots
     parameters = {
         slots[i].parameter: {
-            "value": float((a + b) / 2),
+            "value": float(x),
             "low": float(a),
             "high": float(b),
             "unit": slots[i].unit,
         }
-        for i, a, b in zip(free, low, high, strict=True)
+        for i, x, a, b in zip(free, value, low, high, strict=True)
         if slots[i].effect == name
     }
     return {
@@ -175,7 +176,7 @@ def _blind_to(library: Library, seen: Sequence[tuple[int, float]]) -> list[str]:
     return [slots[i].effect for i, size in seen if size > 0.2 * (slots[i].high - slots[i].low)]
 
 
-def _details(study: "Study", seen: Sequence[tuple[int, float]]) -> dict[str, Any]:
+def _details(study: Study, seen: Sequence[tuple[int, float]]) -> dict[str, Any]:
     problem, verdict, every = study.problem, study.verdict, study.every
     logs = study.inputs.flights
     nominal, chosen = problem.nominal().normal, verdict.chosen.fit.normal
@@ -212,25 +213,25 @@ def _details(study: "Study", seen: Sequence[tuple[int, float]]) -> dict[str, Any
 
 
 def _along(drift: shrinkage.Drift, logs: Sequence[FlightLog]) -> list[dict[str, Any]]:
-    """Drift before and after along the flights that were scored, which `logs` are."""
-    before, after = (
-        np.linalg.norm(gap.drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after)
+    """Drift before and after along the flights that were scored, which `logs` are.
+
+    That of several drones is their RMS at each time.
+    """
+    square = np.stack(
+        [np.sum(gap.drifts(t)[:, :3] ** 2, axis=1) for t in (drift.before, drift.after)]
     )
     found = []
     for flight in np.unique(drift.before.flight):
-        mine = (drift.before.flight == flight) & np.isfinite(before) & np.isfinite(after)
+        mine = (drift.before.flight == flight) & np.isfinite(square).all(axis=0)
+        t, at = np.unique(drift.before.t[mine], return_inverse=True)
+        rms = [np.sqrt(np.bincount(at, x) / np.bincount(at)).tolist() for x in square[:, mine]]
         found.append(
-            {
-                "flight": logs[flight].name,
-                "t": drift.before.t[mine].tolist(),
-                "before": before[mine].tolist(),
-                "after": after[mine].tolist(),
-            }
+            {"flight": logs[flight].name, "t": t.tolist(), "before": rms[0], "after": rms[1]}
         )
     return found
 
 
-def _not_observable(study: "Study", exclude: Collection[str]) -> list[dict[str, str]]:
+def _not_observable(study: Study, exclude: Collection[str]) -> list[dict[str, str]]:
     """Registered effects that are no candidates, and why."""
     library = study.problem.library
     simulator, found = library.simulator, []

@@ -26,8 +26,13 @@ VOLTS = (0.088, -0.0006239)
 """Motor voltage over thrust [V/gf] and over its square [V/gf^2]; crazyflie-firmware, motors.c."""
 PRESCRIBED = "commanded thrust and measured attitude"
 """What drives a replay that does not trust how the attitude follows its command."""
+PWM = "PWM and voltage"
+"""What drives a replay where nothing else is logged."""
 ON_GROUND = 0.3
 """Share of the weight below which a drone is taken to stand on the ground."""
+STANDING = (0.15, 0.05)
+"""Height [m] and speed [m/s] below which a drone whose thrust was measured stands: rotors turn on
+the ground, too, which carries what they do not."""
 LANDED = 0.3
 """Time below that from which it is; a shorter dip in the air is none. A fall of 0.4 m [s]."""
 
@@ -41,7 +46,7 @@ class Inputs:
     prescribed: bool
     """Whether the attitude is prescribed from measurement."""
     kind: str
-    """`commands`, `PRESCRIBED`, `rotor speeds` or `PWM and voltage`."""
+    """`commands`, `PRESCRIBED`, `rotor speeds` or `PWM`."""
     left_out: tuple[tuple[str, str], ...]
     """Flights without that input, and why."""
 
@@ -49,6 +54,11 @@ class Inputs:
     def produced(self) -> bool:
         """Whether thrust is what rotors of a known speed produce, which no lag delays."""
         return self.kind == "rotor speeds"
+
+    @property
+    def mapped(self) -> bool:
+        """Whether thrust is known by a map from PWM and voltage alone."""
+        return self.kind == PWM
 
     @property
     def measured(self) -> int:
@@ -110,7 +120,7 @@ def _able(flights: FlightSet) -> dict[str, list[FlightLog]]:
     kinds = {
         "commands": lambda drone: drone.cmd is not None,
         "rotor speeds": lambda drone: drone.rotor_vel is not None,
-        "PWM and voltage": lambda drone: drone.pwm is not None and drone.battery is not None,
+        PWM: lambda drone: drone.pwm is not None and drone.battery is not None,
     }
     return {k: [f for f in flights.flights if all(map(has, f.drones))] for k, has in kinds.items()}
 
@@ -155,13 +165,17 @@ def thrust_of_pwm(
     return np.mean(grams, axis=1) * 1e-3 * GRAVITY
 
 
-def on_ground(log: DroneLog, mass: float) -> Sequence[tuple[float, float]]:
-    """Stretches [s] in which the commanded thrust is far from carrying the drone.
+def on_ground(log: DroneLog, mass: float, turning: bool) -> Sequence[tuple[float, float]]:
+    """Stretches [s] in which the thrust is far from carrying the drone, or nothing moves low down.
 
-    They last, or the log begins or ends with them.
+    They last, or the log begins or ends with them. Only where rotors may be `turning` on the
+    ground is height looked at.
     """
     cmd = _known(log.cmd)
     low = cmd[:, 3] < ON_GROUND * mass * GRAVITY
+    if turning:
+        height, speed = STANDING
+        low |= (log.pos[:, 2] < height) & (np.linalg.norm(log.vel, axis=1) < speed)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], low.astype(int), [0]])))
     stretches = [
         (float(log.t[a] - log.t[0]), float(log.t[min(b, len(log.t) - 1)] - log.t[0]))

@@ -83,6 +83,9 @@ FAMILIES: Mapping[str, frozenset[str]] = {
 
 FAR = 1e9
 """Stands for an infinite neutral value (a natural frequency), so that vectors can be compared."""
+WEAKEST = -0.8
+"""Least thrust gain of a map from PWM and voltage: that of one drone gave 1.9 times its weight in
+hover; the bound is a guess."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,6 +212,7 @@ def make_library(
     referenced: bool = False,
     voltage: bool = False,
     produced: bool = False,
+    mapped: bool = False,
 ) -> Library:
     """Every registered effect that `simulator` has the doors for, without those excluded.
 
@@ -217,6 +221,7 @@ def make_library(
     is still none of them.
     `voltage`: every flight is of one drone that logged its battery's voltage.
     `produced`: the rotors' speeds are measured, so that how they lag cannot be seen.
+    `mapped`: thrust is known by a map from PWM and voltage alone, whose scale may be far off.
     """
     exclude = {*exclude, *NEVER_BLAMED}
     effects, slots = {}, []
@@ -234,9 +239,8 @@ def make_library(
         effects[name] = kind
         for parameter, info in kind.parameters.items():
             neutral = min(info.neutral, FAR)
-            slots.append(
-                Slot(name, parameter, info.unit, neutral, info.low, info.high, info.factor)
-            )
+            low = WEAKEST if mapped and name == "thrust_gain" else info.low
+            slots.append(Slot(name, parameter, info.unit, neutral, low, info.high, info.factor))
     withheld = frozenset(name for name in effects if name in exclude)
     return Library(simulator, effects, tuple(slots), withheld)
 

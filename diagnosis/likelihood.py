@@ -372,7 +372,7 @@ class Likelihood:
         return make_turns(A[:, turned], turned)
 
     def _starts(self, group: Segments, chosen: slice) -> Float[np.ndarray, "..."]:
-        """Orthonormal basis of what the start can change: axes ..., axis, position/velocity, 2."""
+        """Basis of what starts can change [2, pos/vel, segments, windows, drones, nodes, axes]."""
         dt, valid = self.replay.dt, self._valid(group, chosen)
         t = group.place[chosen, 1:][..., None] * dt
         counted = np.maximum(valid.sum(axis=3), 1)[..., None]

@@ -226,7 +226,7 @@ def _read_vehicle(path: Path) -> VehicleFile:
         hint = f" Did you mean {path.parent}?" if (path.parent / "vehicle.toml").is_file() else ""
         raise LogError(f"{file}: there is no such file; it says name, drone and mass.{hint}")
     try:
-        given = tomllib.loads(file.read_text(encoding="utf-8"))
+        given = tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise LogError(f"{file}: this is not TOML: {one_line(error)}.") from error
     keys = [field.name for field in dataclasses.fields(VehicleFile)]

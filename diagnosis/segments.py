@@ -46,7 +46,7 @@ N_NODES = round(WINDOW / NODE_DT)
 
 @dataclasses.dataclass(frozen=True)
 class Segments:
-    """Windows in order of flight and time. Axes: segments, drones, windows, steps or nodes."""
+    """Windows in order of flight and time. Axes: segments, windows, drones, then steps or nodes."""
 
     flight: Int[np.ndarray, " segments"]
     """Index of the flight that a segment belongs to."""

@@ -20,6 +20,9 @@ MIN_SECONDS = 1.0
 MAX_STEP = 0.2
 """Largest median time between two rows [s]; no attitude loop can be seen at a slower rate."""
 
+MAX_GAP = 600.0
+"""Longest time without a row [s]; no battery lasts longer in the air."""
+
 NORM_TOLERANCE = 1e-2
 """Largest deviation of a quaternion's norm from 1; printing three decimals deviates by 1e-3."""
 
@@ -70,8 +73,8 @@ def check_time(t: Float64[np.ndarray, " rows"], rows: Int[np.ndarray, " rows"], 
     """Nothing, if the times of one drone are enough, and increase.
 
     Raises:
-        LogError: There are too few rows or seconds, time stands, goes backwards or cannot be in
-            seconds.
+        LogError: There are too few rows or seconds, time stands, goes backwards, jumps or cannot be
+            in seconds.
     """
     if len(t) < MIN_ROWS:
         raise LogError(f"only {len(t)} rows{who}; at least {MIN_ROWS} are expected.")
@@ -83,6 +86,12 @@ def check_time(t: Float64[np.ndarray, " rows"], rows: Int[np.ndarray, " rows"], 
         raise LogError(
             f"column 't', row {rows[k + 1] + 1}: time{who} {what} ({t[k + 1]:.6g} s after "
             f"{t[k]:.6g} s); it must increase from row to row{_more(bad.size, len(step))}."
+        )
+    if step.max() > MAX_GAP:
+        k = int(np.argmax(step))
+        raise LogError(
+            f"column 't', row {rows[k + 1] + 1}: {step[k]:.4g} s without a row{who}; at most "
+            f"{MAX_GAP:g} s are expected within a flight. Did the clock jump?"
         )
     if np.median(step) > MAX_STEP:
         raise LogError(

@@ -1,11 +1,10 @@
 r"""From fitted candidate sets to an answer: effects, aliases, none beyond noise, or unexplained.
 
-The posterior of a set is its evidence times a prior that every effect costs `EFFECT_COST` nats,
-flattened by `TEMPERATURE`; beside a reference an effect must also explain a least part of the gap
-(`LEAST`, and `WORTHY` where the reference is not followed). Whether the best set explains the
-flights is asked afterwards, of the data alone: every window may have its own force and tilt, and if
-windows use that freedom more than noise would (`structure`), something is left that no candidate
-explains.
+The posterior of a set is its evidence times a prior that every effect costs `EFFECT_COST` nats;
+beside a reference an effect must also explain a least part of the gap (`LEAST`, and `WORTHY` where
+the reference is not followed). Whether the best set explains the flights is asked afterwards, of
+the data alone: every window may have its own force and tilt, and if windows use that freedom more
+than noise would (`structure`), something is left that no candidate explains.
 
 All constants in capitals below were set on development cases of `diagnosis.blind` with known
 answers, before any counted case (`reports/blind.md`).
@@ -13,7 +12,8 @@ answers, before any counted case (`reports/blind.md`).
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -26,8 +26,6 @@ from diagnosis.search import Problem
 EFFECT_COST = 4.0
 """Log prior odds against one effect more [nats]; about one over the number of effects, squared
 off by development cases."""
-TEMPERATURE = 1.0
-"""Divides log posterior differences."""
 ALIAS_NATS = 4.0
 """A rival whose evidence is this close cannot be told apart."""
 STRUCTURE = 1.45
@@ -151,8 +149,7 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
     share = float(np.clip(share, 0.0, 1.0)) if found.value > floor.value else 0.0
     kind = "effect" if chosen.effects else "none"
     tolerated = UNEXPLAINED_SHARE + floor.unlike * (CLOSE - UNEXPLAINED_SHARE)
-    clear = left.exceeds(STRUCTURE, floor) and share > tolerated
-    if clear or (left.exceeds(SLIGHT, floor) and share > MUCH):
+    if unexplained(share, lambda threshold: left.exceeds(threshold, floor), tolerated):
         kind = "unexplained"
     true = DOUBTED if left.exceeds(SLIGHT, floor) else TRUE
     return Verdict(
@@ -168,6 +165,16 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
         structure=left,
         unexplained_share=share,
     )
+
+
+def unexplained(
+    share: Any, exceeds: Callable[[float], Any], tolerated: float = UNEXPLAINED_SHARE
+) -> Any:
+    """Whether what is left, and its share of the gap, say that no candidate is right.
+
+    Of one answer, or of an array of them: `exceeds` says which leave more structure than given.
+    """
+    return exceeds(STRUCTURE) & (share > tolerated) | exceeds(SLIGHT) & (share > MUCH)
 
 
 def _cost(problem: Problem, fits: Sequence[Fit], floor: Floor) -> float:
@@ -188,7 +195,7 @@ def _posterior(problem: Problem, fits: Sequence[Fit], cost: float) -> list[Ranke
         for name in problem.library.candidates
         if Set({name}) not in seen
     ]
-    every = np.concatenate([log, screened]) / TEMPERATURE
+    every = np.concatenate([log, screened])
     weight = np.exp(every - every.max())
     probability = weight[: len(log)] / weight.sum()
     order = np.argsort(-probability, kind="stable")
@@ -250,17 +257,26 @@ def intervals(
     if not free:
         return [], np.zeros(0), np.zeros(0)
     phi = problem.phi * max(1.0, structure(problem.library, fit.normal).value)
-    # What the reference has, and what the shared shift moved, is no change: an effect is reported
-    # on top of it, and a factor of what is known badly may be known well.
-    base, slots = problem.base + fit.shift, problem.library.slots
-    found = np.asarray([slots[i].beyond(fit.total[i], base[i]) for i in free])
-    value, slope = found[:, 0], np.abs(found[:, 1])
+    # A factor of what is known badly may be known well.
+    slots, (value, slope) = problem.library.slots, sizes(problem, fit)
     following = [
         slots[i].neutral - x if slots[i].factor else 0.0 for i, x in zip(free, value, strict=True)
     ]
     variance = problem.variance(fit, free, np.asarray(following))
-    width = 1.96 * WIDER * slope * np.sqrt(phi * variance)
+    width = 1.96 * WIDER * np.abs(slope) * np.sqrt(phi * variance)
     return free, value - width, value + width
+
+
+def sizes(
+    problem: Problem, fit: Fit
+) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
+    """Free entries of a set's vector on top of what the reference has, and how they grow with it.
+
+    What the reference has, and what the shared shift moved, is no change.
+    """
+    base, slots = problem.base + fit.shift, problem.library.slots
+    found = [slots[i].beyond(fit.total[i], base[i]) for i in problem.free(fit.effects)]
+    return np.asarray([x for x, _ in found]), np.asarray([slope for _, slope in found])
 
 
 def limits(problem: Problem, fit: Fit, sigmas: float = 5.0) -> list[tuple[int, float]]:

@@ -17,7 +17,7 @@ class HFScratch(AbstractMethod):
     """Accurate but expensive. Source: paper, Sec. IV-C.
 
     The epoch budget is linear in the team size, `epochs_base + epochs_per_drone N`: the line
-    through the paper's 1400 epochs at N = 12 and 1900 at N = 18.
+    through the paper's 1400 epochs at N = 12 and about 1900 at N = 18.
     """
 
     trainer: BPTT = eqx.field(

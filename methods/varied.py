@@ -85,11 +85,6 @@ class Varied(AbstractSimulator):
         inner = self.simulator.turned(state.inner, quat, ang_vel, chosen)
         return VariedState(state.factors, inner)
 
-    def spun(
-        self, state: VariedState, faster: Float[Array, "drones 4"], chosen: Bool[Array, " drones"]
-    ) -> VariedState:
-        return VariedState(state.factors, self.simulator.spun(state.inner, faster, chosen))
-
 
 def make_varied(simulator: AbstractSimulator, spread: float) -> Varied:
     """`simulator` with the times of its effects drawn at every reset."""

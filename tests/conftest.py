@@ -12,7 +12,10 @@ os.environ.setdefault("SCIPY_ARRAY_API", "1")  # crazyflow wants it before SciPy
 
 import jaxtyping
 
-jaxtyping.install_import_hook(["simulators", "tasks", "diagnosis", "methods"], "beartype.beartype")
+CHECKED = ["simulators", "tasks", "diagnosis", "methods"]
+ARRAYS = ["bootstrap", "conformance", "diagnosis.figures", "flown", "spawn"]
+"""Modules of `bench` that take arrays; tests give the others stand-ins."""
+jaxtyping.install_import_hook([*CHECKED, *(f"bench.{m}" for m in ARRAYS)], "beartype.beartype")
 
 import jax  # noqa: E402 - after the settings and the hook above
 import pytest  # noqa: E402

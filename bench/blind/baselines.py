@@ -21,7 +21,7 @@ def answer_baselines(folders: Folders) -> dict[str, dict[str, Any]]:
     """Answers by baseline and case, computed if they are not there yet.
 
     Raises:
-        RuntimeError: The process that computes them failed.
+        UsageError: The process that computes them failed.
     """
     path = folders.runs / "baselines.json"
     if not path.is_file():

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -25,6 +24,7 @@ from bench.blind.measuring import measure_all, read_measures, unmeasured
 from bench.blind.report import write_report
 from bench.blind.tables import Tables, make_tables, save_labels
 from bench.errors import UsageError
+from bench.executor import cores
 from diagnosis.blind.cases import Case, read_labels
 from diagnosis.blind.realities import REALITIES
 
@@ -140,8 +140,7 @@ def _check(folders: Folders, reality: str, seed: int | None, jobs: int | None) -
         raise UsageError(
             f"{folders.runs} was not drawn with seed {seed}. Give another folder with `--out`."
         )
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return jobs or cores or 1
+    return jobs or cores()
 
 
 @contextlib.contextmanager

@@ -30,8 +30,6 @@ OURS = "bench diagnose"
 """Who answers, beside the baselines."""
 FRAMES = ("cases", "parameters", "proportions", "by_effect", "reliability", "confusion")
 """Tables by file name."""
-STUDIES = ("next_flight", "limits")
-"""Tables of studies, by file name; not every run has them."""
 MOST_CANDIDATES = 4
 """Candidates that are kept as evidence of an answer."""
 
@@ -57,7 +55,7 @@ class Tables:
     run: dict[str, Any]
     """What was drawn, and the SHA-256 of the labels."""
     studies: Mapping[str, pd.DataFrame] = dataclasses.field(default_factory=dict)
-    """Tables of `STUDIES` that are there; written by `bench.blind.studies`."""
+    """The other tables that are there, by name; written by `bench.blind.studies`."""
 
     def save(self, directory: Path) -> None:
         """Writes all of them but those of studies."""
@@ -90,8 +88,8 @@ class Tables:
                 name: json.loads((directory / f"{name}.json").read_text(encoding="utf-8"))
                 for name in ("summary", "run")
             }
-            places = {name: directory / f"{name}.parquet" for name in STUDIES}
-            studies = {name: pd.read_parquet(p) for name, p in places.items() if p.is_file()}
+            others = (p for p in directory.glob("*.parquet") if p.stem not in FRAMES)
+            studies = {path.stem: pd.read_parquet(path) for path in others}
         except (OSError, ValueError) as error:
             reason = str(error).splitlines()[0]
             raise UsageError(f"A table in {directory} cannot be read: {reason}") from error

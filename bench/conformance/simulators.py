@@ -86,7 +86,7 @@ def _shapes(simulator: AbstractSimulator) -> None:
             lambda n=n: simulator.flight(simulator.reset(flights.apart(n), flights.KEY))
         )
         wanted = {"t": (), "pos": (n, 3), "vel": (n, 3), "quat": (n, 4), "ang_vel": (n, 3)}
-        for name, shape in (wanted | {"thrust": (n,)}).items():
+        for name, shape in (wanted | {"thrust": (n,), "torque": (n, 3)}).items():
             got = getattr(flight, name).shape
             demand(
                 got == shape, f"`flight().{name}` must have shape {shape} for N = {n}, got {got}"
@@ -100,7 +100,7 @@ def _structure(simulator: AbstractSimulator) -> None:
 def _rest(simulator: AbstractSimulator) -> None:
     flight = simulator.flight(simulator.reset(flights.apart(), flights.KEY))
     demand(close(flight.pos, flights.apart()), "after a reset the team is not where it was put")
-    for name in ("t", "vel", "ang_vel", "thrust"):
+    for name in ("t", "vel", "ang_vel", "thrust", "torque"):
         value = np.asarray(getattr(flight, name))
         demand(
             not value.any(), f"after a reset `flight().{name}` must be 0, got {value.ravel()[:3]}"

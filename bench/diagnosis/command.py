@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.diagnosis.documents import check_place, write_documents
+from bench.diagnosis.documents import NAMES, check_place, write_documents
 from bench.diagnosis.numbers import clean
 from bench.diagnosis.sentences import Request
 from bench.diagnosis.terminal import Display, show_summary
@@ -46,10 +46,13 @@ def run_diagnosis(
                 progress=display.update,
             ).to_json()
             display.update("writing", 1.0)
+            replaced = (out / NAMES[0]).exists()
             write_documents(found, request, out)
     except LogError as error:
         for line in str(error).splitlines():
             print(f"bench: {clean(line)}", file=sys.stderr)  # noqa: T201
         return 2
     show_summary(found, request, out, Console())
+    if replaced:
+        print(f"The diagnosis that was there is replaced: {clean(out)}", file=sys.stderr)  # noqa: T201
     return 0

@@ -120,6 +120,8 @@ def _name(method: str, residual: str) -> str:
 def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Mean over seeds, and the share of the gap from nominal to hot start that is closed.
 
+    Without a share where the hot start is no better than the nominal policy.
+
     Diverged trainings are counted and are in no mean. The gap is that of the seeds in which
     neither the way nor the two that span the gap diverged.
     """
@@ -134,7 +136,7 @@ def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         common = [s for s in seeds if all((name, s) in ok for name in (way, low, high))]
         reward = lambda name, common=common: sum(ok[name, s]["reward"] for s in common)  # noqa: E731
         gap = reward(high) - reward(low)
-        closed = (reward(way) - reward(low)) / gap if abs(gap) > 1e-9 else None
+        closed = (reward(way) - reward(low)) / gap if gap > 1e-9 else None
         diverged = len(seeds) - len(mine)
         found.append({"way": way, **means, "closed": closed, "diverged": diverged})
     return found
@@ -174,7 +176,7 @@ def _markdown(content: dict[str, Any]) -> str:
             [
                 f"# {content['task']}, N = {content['team_size']}, in `{content['reality']}`",
                 f"Mean over {seeds} seed{'s' if seeds > 1 else ''}; gap closed: 0 % is the nominal "
-                "policy, 100 % the hot start.",
+                "policy, 100 % the hot start; where that is no better there is no gap.",
                 markdown.table(
                     _HEADINGS, [[markdown.escape(c) for c in _cells(x)] for x in content["ways"]]
                 ),

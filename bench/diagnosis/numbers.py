@@ -14,9 +14,12 @@ SHOWN = {"m": (1000.0, "mm"), "rad": (180.0 / math.pi, "°")}
 
 
 def clean(value: object) -> str:
-    """`value` as one line of text without control characters, which a terminal would obey."""
+    """`value` as one line of text without control characters, which a terminal would obey.
+
+    What of a file's name is no text is shown as a replacement character.
+    """
     flat = re.sub(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]+", " ", str(value))
-    return flat.strip()
+    return re.sub(r"[\ud800-\udfff]", "\ufffd", flat).strip()
 
 
 def shorten(text: str, limit: int) -> str:

@@ -23,6 +23,8 @@ Json = Mapping[str, Any]
 
 NOTEWORTHY = 0.05
 """Unexplained share of the gap from which the verdict mentions it."""
+MOSTLY = 0.2
+"""Unexplained share below which most of the gap counts as explained."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +52,13 @@ def verdict(diagnosis: Json, request: Request) -> str:
         return f"Nothing separates these flights from {against} beyond noise: {_extent(diagnosis)}."
     if kind == "unexplained":
         share, where = diagnosis.get("unexplained_share"), _where_left(diagnosis)
+        if sure := _mostly(diagnosis):
+            at = f", mostly in {where}," if where else ""
+            return (
+                f"Most of what separates these flights from {against} is explained with {sure}, "
+                f"which flights that were left out confirm; {percent(share)} of the gap, far above "
+                f"noise{at} fits no known effect."
+            )
         part = f"; {percent(share)} of the gap stays unexplained" if is_number(share) else ""
         tail = part + (f"; what is left lies mostly in {where}" if where else "")
         return f"These flights differ from {against}, and no known effect explains how{tail}."
@@ -86,7 +95,7 @@ def remarks(diagnosis: Json, request: Request) -> list[str]:
             said.append(f"Left out, half a second each, for standing out {why}: {at}.")
     if request.excluded:
         names = join(effect_words(clean(name)).label for name in request.excluded)
-        said.append(f"Withheld from the candidates, with all that looks alike: {names}.")
+        said.append(f"Withheld from the candidates, with what always looks alike: {names}.")
     left_out = diagnosis["flights"].get("left_out") or []
     if left_out:
         first = clean(left_out[0]["reason"]).rstrip(".")
@@ -98,17 +107,37 @@ def remarks(diagnosis: Json, request: Request) -> list[str]:
 def _support(diagnosis: Json) -> list[str]:
     """What flights that were left out say where evidence is not to be relied on."""
     lines = (diagnosis.get("details") or {}).get("support") or []
-    label = {x["effect"]: effect_words(clean(x["effect"])).label for x in lines}
-    sure = join(label[x["effect"]] for x in lines if x["clear"])
-    idle = join(label[x["effect"]] for x in lines if not x["clear"] and is_number(x["percent"]))
+    sure = _confirmed(diagnosis)
+    idle = join(_label(x) for x in lines if not x["clear"] and is_number(x["percent"]))
     said = []
     if sure and diagnosis["verdict"] == "unexplained":
         drift = drift_clause(diagnosis)
-        tail = f": with the likeliest set {drift}" if drift else ""
-        said.append(f"All the same, flights that were left out confirm {sure}{tail}.")
+        if _mostly(diagnosis):
+            text = "What is left may shift every size, so that none is stated"
+            tail = f"; with the likeliest set {drift}" if drift else ""
+        else:
+            text = f"All the same, flights that were left out confirm {sure}"
+            tail = f": with the likeliest set {drift}" if drift else ""
+        said.append(f"{text}{tail}.")
     if idle:
         said.append(f"Flights that were left out do not confirm {idle}.")
     return said
+
+
+def _mostly(diagnosis: Json) -> str:
+    """What explains most of a gap that is not explained in full; empty if nothing sure does."""
+    share = diagnosis.get("unexplained_share")
+    return _confirmed(diagnosis) if is_number(share) and share < MOSTLY else ""
+
+
+def _confirmed(diagnosis: Json) -> str:
+    """Effects that flights which were left out confirm."""
+    lines = (diagnosis.get("details") or {}).get("support") or []
+    return join(_label(line) for line in lines if line["clear"])
+
+
+def _label(line: Json) -> str:
+    return effect_words(clean(line["effect"])).label
 
 
 def helped(diagnosis: Json) -> bool:
@@ -197,13 +226,14 @@ def chosen_set(diagnosis: Json) -> set[str] | None:
 
 
 def set_probability(diagnosis: Json) -> Any:
-    """Probability of the chosen set; without such a candidate the smallest of its effects."""
+    """Probability of the chosen set: no more than its posterior, nor than any of its effects has.
+
+    The posterior of a candidate is only among those that were looked at.
+    """
     chosen = chosen_set(diagnosis)
-    for candidate in diagnosis.get("candidates") or []:
-        if set(candidate["effects"]) == chosen:
-            return candidate["probability"]
-    known = [e["probability"] for e in diagnosis["effects"] if is_number(e.get("probability"))]
-    return min(known, default=None)
+    stated = [c for c in diagnosis.get("candidates") or [] if set(c["effects"]) == chosen]
+    known = [x.get("probability") for x in (*stated[:1], *diagnosis["effects"])]
+    return min((p for p in known if is_number(p)), default=None)
 
 
 def set_label(names: Sequence[str]) -> str:

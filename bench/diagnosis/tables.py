@@ -131,14 +131,14 @@ def candidates_table(diagnosis: Json) -> Table | None:
         for c in candidates
     ]
     return Table(
-        "Candidates, most probable first",
-        ("effects", "probability", "evidence [nats]", "drift falls by"),
+        "Candidates by their posterior, the share of each among all that were looked at",
+        ("effects", "posterior", "evidence [nats]", "drift falls by"),
         tuple(rows),
         bars=tuple(
             Bar(min(1.0, _or_zero(c["probability"])), chosen=set(c["effects"]) == chosen)
             for c in candidates
         ),
-        bar_heading="probability",
+        bar_heading="posterior",
     )
 
 

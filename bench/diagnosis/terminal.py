@@ -91,7 +91,7 @@ def _candidates(diagnosis: Json) -> Table:
     chosen = chosen_set(diagnosis)
     candidates = diagnosis.get("candidates") or []
     candidates = sorted(candidates, key=lambda c: -(c["probability"] or 0.0))
-    table = _grid("Candidates" if candidates else "")
+    table = _grid("Candidates, posterior, evidence" if candidates else "")
     for candidate in candidates[:MOST_LINES]:
         style = "bold" if set(candidate["effects"]) == chosen else "dim"
         table.add_row(

@@ -20,7 +20,7 @@ from simulators.vehicle import VEHICLES
 NEUTRAL = {"scale": 1.0}
 """Neutral values that are not 0, by parameter."""
 
-_SECONDARY = ("onset", "width")
+SECONDARY = ("onset", "width")
 """Parameters that say when or how wide, not how strong; their errors are absolute."""
 
 _VECTORS = (("x", "y", "z"), ("roll", "pitch"))
@@ -75,7 +75,7 @@ def compare(truth: Withheld, name: str, values: Mapping[str, float]) -> list[Com
         estimate = [values.get(p, n) for p, n in zip(group, neutral, strict=True)]
         miss = math.dist(estimate, [truth.parameters[p] for p in group])
         size = distance(truth, group)
-        relative = group[0] not in _SECONDARY
+        relative = group[0] not in SECONDARY
         quantity = f"{truth.name} {' '.join(group)}"
         found.append(Comparison(quantity, miss / size if relative else miss, relative))
     return found

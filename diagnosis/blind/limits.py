@@ -29,7 +29,7 @@ from diagnosis import verdict
 from diagnosis.blind import catalogue
 from diagnosis.blind.cases import Case
 from diagnosis.blind.catalogue import Withheld
-from diagnosis.blind.identifiable import NEUTRAL
+from diagnosis.blind.identifiable import NEUTRAL, SECONDARY
 from diagnosis.blind.references import N_KINDS
 from diagnosis.decidable import truth_fit
 from diagnosis.fit import Set
@@ -57,8 +57,6 @@ USUAL = 6
 """Flights for whose limit the flights are linearised."""
 SEED = 20261121
 """Seed of directions, flights and draws; any would do."""
-FIXED = ("onset", "width")
-"""Parameters that say when or how wide, not how strong."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +75,7 @@ def sized(effect: Withheld, size: float) -> Withheld:
     """The effect with its strength changed to `size`, its direction and times kept."""
     factor = size / size_of(effect)
     values = {
-        p: v if p in FIXED else NEUTRAL.get(p, 0.0) + factor * (v - NEUTRAL.get(p, 0.0))
+        p: v if p in SECONDARY else NEUTRAL.get(p, 0.0) + factor * (v - NEUTRAL.get(p, 0.0))
         for p, v in effect.parameters.items()
     }
     return Withheld(effect.name, values)
@@ -85,7 +83,7 @@ def sized(effect: Withheld, size: float) -> Withheld:
 
 def size_of(effect: Withheld) -> float:
     """Distance of the effect's parameters from neutral, in their unit."""
-    values = {p: v for p, v in effect.parameters.items() if p not in FIXED}
+    values = {p: v for p, v in effect.parameters.items() if p not in SECONDARY}
     return math.dist(values.values(), [NEUTRAL.get(p, 0.0) for p in values])
 
 
@@ -140,7 +138,7 @@ class Linear:
         self.unit = np.zeros(len(library.slots))
         for i in library.indices(effect.name):
             name = library.slots[i].parameter
-            if name not in FIXED:
+            if name not in SECONDARY:
                 true = effect.parameters.get(name, library.slots[i].neutral)
                 self.unit[i] = (true - library.slots[i].neutral) / size
 
@@ -219,11 +217,9 @@ class _Weighed:
         """Which draws leave what looks like structure, by the thresholds of the verdict."""
         found = self.left + size**2 * self.local / self.dof
         share = np.clip((self.left - 1.0) / np.maximum(found - 1.0, 1e-9), 0.0, 1.0)
-        clear, slight = (
-            self.left > verdict.beyond_chance(threshold, self.dof)
-            for threshold in (verdict.STRUCTURE, verdict.SLIGHT)
+        return verdict.unexplained(
+            share, lambda threshold: self.left > verdict.beyond_chance(threshold, self.dof)
         )
-        return clear & (share > verdict.UNEXPLAINED_SHARE) | slight & (share > verdict.MUCH)
 
     def _choices(self) -> list[tuple[Set, list[int]]]:
         """Sets with their places in `H`."""
@@ -244,7 +240,9 @@ class _Weighed:
         white = np.linalg.inv(lower) / scale
         slots = [problem.library.slots[self.index[i]] for i in at]
         signs = [
-            0.0 if s.parameter in FIXED else float(s.low >= s.neutral) - float(s.high <= s.neutral)
+            0.0
+            if s.parameter in SECONDARY
+            else float(s.low >= s.neutral) - float(s.high <= s.neutral)
             for s in slots
         ]
         cost = problem.occam(H, [int(self.index[i]) for i in at])

@@ -7,7 +7,7 @@ Steps of attitude and thrust are added to the controller's commands and are as s
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from diagnosis.blind.references import Reference
+from diagnosis.blind.references import Reference, smooth
 
 Array = np.ndarray
 Times = Float[np.ndarray, " steps"]
@@ -34,12 +34,12 @@ def hover_low(t: Times) -> Reference:
 
 def slow_lines(t: Times) -> Reference:
     """To and fro along a straight line, at most at 0.5 m/s."""
-    return _reference(t, _at_height(0.5 * np.sin(t) * _smooth(t / 2.0)))
+    return _reference(t, _at_height(0.5 * np.sin(t) * smooth(t / 2.0)))
 
 
 def fast_lines(t: Times) -> Reference:
     """To and fro along a straight line, at 3 m/s in its middle."""
-    return _reference(t, _at_height(2.0 * np.sin(1.5 * t) * _smooth(t / 4.0)))
+    return _reference(t, _at_height(2.0 * np.sin(1.5 * t) * smooth(t / 4.0)))
 
 
 def two_speeds(t: Times) -> Reference:
@@ -64,13 +64,13 @@ def both_steps(t: Times) -> Reference:
 def pumping(t: Times) -> Reference:
     """Up and down by 25 cm every 1.4 s: thrust swings by half of the weight to either side."""
     pos = _swaying(t, HEIGHT)
-    pos[:, 2] += 0.25 * np.sin(2 * np.pi * t / 1.4) * _smooth(t / 2.0)
+    pos[:, 2] += 0.25 * np.sin(2 * np.pi * t / 1.4) * smooth(t / 2.0)
     return _reference(t, pos)
 
 
 def tumbling(t: Times) -> Reference:
     """Climbs and descents at up to 1 m/s in a circle of 1 m at 2 m/s, tilted by 0.4 rad."""
-    swing = _smooth(t / 2.0)
+    swing = smooth(t / 2.0)
     x, y = swing * np.cos(2.0 * t), swing * np.sin(2.0 * t)
     return _reference(t, np.stack([x, y, 1.5 + 0.5 * swing * np.sin(2.0 * t)], axis=1))
 
@@ -79,7 +79,7 @@ def turning(t: Times) -> Reference:
     """Hover with the yaw turned by 90 degrees every 3 s, to the left, back, and to the right."""
     quarters = np.asarray([0.0, 0.0, 1.0, 0.0, -1.0])
     i = np.floor(t / 3.0).astype(int) % 4
-    yaw = quarters[i] + _smooth((t % 3.0) / 0.5) * (quarters[i + 1] - quarters[i])
+    yaw = quarters[i] + smooth((t % 3.0) / 0.5) * (quarters[i + 1] - quarters[i])
     return _reference(t, _swaying(t, HEIGHT), yaw=0.5 * np.pi * yaw)
 
 
@@ -87,20 +87,14 @@ def heights(t: Times) -> Reference:
     """Hover at 1, 0.3, 0.1 and 0.05 m, 2.5 s each."""
     at = np.asarray([1.0, 1.0, 0.3, 0.1, 0.05])
     i = np.minimum(np.floor(t / 2.5).astype(int), 3)
-    part = _smooth((t - 2.5 * i) / 1.0)
+    part = smooth((t - 2.5 * i) / 1.0)
     pos = _swaying(t, 0.0)
     pos[:, 2] = at[i] + part * (at[i + 1] - at[i])
     return _reference(t, pos)
 
 
-def _smooth(s: Times) -> Times:
-    """0 before 0, 1 after 1, minimum jerk between."""
-    s = np.clip(s, 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-
-
 def _swaying(t: Times, height: float) -> Float[np.ndarray, "steps 3"]:
-    size = 0.05 * _smooth(t / 2.0)
+    size = 0.05 * smooth(t / 2.0)
     return np.stack(
         [size * np.sin(0.7 * t), size * np.sin(0.5 * t), np.full_like(t, height)], axis=1
     )

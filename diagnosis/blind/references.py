@@ -54,9 +54,9 @@ def make_reference(
     centre = np.asarray([0.0, 0.0, _HEIGHT])
     if kind in LOW:
         shape, centre = _lowered(shape, rng), np.asarray([0.0, 0.0, low_height])
-    pos = shape(t) * _smooth(t / _RAMP)[:, None] + centre
+    pos = shape(t) * smooth(t / _RAMP)[:, None] + centre
     if kind in LOW:  # the way down from a safe height
-        pos[:, 2] += 0.7 * (1.0 - _smooth(t / _DESCENT))
+        pos[:, 2] += 0.7 * (1.0 - smooth(t / _DESCENT))
     vel = np.gradient(pos, t, axis=0)
     yaw = np.zeros_like(t)
     if kind == 4:
@@ -76,7 +76,7 @@ def above(below: Reference, t: Float[Array, " steps"], rng: np.random.Generator)
     return Reference(pos, vel, np.gradient(vel, t, axis=0), below.yaw, _dither(t, rng))
 
 
-def _smooth(s: Array) -> Array:
+def smooth(s: Array) -> Array:
     """0 before 0, 1 after 1, five times continuous between (minimum jerk)."""
     s = np.clip(s, 0.0, 1.0)
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
@@ -123,7 +123,7 @@ def _steps(rng: np.random.Generator) -> Shape:
 
     def shape(t: Array) -> Array:
         i = np.floor(t / every).astype(int) % (len(goals) - 1)
-        part = _smooth((t % every) / 1.0)[:, None]
+        part = smooth((t % every) / 1.0)[:, None]
         return goals[i] * (1.0 - part) + goals[i + 1] * part
 
     return shape

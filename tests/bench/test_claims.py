@@ -1,5 +1,7 @@
 """Claims against tables whose answers are known by hand."""
 
+from pathlib import Path
+
 import pytest
 import tables_for_tests
 from tables_for_tests import Sheet
@@ -7,6 +9,7 @@ from tables_for_tests import Sheet
 from bench.claims import claims, variants, write_claims
 from bench.errors import UsageError
 from bench.side_claims import side_claims
+from bench.tables import Tables
 
 NAMES = (
     "above_baseline",
@@ -265,6 +268,15 @@ def test_notes_that_cannot_be_read_are_named_before_anything_is_written(tmp_path
     with pytest.raises(UsageError, match="HTML beside it"):
         write_claims(two_sizes().tables(), tmp_path / "out" / "pilot.html")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["pilot", "off_spec"])
+def test_the_committed_documents_are_those_of_the_committed_tables(tmp_path, name):
+    reports = Path(__file__).parents[2] / "reports"
+    tables = Tables.load(reports.parent / "results" / name)
+    write_claims(tables, tmp_path / f"{name}.md", reports / f"{name}_notes.md")
+    written = (tmp_path / f"{name}.md").read_text(encoding="utf-8")
+    assert written == (reports / f"{name}.md").read_text(encoding="utf-8")
 
 
 def test_document_of_no_rows_is_complete(tmp_path):

@@ -152,7 +152,7 @@ def test_the_command_ends_with_a_status_of_its_own_for_each_answer(tmp_path, cap
     assert main(["compare", "bad", "hybrid-mlp", *there]) == 3
     assert main(["compare", "bad", "alike", *there]) == 4
     assert main(["compare", "hybrid (mlp)", "lonely", *there]) == 5
-    assert main(["compare", str(tmp_path), str(tmp_path)]) in (4, 5)
+    assert main(["compare", str(tmp_path), str(tmp_path)]) == 4
     capsys.readouterr()
     assert main(["compare", "god", "bad", *there]) == 2
     assert "Did you mean 'good'?" in capsys.readouterr().err

@@ -66,20 +66,36 @@ def test_an_unknown_effect_is_named():
         parse_reality("crazyflow+mas(e=0.2)")
 
 
+DEPLOY = ["diagnose", "--deploy", "circle", "--reality", "crazyflow"]
+
+
+def test_the_command_line_says_what_is_deployed(monkeypatch, tmp_path):
+    asked = []
+    monkeypatch.setattr(module, "deploy", lambda *args: asked.append(args) or 0)
+    out = tmp_path / "out"
+    assert main([*DEPLOY, "--team-size", "4", "--seeds", "2", "--out", str(out)]) == 0
+    ((*request, console),) = asked
+    assert request == ["circle", "crazyflow", 4, 2, out]
+    assert isinstance(console, Console)
+
+
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "message"),
     [
-        ["diagnose"],
-        ["diagnose", "--deploy", "circle"],
-        ["diagnose", "--reality", "crazyflow"],
-        ["diagnose", "flights", "--deploy", "circle", "--reality", "crazyflow"],
-        ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--seeds", "0"],
-        ["diagnose", "--deploy", "circle", "--reality", "crazyflow", "--team-size", "0"],
+        (["diagnose"], "Give either a folder"),
+        (["diagnose", "--deploy", "circle"], "Give either a folder"),
+        (["diagnose", "--reality", "crazyflow"], "Give either a folder"),
+        (["diagnose", "flights", *DEPLOY[1:]], "Give either a folder"),
+        ([*DEPLOY, "--seeds", "0"], "seeds"),
+        ([*DEPLOY, "--team-size", "0"], "team"),
     ],
 )
-def test_flights_and_deploy_exclude_each_other(arguments, capsys):
+def test_flights_and_deploy_exclude_each_other(monkeypatch, arguments, message, capsys):
+    monkeypatch.setattr(module, "_seed", pytest.fail)
     assert main(arguments) == 2
-    assert "bench:" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "bench:" in err
+    assert message in err
 
 
 @pytest.mark.parametrize("option", [("--simulator", "crazyflow"), ("--exclude", "drag")])
@@ -109,6 +125,13 @@ def test_what_diverged_is_counted_and_in_no_mean(tmp_path):
     text = module._markdown(content | {"ways": list(ways.values())})
     assert "| grey_box, 1 diverged | -70.0 | 75 % |" in text
     assert "| hybrid (mlp), 3 diverged | — |" in text
+
+
+def test_a_hot_start_that_is_no_better_leaves_no_gap_to_close():
+    numbers = {"crashes": 0.0, "fleet_minutes": 1.0, "train_seconds": 2.0, "status": "ok"}
+    returns = {"lf_baseline": -70.0, "grey_box": -80.0, "hf_hotstart": -75.0}
+    rows = [{"way": way, "seed": 0, "reward": x, **numbers} for way, x in returns.items()]
+    assert [line["closed"] for line in module._summary(rows)] == [None] * 3
 
 
 def test_every_way_is_trained_and_its_share_of_the_gap_stated(tmp_path, monkeypatch):

@@ -69,6 +69,13 @@ def test_diagnose_writes_to_the_folder_that_was_asked_for(engine, flights, tmp_p
     assert engine[0][1]["reference"] is None
 
 
+def test_a_diagnosis_that_is_replaced_is_named(engine, flights, tmp_path, capsys):
+    out = tmp_path / "out"
+    for expected in (0, 1):
+        assert main(["diagnose", str(flights), "--out", str(out)]) == 0
+        assert capsys.readouterr().err.count("The diagnosis that was there is replaced") == expected
+
+
 def test_bad_logs_get_a_line_each_and_nothing_is_written(engine, flights, tmp_path, capsys):
     (flights / "flights" / "one.parquet").write_text("no parquet")
     (flights / "flights" / "two.csv").write_text("t,pos_x\n0,0\n")

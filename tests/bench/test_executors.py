@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 
@@ -123,7 +124,12 @@ def test_a_process_that_is_killed_from_outside_loses_only_its_task(executor, tmp
 
 
 def test_what_cannot_be_sent_is_an_error(executor):
-    for unsendable in (lambda report: (x for x in ()), task(chores.add, "x", 1)):
+    # What comes back cannot be sent, what goes there cannot, and what is there fails.
+    for unsendable in (
+        lambda report: (x for x in ()),
+        task(chores.add, threading.Lock(), 1),
+        task(chores.add, "x", 1),
+    ):
         ended = result(executor, unsendable)
         assert ended.error
         assert "its worker process" not in ended.error

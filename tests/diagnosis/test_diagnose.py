@@ -102,6 +102,9 @@ def test_flights_of_different_team_sizes_are_diagnosed_together():
     (effect,) = content["effects"]
     assert effect["name"] == "wind"
     assert content["shrink"]["n"] == 3
+    for line in content["details"]["before_after"]:
+        assert (np.diff(line["t"]) > 0).all()  # both drones' drift is one curve
+        assert len(line["t"]) == len(line["before"]) == len(line["after"]) > 5
 
 
 def test_of_a_single_flight_nothing_is_called_held_out():

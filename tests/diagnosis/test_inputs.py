@@ -78,15 +78,28 @@ def test_time_on_the_ground_is_found():
     (flight,) = fly(PointMass(), n_flights=1, noise=0.0)
     cmd = flight.drones[0].cmd.copy()
     cmd[:50, 3] = 0.0
-    (stretch,) = on_ground(dataclasses.replace(flight.drones[0], cmd=cmd), 0.0434)
+    (stretch,) = on_ground(dataclasses.replace(flight.drones[0], cmd=cmd), 0.0434, turning=False)
     assert stretch == pytest.approx((0.0, 1.0))
+
+
+@pytest.mark.parametrize(("turning", "found"), [(True, [(0.0, 1.0)]), (False, [])])
+def test_a_drone_with_turning_rotors_stands_where_nothing_moves_low_down(turning, found):
+    """Until its motors lift it; one that hovers a metre up does not stand."""
+    (flight,) = fly(PointMass(), n_flights=1, noise=0.0)
+    log = flight.drones[0]
+    pos, vel = log.pos.copy(), log.vel.copy()
+    pos[:50], vel[:50] = [0.0, 0.0, 0.05], 0.01
+    pos[100:150], vel[100:150] = [0.0, 0.0, 1.0], 0.0
+    stood = dataclasses.replace(log, pos=pos, vel=vel)
+    stretches = on_ground(stood, 0.0434, turning=turning)
+    assert [tuple(np.round(ends, 9)) for ends in stretches] == found
 
 
 def test_a_dip_of_thrust_in_the_air_is_no_landing():
     (flight,) = fly(PointMass(), n_flights=1, noise=0.0)
     cmd = flight.drones[0].cmd.copy()
     cmd[:5, 3] = cmd[100:110, 3] = cmd[-5:, 3] = 0.0
-    found = on_ground(dataclasses.replace(flight.drones[0], cmd=cmd), 0.0434)
+    found = on_ground(dataclasses.replace(flight.drones[0], cmd=cmd), 0.0434, turning=False)
     assert [begin for begin, _ in found] == pytest.approx([0.0, 5.9])
 
 

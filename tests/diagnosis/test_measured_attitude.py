@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from flights_for_tests import flight_set, point_mass_set
 
-from diagnosis.diagnose import Study, diagnose, nominal_simulator, reference_of
+from diagnosis.diagnose import diagnose, nominal_simulator, reference_of
 from diagnosis.inputs import PRESCRIBED, choose_inputs
 from diagnosis.library import make_library
 from diagnosis.replay import make_replay
+from diagnosis.study import Study
 from diagnosis.verdict import Structure
 from simulators.effects.thrust_gain import ThrustGain
 from simulators.effects.thrust_lag import ThrustLag
@@ -111,6 +112,7 @@ def test_the_noise_of_measured_attitudes_is_no_effect():
     """Structure is one, where it was 1.5 while the noise in the force did not count."""
     content = diagnose(spun_set(), simulator="point_mass").to_json()
     assert content["verdict"] == "none"
+    assert content["unexplained_share"] == 0.0
     assert content["details"]["structure"]["before"] == pytest.approx(1.0, abs=0.15)
     assert content["details"]["chi2_per_dof"]["before"] == pytest.approx(1.0, abs=0.1)
     where = {line["channel"]: line for line in content["where"]}

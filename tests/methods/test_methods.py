@@ -13,6 +13,7 @@ from jaxtyping import TypeCheckError
 from methods.bptt import BPTT
 from methods.contract import Setup, silent
 from methods.evaluate import evaluate, fly
+from methods.hf_scratch import HFScratch
 from methods.policy import PolicyController
 from methods.residual_effect import ResidualEffect
 from simulators.contract import with_effects
@@ -26,6 +27,8 @@ ROWS = [
     for name in METHODS
     for residual in {"hybrid": sorted(RESIDUALS), "grey_box": ["", "affine"]}.get(name, [""])
 ]
+BEFORE = ("hybrid", "recalibrated", "grey_box")
+"""Methods that calibrate and fit before they train."""
 HF = [row for row in ROWS if METHODS[row[0]].simulator == "crazyflow"]
 LF = [row for row in ROWS if METHODS[row[0]].simulator == "point_mass"]
 
@@ -162,13 +165,21 @@ def test_every_step_of_high_fidelity_flight_is_billed(train, row):
     assert ledger.train_seconds > 0
 
 
+def test_the_budget_of_scratch_goes_through_the_papers_epochs():
+    assert [HFScratch().budget(n) for n in (0, 12, 18)] == [400, 1400, 1899]
+    limited = HFScratch(trainer=dataclasses.replace(HFScratch().trainer, epochs=1000))
+    assert limited.budget(18) == 1000
+
+
 @pytest.mark.parametrize("row", ROWS, ids="".join)
 def test_training_time_is_what_the_trainer_says_and_what_came_before(train, row, monkeypatch):
     """Of epochs that are flown for others, too, only a share: no method takes its own time."""
     whole = BPTT.train
     billed = lambda *given: dataclasses.replace(whole(*given), seconds=-1e6)  # noqa: E731
     monkeypatch.setattr(BPTT, "train", billed)
-    assert -1e6 <= train(row, again=2).ledger.train_seconds < -1e6 + 1e3
+    said = train(row, again=2).ledger.train_seconds
+    assert -1e6 <= said < -1e6 + 1e3
+    assert (said > -1e6) == (row[0] in BEFORE)  # calibration and fits count
 
 
 @pytest.mark.parametrize("row", ROWS, ids="".join)

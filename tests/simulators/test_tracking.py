@@ -11,7 +11,6 @@ from simulators.tracking import PDTracker
 from simulators.vehicle import CONTROL_DT, VEHICLES
 
 N, STEPS = 3, 300
-SPEED = 1.0
 
 
 def reference(t):

@@ -157,6 +157,23 @@ def test_the_targets_velocity_is_the_rate_of_its_motion(name):
     np.testing.assert_allclose(moved, expected, atol=0.08)
 
 
+@every_task
+def test_the_targets_acceleration_is_the_rate_of_its_velocity(name):
+    """That of a drone which is where it should be, a step earlier and a step later."""
+    task = TASKS[name](n_drones=3)
+    state = random_state(task)
+    there = state.flight.pos + task.target(state).offset
+    on = eqx.tree_at(lambda s: s.flight.pos, state, there)
+    target = task.target(on)
+
+    def vel(steps):
+        pos = there + 0.02 * steps * target.vel
+        at = (pos, state.step + steps)
+        return task.target(eqx.tree_at(lambda s: (s.flight.pos, s.step), state, at)).vel
+
+    np.testing.assert_allclose((vel(1) - vel(-1)) / 0.04, target.acc, atol=0.03)
+
+
 @pytest.mark.parametrize("name", ["circle"])
 def test_the_targets_velocity_is_tangential(name):
     task = TASKS[name](n_drones=3)
@@ -206,6 +223,7 @@ def test_observations_start_with_the_way_to_the_target(name):
     np.testing.assert_allclose(obs[:, :3], target.offset, rtol=1e-6)
     np.testing.assert_allclose(obs[:, 3:6], target.vel - flight.vel, rtol=1e-6)
     np.testing.assert_allclose(obs[:, 6:9], flight.vel)
+    np.testing.assert_allclose(obs[:, 9:12], target.acc, rtol=1e-6)
     np.testing.assert_allclose(obs[:, -2:], quat_to_rpy(flight.quat)[:, :2], rtol=1e-5)
 
 
