@@ -76,6 +76,7 @@ def content(
             "where_left": left,
             "support": [dataclasses.asdict(x) | {"clear": x.clear} for x in study.support],
             "set_aside": _set_aside(study),
+            "windows": _windows(study),
         },
     }
 
@@ -104,6 +105,13 @@ def _set_aside(study: Study) -> list[dict]:
         }
         for i, t, m, doubtful in lines
     ]
+
+
+def _windows(study: Study) -> dict[str, int]:
+    """How many half seconds there are, and how many of them count nowhere, in no shrink either."""
+    aside = 0 if study.every.aside is None else len(study.every.aside.c)
+    trusted = 0 if study.every.trusted is None else int(study.every.trusted.sum())
+    return {"n": trusted + aside, "aside": aside}
 
 
 def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:

@@ -170,9 +170,16 @@ def shrink_sentence(diagnosis: Json) -> str:
     within = f" (95 %: {interval} %)" if interval else ""
     what = "what was found" if diagnosis["effects"] else "the likeliest set of effects"
     over = f", over {_count(shrink['n'], 'flight')}" if is_number(shrink.get("n")) else ""
+    windows = (diagnosis.get("details") or {}).get("windows") or {}
+    aside = (
+        f" Half seconds that fitted badly soon after a gap in the log, or alone, are in neither: "
+        f"{windows['aside']} of {windows['n']}."
+        if windows.get("aside")
+        else ""
+    )
     return (
         f"With {what} in the simulator, {drift_clause(diagnosis)}: "
-        f"{value} % {word}{within}{over}. Measurement noise is in both numbers."
+        f"{value} % {word}{within}{over}. Measurement noise is in both numbers.{aside}"
     )
 
 

@@ -192,6 +192,15 @@ PLAIN = {
 """Parameters whose names are words."""
 
 
+def test_half_seconds_that_count_nowhere_are_counted_beside_the_shrink():
+    found = diagnoses_for_tests.effect()
+    assert "neither" not in shrink_sentence(found)
+    found["details"]["windows"] = {"n": 236, "aside": 3}
+    assert shrink_sentence(found).endswith(
+        "soon after a gap in the log, or alone, are in neither: 3 of 236."
+    )
+
+
 def test_every_registered_effect_and_parameter_has_words():
     for name in registry.names("effect"):
         assert name in EFFECTS

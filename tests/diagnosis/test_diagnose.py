@@ -90,6 +90,9 @@ def test_with_many_flights_a_third_is_never_fitted():
     assert content["shrink"]["percent"] > 60
     curves = {line["flight"] for line in content["details"]["before_after"]}
     assert curves == held
+    windows = content["details"]["windows"]
+    assert 12 * 4 <= windows["n"] <= 12 * 6
+    assert windows["aside"] <= 0.25 * windows["n"]
 
 
 def test_flights_of_different_team_sizes_are_diagnosed_together():
