@@ -77,8 +77,8 @@ class Differences(NamedTuple):
 
 
 def iqm(
-    values: Float[np.ndarray, "*reps values"], weights: Float[np.ndarray, " values"]
-) -> Float[np.ndarray, "*reps"] | np.floating:
+    values: Float[np.ndarray, "*#reps values"], weights: Float[np.ndarray, "*#reps values"]
+) -> Float[np.ndarray, "..."]:
     """Interquartile mean along the last axis.
 
     With equal weights, a quarter of the values, rounded down, is left out at each end (as rliable
@@ -87,7 +87,7 @@ def iqm(
     n = values.shape[-1]
     if np.ptp(weights) == 0.0:
         cut = n // 4
-        return np.sort(values, axis=-1)[..., cut : n - cut].mean(axis=-1)
+        return np.asarray(np.sort(values, axis=-1)[..., cut : n - cut].mean(axis=-1))
     values, weights = np.broadcast_arrays(values, weights / weights.sum(axis=-1, keepdims=True))
     order = np.argsort(values, axis=-1)
     share = np.take_along_axis(weights, order, axis=-1)
@@ -95,7 +95,7 @@ def iqm(
     kept = np.minimum(upper, 0.75) - np.maximum(upper - share, 0.25)
     kept = np.maximum(kept, 0.0)
     ordered = np.take_along_axis(values, order, axis=-1)
-    return (kept * ordered).sum(axis=-1) / kept.sum(axis=-1)
+    return np.asarray((kept * ordered).sum(axis=-1) / kept.sum(axis=-1))
 
 
 def iqm_interval(sample: Sample, reps: int = REPS) -> Interval:

@@ -136,7 +136,8 @@ def write_calibration(tables: Tables, path: Path) -> bool:
         return False
     shown = pd.DataFrame(rows)
     tasks = sorted(shown["task"].unique())
-    ticks = [k for k in (0, 1, 4, 16, 64, 256, 1024) if k <= shown["flights"].max()]
+    most = max(row["flights"] for row in rows)
+    ticks = [k for k in (0, 1, 4, 16, 64, 256, 1024) if k <= most]
     with plt.rc_context(STYLE):
         grid = seaborn.relplot(
             shown,
@@ -155,7 +156,7 @@ def write_calibration(tables: Tables, path: Path) -> bool:
         grid.refline(y=-100.0 * ENOUGH, color=COLORS[0], linestyle=":", linewidth=0.8)
         for axes in grid.axes.flat:
             axes.set_xscale("symlog", base=2, linthresh=1.0)
-            axes.set_xlim(-0.4, 1.3 * shown["flights"].max())
+            axes.set_xlim(-0.4, 1.3 * most)
             axes.set_xticks(ticks, [str(k) for k in ticks])
             axes.minorticks_off()
         grid.set_titles("N = {col_name}")
