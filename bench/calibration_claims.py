@@ -6,13 +6,13 @@ baseline, which is a Hybrid of none.
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from bench import markdown
 from bench.comparison import behind, undisturbed
-from bench.numbers import MISSING, mean_std, number
+from bench.numbers import MISSING, mean_std, number, span
 from bench.paper_claims import HYBRID, LF, Claim
-from bench.statistics import Cell, Estimate, entry_of, estimate, matched, records
+from bench.statistics import Cell, Estimate, cell_of, entry_of, estimate, matched, records
 from bench.tables import Tables
 
 ENOUGH = 0.15
@@ -37,18 +37,13 @@ def calibration_claims(tables: Tables) -> list[Claim]:
     }
     if not sweep:
         return []
-    return [
-        _enough(sweep),
-        _circle(sweep),
-        *_uncorrected(sweep),
-        _scatter(sweep),
-    ]
+    return [_enough(sweep), _circle(sweep), *_uncorrected(sweep), _scatter(sweep)]
 
 
 def calibration_sweep(tables: Tables) -> Sweep:
     """Deployed return against flights, in each cell with a whole pool's Hybrid and one of few."""
     flights = {
-        (Cell(row["task"], row["team_size"]), entry_of(row)): row["calibration_flights"]
+        (cell_of(row), entry_of(row)): row["calibration_flights"]
         for row in records(tables.results.drop_duplicates("run"))
     }
     found: Sweep = {}
@@ -120,7 +115,6 @@ def _circle(sweep: dict[Cell, Shares]) -> Claim:
 
 def _uncorrected(sweep: dict[Cell, Shares]) -> list[Claim]:
     short = {cell: -100.0 * shares[0].mean for cell, shares in sweep.items() if 0 in shares}
-    low, high = (number(f(short.values()), 0) for f in (min, max)) if short else ("", "")
     tasks = sorted({cell.task for cell in short})
     grows = {}
     for task in tasks:
@@ -135,7 +129,7 @@ def _uncorrected(sweep: dict[Cell, Shares]) -> list[Claim]:
         Claim(
             "Without a residual the LF baseline trails the whole pool's Hybrid",
             "by 18 to 164 %",
-            f"by {low} to {high} %" if short else MISSING,
+            f"by {_range(short.values())} %" if short else MISSING,
             min(short.values()) > 0.0 if short else None,
             "its mean reward is lower in every cell",
             (),
@@ -184,8 +178,8 @@ def _spreads(shares: Shares, chosen: Callable[[int], bool]) -> list[float]:
     return [x for x in stds if math.isfinite(x)]
 
 
-def _range(points: list[float]) -> str:
-    return f"{number(min(points), 0)} to {number(max(points), 0)}"
+def _range(points: Collection[float]) -> str:
+    return span(min(points), max(points), 0)
 
 
 def _percent(share: Estimate, whole: Estimate) -> str:

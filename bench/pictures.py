@@ -1,6 +1,7 @@
 """Figures of the claims as picture files, for pages that cannot run a script."""
 
 import base64
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,19 +55,15 @@ def write_summary(tables: Tables, path: Path) -> bool:
     colors = {label: COLORS[i % len(COLORS)] for i, label in enumerate(order)}
     colors |= {e.label: COLORS[BUILT_IN.index(e)] for e in known}
     with plt.rc_context(STYLE):
-        grid = seaborn.relplot(
+        grid = _lines(
             shown,
+            "method",
+            {label: colors[label] for label in order},
             x="team_size",
             y="value",
             row="metric",
             row_order=list(ROWS),
             col="task",
-            hue="method",
-            hue_order=order,
-            palette=colors,
-            style="method",
-            style_order=order,
-            **LINES,
             aspect=1.25,
             facet_kws={"sharey": False, "margin_titles": False},
         )
@@ -101,20 +98,8 @@ def write_off_spec(tables: Tables, path: Path) -> bool:
         return False
     shown = pd.DataFrame(rows)
     with plt.rc_context(STYLE):
-        grid = seaborn.relplot(
-            shown,
-            x="N",
-            y="return",
-            row="world",
-            col="task",
-            hue="what",
-            hue_order=list(NAMES.values()),
-            palette=list(COLORS[: len(NAMES)]),
-            style="what",
-            style_order=list(NAMES.values()),
-            **LINES,
-            aspect=1.5,
-        )
+        colors = dict(zip(NAMES.values(), COLORS, strict=False))
+        grid = _lines(shown, "what", colors, x="N", y="return", row="world", col="task", aspect=1.5)
         grid.set_titles("{col_name}, {row_name}")
         grid.set(xticks=sorted(shown["N"].unique()))
         grid.set_axis_labels("team size N", "deployed return")
@@ -135,22 +120,12 @@ def write_calibration(tables: Tables, path: Path) -> bool:
     if not rows:
         return False
     shown = pd.DataFrame(rows)
-    tasks = sorted(shown["task"].unique())
+    colors = dict(zip(sorted(shown["task"].unique()), COLORS[1:], strict=False))
     most = max(row["flights"] for row in rows)
     ticks = [k for k in (0, 1, 4, 16, 64, 256, 1024) if k <= most]
     with plt.rc_context(STYLE):
-        grid = seaborn.relplot(
-            shown,
-            x="flights",
-            y="share",
-            col="N",
-            hue="task",
-            hue_order=tasks,
-            palette=list(COLORS[1 : 1 + len(tasks)]),
-            style="task",
-            style_order=tasks,
-            **(LINES | {"height": 3.0}),
-            aspect=1.3,
+        grid = _lines(
+            shown, "task", colors, x="flights", y="share", col="N", height=3.0, aspect=1.3
         )
         grid.refline(y=0.0, color=COLORS[0], linestyle="-", linewidth=0.8)
         grid.refline(y=-100.0 * ENOUGH, color=COLORS[0], linestyle=":", linewidth=0.8)
@@ -162,6 +137,15 @@ def write_calibration(tables: Tables, path: Path) -> bool:
         grid.set_titles("N = {col_name}")
         grid.set_axis_labels("calibration flights", "return beside the\nwhole pool's Hybrid [%]")
         return _saved(grid, path)
+
+
+def _lines(
+    shown: pd.DataFrame, what: str, colors: Mapping[str, str], **given: Any
+) -> seaborn.FacetGrid:
+    """`LINES` with a colour and a marker for each value of `what`, in the order of `colors`."""
+    order = list(colors)
+    known = {"hue": what, "hue_order": order, "style": what, "style_order": order}
+    return seaborn.relplot(shown, palette=dict(colors), **(LINES | known | given))
 
 
 def _saved(grid: seaborn.FacetGrid, path: Path) -> bool:

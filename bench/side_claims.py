@@ -5,7 +5,7 @@ Source: Mednikov and Gal, "Calibrate Once, Fly Any Team" (arXiv 2609.17265), Sec
 
 from bench import markdown
 from bench.comparison import behind, by_size, pairs, shared, sizes_of, spread, undisturbed
-from bench.numbers import MISSING, number
+from bench.numbers import MISSING, number, span
 from bench.paper_claims import AFFINE, HOTSTART, HYBRID, SCRATCH, SINDY, Claim
 from bench.statistics import COUNTED, Entry, estimate, records
 from bench.tables import Tables
@@ -20,12 +20,7 @@ LARGE = 18
 
 def side_claims(tables: Tables) -> list[Claim]:
     """Every claim with its verdict."""
-    return [
-        _longer(tables),
-        _stops_early(tables),
-        _degrades(tables),
-        _best_at_three(tables),
-    ]
+    return [_longer(tables), _stops_early(tables), _degrades(tables), _best_at_three(tables)]
 
 
 def _longer(tables: Tables) -> Claim:
@@ -43,9 +38,7 @@ def _longer(tables: Tables) -> Claim:
     return Claim(
         "HF scratch trains for several times the epochs of hot start",
         "3 to 10 times, median about 6",
-        f"{number(min(ratios), 1)} to {number(max(ratios), 1)} times in {len(ratios)} cells"
-        if ratios
-        else MISSING,
+        f"{span(min(ratios), max(ratios), 1)} times in {len(ratios)} cells" if ratios else MISSING,
         min(ratios) >= LONGER if ratios else None,
         f"in every cell it takes at least {LONGER:g} times as many, mean over seeds; both stop "
         "where the return no longer rises, or at their limit",

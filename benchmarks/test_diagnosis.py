@@ -11,9 +11,11 @@ import jax
 import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, fly
+from log_tables import folder, table
 
 from diagnosis.diagnose import STEPS, diagnose, make_likelihood
 from diagnosis.library import make_library
+from diagnosis.logs import load_flights
 from diagnosis.replay import make_replay
 from simulators import registry
 from simulators.contract import with_effects
@@ -23,6 +25,8 @@ AIMS = {"point_mass": 20.0, "crazyflow": 60.0}
 """Longest time for a minute of flight on two cores [s]."""
 LARGEST = 4096.0
 """Most memory for an hour of logs [MB]; a choice."""
+LOADED = 10.0
+"""Longest processor time in which they load [s]; a choice."""
 HOUR = Path(__file__).with_name("hour.py")
 
 
@@ -73,6 +77,15 @@ def test_cost_is_linear_in_flight_seconds(benchmark, kept_programs, name):
     ratio = cpu[240.0] / cpu[60.0]
     benchmark.extra_info |= {"cpu_60_s": cpu[60.0], "cpu_240_s": cpu[240.0], "ratio": ratio}
     assert ratio < 5.0
+
+
+def test_an_hour_of_logs_at_500_hz_loads(benchmark, tmp_path):
+    path = folder(tmp_path, "long.parquet", table(rows=1_800_000, freq=500.0))
+    begun = time.process_time()
+    loaded = benchmark.pedantic(lambda: load_flights(path), rounds=1)
+    benchmark.extra_info["cpu_s"] = time.process_time() - begun
+    assert benchmark.extra_info["cpu_s"] < LOADED
+    assert loaded.left_out == ()
 
 
 def test_an_hour_of_logs_at_500_hz_fits_into_memory(benchmark, tmp_path):

@@ -31,8 +31,8 @@ PWM = "PWM and voltage"
 ON_GROUND = 0.3
 """Share of the weight below which a drone is taken to stand on the ground."""
 STANDING = (0.15, 0.05)
-"""Height [m] and speed [m/s] below which a drone whose thrust was measured stands: rotors turn on
-the ground, too, which carries what they do not."""
+"""Height [m] and speed [m/s] below which a drone stands before its flight and after it: rotors turn
+on the ground, too, which carries what they do not."""
 LANDED = 0.3
 """Time below that from which it is; a shorter dip in the air is none. A fall of 0.4 m [s]."""
 
@@ -166,16 +166,17 @@ def thrust_of_pwm(
 
 
 def on_ground(log: DroneLog, mass: float, turning: bool) -> Sequence[tuple[float, float]]:
-    """Stretches [s] in which the thrust is far from carrying the drone, or nothing moves low down.
+    """Stretches [s] in which the thrust is far from carrying the drone.
 
-    They last, or the log begins or ends with them. Only where rotors may be `turning` on the
-    ground is height looked at.
+    They last, or the log begins or ends with them. With `turning` rotors the drone also stands
+    until it first moves or rises, and from when it no longer does.
     """
     cmd = _known(log.cmd)
     low = cmd[:, 3] < ON_GROUND * mass * GRAVITY
     if turning:
         height, speed = STANDING
-        low |= (log.pos[:, 2] < height) & (np.linalg.norm(log.vel, axis=1) < speed)
+        still = low | (log.pos[:, 2] < height) & (np.linalg.norm(log.vel, axis=1) < speed)
+        low |= np.logical_and.accumulate(still) | np.logical_and.accumulate(still[::-1])[::-1]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], low.astype(int), [0]])))
     stretches = [
         (float(log.t[a] - log.t[0]), float(log.t[min(b, len(log.t) - 1)] - log.t[0]))

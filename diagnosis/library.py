@@ -84,7 +84,7 @@ FAMILIES: Mapping[str, frozenset[str]] = {
 FAR = 1e9
 """Stands for an infinite neutral value (a natural frequency), so that vectors can be compared."""
 WEAKEST = -0.8
-"""Least thrust gain of a map from PWM and voltage: that of one drone gave 1.9 times its weight in
+"""Least thrust gain of a map from PWM and voltage: that of one drone gave 2.0 times its weight in
 hover; the bound is a guess."""
 
 

@@ -87,16 +87,16 @@ def check_time(t: Float64[np.ndarray, " rows"], rows: Int[np.ndarray, " rows"], 
             f"column 't', row {rows[k + 1] + 1}: time{who} {what} ({t[k + 1]:.6g} s after "
             f"{t[k]:.6g} s); it must increase from row to row{_more(bad.size, len(step))}."
         )
+    if np.median(step) > MAX_STEP:
+        raise LogError(
+            f"column 't': the median time between rows{who} is {np.median(step):.4g}; at most "
+            f"{MAX_STEP} s is expected. Is it in milliseconds?"
+        )
     if step.max() > MAX_GAP:
         k = int(np.argmax(step))
         raise LogError(
             f"column 't', row {rows[k + 1] + 1}: {step[k]:.4g} s without a row{who}; at most "
             f"{MAX_GAP:g} s are expected within a flight. Did the clock jump?"
-        )
-    if np.median(step) > MAX_STEP:
-        raise LogError(
-            f"column 't': the median time between rows{who} is {np.median(step):.4g}; at most "
-            f"{MAX_STEP} s is expected. Is it in milliseconds?"
         )
     if t[-1] - t[0] < MIN_SECONDS:
         raise LogError(

@@ -258,7 +258,8 @@ def intervals(
         return [], np.zeros(0), np.zeros(0)
     phi = problem.phi * max(1.0, structure(problem.library, fit.normal).value)
     # A factor of what is known badly may be known well.
-    slots, (value, slope) = problem.library.slots, sizes(problem, fit)
+    slots = problem.library.slots
+    value, slope = sizes(problem, fit)
     following = [
         slots[i].neutral - x if slots[i].factor else 0.0 for i, x in zip(free, value, strict=True)
     ]

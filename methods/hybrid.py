@@ -23,7 +23,7 @@ class Hybrid(AbstractMethod):
     """The paper's method: calibrate on isolated drones, fit, freeze, train. Source: Sec. III.
 
     Every training seed flies its own pool along the paths of its own LF baseline, so that scatter
-    over seeds holds that of the pools; the paper flies one pool for all seeds.
+    over seeds holds that of the pools; the paper calibrates once per task and team size.
     """
 
     residual: str = eqx.field(static=True, default="mlp")

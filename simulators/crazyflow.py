@@ -221,17 +221,17 @@ class Crazyflow(AbstractSimulator):
     def _constants(self) -> SimData:
         """Constants of crazyflow; those of `spec`, where it is not the airframe's file's own."""
         data, _ = _template(self.spec.name, self.freq)
-        if self.spec == VEHICLES[self.spec.name]:
+        if self.spec == VEHICLES.get(self.spec.name):
             return data
-        if self._limited:
+        if self._other_range:
             data = limited(data, self.spec.thrust_min, self.spec.thrust_max)
         return data.replace(params=scaled_params(data, self._vehicle()))
 
     @property
-    def _limited(self) -> bool:
-        """Whether thrust has another range than the airframe's file gives it."""
-        own = VEHICLES[self.spec.name]
-        return (own.thrust_min, own.thrust_max) != (self.spec.thrust_min, self.spec.thrust_max)
+    def _other_range(self) -> bool:
+        """Whether thrust may have another range than the airframe's file gives it."""
+        own, thrusts = VEHICLES.get(self.spec.name), (self.spec.thrust_min, self.spec.thrust_max)
+        return own is None or thrusts != (own.thrust_min, own.thrust_max)
 
     def _physics_step(self, state: CrazyflowState, cmd: Float[Array, "drones 4"]) -> CrazyflowState:
         template, (_, pipeline) = self._constants(), _template(self.spec.name, self.freq)
@@ -247,7 +247,7 @@ class Crazyflow(AbstractSimulator):
     def _pipeline(self, stages: OrderedDict[str, Callable]) -> list[Callable[[SimData], SimData]]:
         """Stages of crazyflow with the effects' stages among them."""
         pipeline = stages.copy()
-        if self._limited:  # the motor mixing limits thrust; this stage, to the file's range alone
+        if self._other_range:  # the motor mixing limits thrust, this stage to the file's range
             del pipeline["clip_rotor_vel_cmd"]
         if chain.has(self.effects, CommandEffect):
             insert_fn_before(pipeline, "attitude_controller", self._command, "effects_command")

@@ -51,17 +51,7 @@ def verdict(diagnosis: Json, request: Request) -> str:
     if kind == "none":
         return f"Nothing separates these flights from {against} beyond noise: {_extent(diagnosis)}."
     if kind == "unexplained":
-        share, where = diagnosis.get("unexplained_share"), _where_left(diagnosis)
-        if sure := _mostly(diagnosis):
-            at = f", mostly in {where}," if where else ""
-            return (
-                f"Most of what separates these flights from {against} is explained with {sure}, "
-                f"which flights that were left out confirm; {percent(share)} of the gap, far above "
-                f"noise{at} fits no known effect."
-            )
-        part = f"; {percent(share)} of the gap stays unexplained" if is_number(share) else ""
-        tail = part + (f"; what is left lies mostly in {where}" if where else "")
-        return f"These flights differ from {against}, and no known effect explains how{tail}."
+        return _unexplained(diagnosis, against)
     found = ", together with ".join(effect_phrase(e, request.base) for e in diagnosis["effects"])
     start = (
         "What changed since the reference flights:"
@@ -73,6 +63,20 @@ def verdict(diagnosis: Json, request: Request) -> str:
     drift = drift_clause(diagnosis)
     clauses = [f"{start} {found}, {sure}{but and f', but {but}'}", drift]
     return "; ".join(clause for clause in clauses if clause) + "."
+
+
+def _unexplained(diagnosis: Json, against: str) -> str:
+    share, where = diagnosis.get("unexplained_share"), _where_left(diagnosis)
+    if sure := _mostly(diagnosis):
+        at = f", mostly in {where}," if where else ""
+        return (
+            f"Most of what separates these flights from {against} is explained with {sure}, which "
+            f"flights that were left out confirm; {percent(share)} of the gap, far above noise{at} "
+            "fits no known effect."
+        )
+    part = f"; {percent(share)} of the gap stays unexplained" if is_number(share) else ""
+    tail = part + (f"; what is left lies mostly in {where}" if where else "")
+    return f"These flights differ from {against}, and no known effect explains how{tail}."
 
 
 def remarks(diagnosis: Json, request: Request) -> list[str]:
@@ -113,12 +117,10 @@ def _support(diagnosis: Json) -> list[str]:
     if sure and diagnosis["verdict"] == "unexplained":
         drift = drift_clause(diagnosis)
         if _mostly(diagnosis):
-            text = "What is left may shift every size, so that none is stated"
-            tail = f"; with the likeliest set {drift}" if drift else ""
+            text, mark = "What is left may shift every size, so that none is stated", ";"
         else:
-            text = f"All the same, flights that were left out confirm {sure}"
-            tail = f": with the likeliest set {drift}" if drift else ""
-        said.append(f"{text}{tail}.")
+            text, mark = f"All the same, flights that were left out confirm {sure}", ":"
+        said.append(f"{text}{mark} with the likeliest set {drift}." if drift else f"{text}.")
     if idle:
         said.append(f"Flights that were left out do not confirm {idle}.")
     return said

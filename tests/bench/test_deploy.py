@@ -86,8 +86,8 @@ def test_the_command_line_says_what_is_deployed(monkeypatch, tmp_path):
         (["diagnose", "--deploy", "circle"], "Give either a folder"),
         (["diagnose", "--reality", "crazyflow"], "Give either a folder"),
         (["diagnose", "flights", *DEPLOY[1:]], "Give either a folder"),
-        ([*DEPLOY, "--seeds", "0"], "seeds"),
-        ([*DEPLOY, "--team-size", "0"], "team"),
+        ([*DEPLOY, "--seeds", "0"], "`--seeds` must be 1 or more and `--team-size` 2 or more"),
+        ([*DEPLOY, "--team-size", "0"], "`--team-size` 2 or more, got 1 and 0"),
     ],
 )
 def test_flights_and_deploy_exclude_each_other(monkeypatch, arguments, message, capsys):

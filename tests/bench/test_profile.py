@@ -2,6 +2,7 @@
 
 import types
 
+import jax
 import jax.numpy as jnp
 import pytest
 
@@ -10,7 +11,7 @@ from methods.bptt import BPTT
 from methods.contract import AbstractMethod, Setup
 from methods.hf_hotstart import HFHotStart
 from methods.hybrid import Hybrid
-from methods.policy import make_policy
+from methods.policy import Policy, make_policy
 from methods.profile import (
     NoTrainerError,
     attainable,
@@ -24,6 +25,7 @@ from methods.varied import make_varied
 from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
 from tasks.circle import Circle
+from tasks.rollout import Episode
 
 TASK = Circle(n_drones=3, horizon=20)
 SETUP = Setup(TASK, PointMass(), Crazyflow())
@@ -42,14 +44,25 @@ def test_a_profile_says_what_was_measured(low_fidelity):
 
 def test_parts_are_what_each_program_takes_longer_than_the_one_before(monkeypatch):
     """Physics, with the task, with the policy, an epoch; last the matrix products alone."""
-    lasting = iter([1.0, 1.5, 2.5, 6.0, 0.5])
-    monkeypatch.setattr("methods.profile.shortest", lambda call: next(lasting))
+    lasting, results = iter([1.0, 1.5, 2.5, 6.0, 0.5]), []
+
+    def timed(call):
+        results.append(call())
+        return next(lasting)
+
+    monkeypatch.setattr("methods.profile.shortest", timed)
     found = profile(TASK, PointMass(), BPTT(n_worlds=2))
     parts = {"physics": 1.0, "task": 0.5, "policy": 1.0, "backward": 3.5}
     assert found.seconds == parts | {"epoch": 6.0}
     assert found.ratio == 2.4
     assert found.rate == found.flops / 0.5
     assert found.share == pytest.approx(0.5 / 6.0)
+    state, idle, acting, updated, _ = results
+    assert type(state) is type(PointMass().reset(jnp.zeros((3, 3)), jax.random.key(0)))
+    assert type(idle) is type(acting) is Episode
+    assert (idle.reward != acting.reward).all()
+    assert isinstance(updated[0], Policy)
+    assert sum(seconds for part, seconds in found.seconds.items() if part != "epoch") == 6.0
 
 
 def test_the_limit_counts_forward_and_backward_products_of_every_weight(key):

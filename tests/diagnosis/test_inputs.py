@@ -84,12 +84,13 @@ def test_time_on_the_ground_is_found():
 
 @pytest.mark.parametrize(("turning", "found"), [(True, [(0.0, 1.0)]), (False, [])])
 def test_a_drone_with_turning_rotors_stands_where_nothing_moves_low_down(turning, found):
-    """Until its motors lift it; one that hovers a metre up does not stand."""
+    """Until it first moves; one that hovers later, low down or a metre up, does not stand."""
     (flight,) = fly(PointMass(), n_flights=1, noise=0.0)
     log = flight.drones[0]
     pos, vel = log.pos.copy(), log.vel.copy()
     pos[:50], vel[:50] = [0.0, 0.0, 0.05], 0.01
-    pos[100:150], vel[100:150] = [0.0, 0.0, 1.0], 0.0
+    pos[100:150], vel[100:150] = [0.0, 0.0, 0.05], 0.0
+    pos[-50:], vel[-50:] = [0.0, 0.0, 1.0], 0.0
     stood = dataclasses.replace(log, pos=pos, vel=vel)
     stretches = on_ground(stood, 0.0434, turning=turning)
     assert [tuple(np.round(ends, 9)) for ends in stretches] == found

@@ -175,6 +175,11 @@ def test_a_clock_that_jumps_is_named(tmp_path):
     (left,) = load_flights(folder(tmp_path, "a.parquet", frame)).left_out
     assert "column 't', row 11: 1.7e+09 s without a row; at most 600 s" in left.reason
     assert left.reason.endswith("Did the clock jump?")
+    frame = table()
+    frame["t"] *= 1000.0
+    frame.loc[10:, "t"] += 2000.0
+    (left,) = load_flights(folder(tmp_path, "a.parquet", frame)).left_out
+    assert left.reason.endswith("Is it in milliseconds?")
 
 
 def test_every_bad_file_has_a_line_and_good_ones_are_used(tmp_path):

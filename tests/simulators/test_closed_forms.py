@@ -190,6 +190,14 @@ def test_the_range_of_thrust_is_that_of_the_spec(asked):
     np.testing.assert_allclose(made.flight(state).thrust, np.clip(asked, 0.01, 1.5), rtol=1e-3)
 
 
+@pytest.mark.parametrize(("asked", "given"), [(0.4, 0.4), (1.0, SPEC.thrust_max)])
+def test_an_airframe_that_is_crazyflows_alone_has_the_range_of_its_spec(asked, given):
+    """One that `VEHICLES` does not know, whose file allows other thrusts."""
+    made = SIMULATORS["crazyflow"](spec=dataclasses.replace(SPEC, name="cf2x_P250"))
+    thrust = hovering_flight(made, cmds=hold([0.0, 0.0, 0.0, asked], STEPS, N)).thrust[-1]
+    np.testing.assert_allclose(thrust, given, rtol=5e-3)
+
+
 def test_a_wider_range_of_thrust_leaves_attitude_control_as_it_was():
     """Where no motor comes to its limit."""
     cmds = hold([0.02, -0.01, 0.01, HOVER], STEPS, N)

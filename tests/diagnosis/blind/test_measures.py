@@ -26,10 +26,10 @@ def test_a_tenth_less_thrust_is_decidable_and_bounded(measured):
     assert 0.0 < measured["bound"]["thrust_gain"]["e"] < 0.01
 
 
-def test_the_true_set_shrinks_the_drift_and_the_best_wrong_one_is_another(measured):
+def test_the_true_set_shrinks_the_drift_more_than_the_best_wrong_one(measured):
     assert measured["oracle"]["thrust_gain"]["e"] == pytest.approx(-0.1, abs=0.01)
     assert measured["shrink_oracle"] > 30.0
-    assert measured["wrong"] != "thrust_gain"
+    assert measured["wrong"] == "mass"  # hardly another, in flights of 4 s
     assert measured["shrink_wrong"] < measured["shrink_oracle"]
 
 
