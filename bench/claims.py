@@ -1,6 +1,6 @@
 """The page that puts the paper's claims beside ours, as Markdown and as HTML."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from bench import markdown
@@ -79,8 +79,7 @@ def _document(
     tables: Tables, notes: str, figure: list[str], worlds: list[str], flights: list[str]
 ) -> list[str]:
     found = [*claims(tables), *side_claims(tables)]
-    word = {True: "holds", False: "**does not hold**", None: "not tested"}
-    overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in found]
+    overview = [(c.title, c.paper, c.ours, _word(c)) for c in found]
     parts = [
         "# The paper's claims beside ours",
         'Claims of Mednikov and Gal, "Calibrate Once, Fly Any Team" (arXiv 2609.17265). '
@@ -100,7 +99,7 @@ def _document(
         if claim.holds is None and not claim.lines:
             continue  # the table above says that it was not tested
         parts += [f"## {i}. {claim.title}", f"Paper: {claim.paper}. Ours: {claim.ours}."]
-        parts += _detail(claim, word)
+        parts += _detail(claim)
     further = (
         ("On a drone that is off its specification", "paper", off_spec_claims(tables), worlds),
         ("With fewer calibration flights", "paper", calibration_claims(tables), flights),
@@ -109,19 +108,26 @@ def _document(
     for title, theirs, made, shown in further:
         if not made:
             continue
-        overview = [(c.title, c.paper, c.ours, word[c.holds]) for c in made]
+        overview = [(c.title, c.paper, c.ours, _word(c)) for c in made]
         parts += [f"## {title}", *shown]
         parts += [markdown.table(("claim", theirs, "ours", "verdict"), overview, range(4))]
         for claim in made:
-            parts += [f"### {claim.title}", *_detail(claim, word)]
+            parts += [f"### {claim.title}", *_detail(claim)]
     headings, lines = variants(tables)
     parts += ["## Settings that differ from the default"]
     parts += [markdown.table(headings, lines, (0, 1)) if lines else "None was run."]
     return [*parts, notes] if notes else parts
 
 
-def _detail(claim: Claim, word: Mapping[bool | None, str]) -> list[str]:
-    parts = [f"Counts as holding if {claim.rule}. Verdict: {word[claim.holds]}."]
+def _word(claim: Claim) -> str:
+    """The verdict."""
+    if claim.holds is None:
+        return "not settled" if claim.lines else "not tested"
+    return "holds" if claim.holds else "**does not hold**"
+
+
+def _detail(claim: Claim) -> list[str]:
+    parts = [f"Counts as holding if {claim.rule}. Verdict: {_word(claim)}."]
     return [*parts, markdown.table(claim.headings, claim.lines)] if claim.lines else parts
 
 

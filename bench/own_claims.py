@@ -6,10 +6,20 @@ at most half a fleet-minute.
 """
 
 from bench import markdown
-from bench.comparison import behind, by_size, duels, pairs, shared, sizes_of, spread, undisturbed
+from bench.comparison import (
+    Wins,
+    behind,
+    by_size,
+    duels,
+    pairs,
+    shared,
+    sizes_of,
+    spread,
+    undisturbed,
+)
 from bench.leaderboard import MISSING, number
 from bench.paper_claims import HOTSTART, HYBRID, Claim
-from bench.statistics import Entry, estimate
+from bench.statistics import Entry, Values, estimate
 from bench.tables import Tables
 
 GREY_BOXES = (Entry("grey_box"), Entry("grey_box", "mlp"))
@@ -38,17 +48,26 @@ def _hotstart(tables: Tables, entry: Entry) -> Claim:
     lag = [behind(ours.mean, hot.mean) for _, ours, hot in found]
     mean = [estimate(s.mean for s in side).mean for side in _sides(found)]
     worst = f"; worst cell {number(-100.0 * max(lag), 1)} %" if found else ""
+    holds = bool(found) and mean[0] >= mean[1] and max(lag) <= BEHIND
     means = f"; means {number(mean[0], 1)} and {number(mean[1], 1)}" if found else ""
     return Claim(
         f"{entry.label} deploys at or above hot start",
         f"mean at or above, no cell more than {100 * BEHIND:.0f} % below",
         f"higher in {wins.text}{means}{worst}" if found else MISSING,
-        mean[0] >= mean[1] and max(lag) <= BEHIND if found else None,
+        _settled(holds, rewards, wins),
         "the mean over cells of the deployed reward is at least hot start's, and no cell's lies "
         f"more than {100 * BEHIND:.0f} % of its size below",
         _headings(entry, "hot start"),
         lines,
     )
+
+
+def _settled(holds: bool, rewards: Values, wins: Wins) -> bool | None:
+    """`holds`; None where a missing cell, one that both rivals have, may still tell otherwise."""
+    both = {cell for cell, found in rewards.items() if {HYBRID, HOTSTART} <= set(found)}
+    if not wins.cells or (holds and both - set(wins.cells)):
+        return None
+    return holds
 
 
 def _headings(entry: Entry, other: str) -> tuple[str, ...]:
@@ -61,12 +80,13 @@ def _sides(found: list) -> tuple[list, list]:
 
 
 def _hybrid(tables: Tables, entry: Entry) -> Claim:
-    lines, wins = duels(undisturbed(tables, "reward"), entry, HYBRID)
+    rewards = undisturbed(tables, "reward")
+    lines, wins = duels(rewards, entry, HYBRID)
     return Claim(
         f"{entry.label} deploys above Hybrid in every cell",
         "every cell",
         f"higher in {wins.text}",
-        all(wins.won) if wins.won else None,
+        _settled(all(wins.won), rewards, wins),
         "the mean reward is higher in every cell",
         _headings(entry, "Hybrid"),
         lines,

@@ -137,6 +137,7 @@ def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:
 
 
 def _candidates(problem: Problem, verdict: Verdict) -> list[dict[str, Any]]:
+    """The likeliest sets; their shrinks are on the flights that they were fitted to."""
     nominal = problem.nominal()
     before, alone = _drift(problem, problem.base), len(np.unique(nominal.normal.flight)) < 2
     return [

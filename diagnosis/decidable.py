@@ -24,6 +24,7 @@ from jaxtyping import Float
 
 from diagnosis.fit import Fit, Set
 from diagnosis.search import Problem
+from diagnosis.verdict import sizes
 
 DECIDABLE = 25.0
 """Smallest chi-square between the truth and its best rival; from the issue of this capability."""
@@ -129,31 +130,26 @@ def unexplained(
     return Decidability(margin >= DECIDABLE, margin, tuple(sorted(best.effects)), True, gap, left)
 
 
-def cramer_rao(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
+def cramer_rao(problem: Problem, fit: Fit) -> Parameters:
     """Smallest standard deviation of each parameter of a set, by effect, in the parameter's unit.
 
-    What these flights say nothing about is left out.
+    Of what `values` gives. What these flights say nothing about is left out.
     """
-    slots = problem.library.slots
-    free = [i for i in problem.free(fit.effects) if fit.normal.H[:, i, i].sum() > 0]
-    if not free:
-        return {}
-    H, _ = problem.reduced(fit.normal, fit, free)
-    scale = 1.0 / np.sqrt(np.diag(H))
-    variance = np.diag(np.linalg.pinv(H * np.outer(scale, scale))) * scale**2
-    bounds: dict[str, dict[str, float]] = {}
-    for i, value in zip(free, np.sqrt(variance), strict=True):
-        bounds.setdefault(slots[i].effect, {})[slots[i].parameter] = float(value)
-    return bounds
+    return _named(problem, fit, sizes(problem, fit)[1])
 
 
-def values(problem: Problem, fit: Fit) -> dict[str, dict[str, float]]:
+def values(problem: Problem, fit: Fit) -> Parameters:
     """The parameters of a fit by effect, on top of what nominal and reference differ by."""
-    slots, base = problem.library.slots, problem.base + fit.shift
+    return _named(problem, fit, sizes(problem, fit)[0])
+
+
+def _named(problem: Problem, fit: Fit, numbers: Float[np.ndarray, " free"]) -> Parameters:
+    """Finite numbers of a set's free entries by effect and parameter."""
     found: dict[str, dict[str, float]] = {}
-    for i in problem.free(fit.effects):
-        own, _ = slots[i].beyond(fit.total[i], base[i])
-        found.setdefault(slots[i].effect, {})[slots[i].parameter] = float(own)
+    for i, number in zip(problem.free(fit.effects), numbers, strict=True):
+        if np.isfinite(number):
+            slot = problem.library.slots[i]
+            found.setdefault(slot.effect, {})[slot.parameter] = float(number)
     return found
 
 

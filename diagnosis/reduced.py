@@ -194,15 +194,17 @@ class Equations:
         """
         own, _ = self.reduced(fit.normal, fit, free)
         told, along, n = np.diag(own) > 0.0, np.eye(len(free)), len(fit.vector)
+        scale = scale_of(own)
+        inverse = np.linalg.pinv(own / np.outer(scale, scale)) / np.outer(scale, scale)
         if self.precision is None:
-            found = np.diag(np.linalg.pinv(own))
+            found = np.diag(inverse)
             return np.where(told & (found > 0.0), found, np.inf)
         H, shift = fit.normal.H.sum(axis=0), np.zeros((len(free), n))
         shift[np.arange(len(free)), free] = following
         pull = np.linalg.solve(H + self.precision, np.column_stack([H[:, free], shift.T]))
         along = along - shift @ pull[:, : len(free)]
         loose = np.sum(shift * pull[:, len(free) :].T, axis=1)
-        found = np.einsum("ij,jk,ik->i", along, np.linalg.pinv(own), along) + loose
+        found = np.einsum("ij,jk,ik->i", along, inverse, along) + loose
         return np.where(told & (found > 0.0), found, np.inf)
 
     def log_evidence(self, fit: Fit) -> float:

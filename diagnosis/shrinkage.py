@@ -1,9 +1,12 @@
 """How far the gap shrinks: drift over half a second on flights that the fit never saw.
 
 With ten flights or more, a third of them is kept out of everything. With fewer, every flight is
-scored under parameters fitted to the others (leave one flight out). The drift is measured from the
-smoothed measured state, noise not subtracted. Flights weigh as they have windows, in the percentage
-and in its interval, which is a t-interval of the log ratio by the jackknife over flights:
+scored under parameters fitted to the others (leave one flight out, by one step from the fit to all;
+which effects were chosen, and which windows count nowhere, all flights have said). The drift is
+measured from the smoothed measured state, noise not subtracted. Flights weigh as they have windows,
+in the percentage and in its interval, which is a t-interval of the log ratio by the jackknife over
+flights (in a mean of the flights' own log ratios, one of a second would weigh like one of a
+minute):
 
     r = ln(RMS after / RMS before),     r_f the same without flight f,     n flights
     r +- t(0.975, n - 1) sqrt((n - 1) / n sum_f (r_f - mean r_f)^2)

@@ -132,7 +132,7 @@ def candidates_table(diagnosis: Json) -> Table | None:
     ]
     return Table(
         "Candidates by their posterior, the share of each among all that were looked at",
-        ("effects", "posterior", "evidence [nats]", "drift falls by"),
+        ("effects", "posterior", "evidence [nats]", "drift in the fit falls by"),
         tuple(rows),
         bars=tuple(
             Bar(min(1.0, _or_zero(c["probability"])), chosen=set(c["effects"]) == chosen)

@@ -150,7 +150,9 @@ class Linear:
         sigmas = stats.norm.ppf(1.0 - ALARMS) + stats.norm.ppf(NAMED)
         bound = float(sigmas / weighed.strength)
         below = np.flatnonzero(shares < NAMED)
-        last = below[-1] if len(below) else 0
+        if not len(below):
+            raise ArithmeticError(f"{self.effect.name} is named at {sizes[0]:.1e}.")
+        last = below[-1]
         if last + 1 >= len(sizes) or sizes[last + 1] > self._largest():
             return Limit(math.nan, bound, weighed.rival(sizes[min(last, len(sizes) - 1)]))
         part = (NAMED - shares[last]) / (shares[last + 1] - shares[last])
@@ -183,11 +185,9 @@ class _Weighed:
         every = flown[linear.normal.flight] / noise**2
         told = np.einsum("a,wab,b->w", linear.unit, linear.normal.H, linear.unit)
         self.strength = float(np.sqrt(every @ told))
-        values, vectors = np.linalg.eigh(self.H)
         rng = np.random.default_rng(SEED)
-        z = rng.standard_normal((DRAWS, len(values)))
-        noise_scores = (z * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
-        self.sets = [self._set(*chosen, signal, noise_scores) for chosen in self._choices()]
+        scores = noise_scores(self.H, rng)
+        self.sets = [self._set(*chosen, signal, scores) for chosen in self._choices()]
         local, freedom = _local(linear)
         self.local, self.dof = float(count @ local) / noise**2, freedom * float(count.sum())
         self.left = rng.chisquare(self.dof, DRAWS) / self.dof
@@ -251,6 +251,17 @@ class _Weighed:
 
 
 _NOMINAL = _Set(Set(), np.zeros(0), np.zeros((0, 0)), np.zeros(0), 0.0)
+
+
+def noise_scores(
+    H: Float[np.ndarray, "n n"], rng: np.random.Generator
+) -> Float[np.ndarray, "draws n"]:
+    """Draws of scores with covariance `H`; zeros where flights say nothing of a parameter."""
+    scale = np.sqrt(np.diag(H))
+    unit = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(H / np.outer(unit, unit))
+    z = rng.standard_normal((DRAWS, len(values)))
+    return (z * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T * scale
 
 
 def _with_onsets(

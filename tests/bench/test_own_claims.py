@@ -47,6 +47,17 @@ def test_nothing_is_claimed_of_a_method_that_was_not_run():
     assert own_claims(Sheet().add("hybrid", "mlp").tables()) == []
 
 
+@pytest.mark.parametrize(("ours", "expected"), [(-98.0, [None, None]), (-120.0, [False, False])])
+def test_with_cells_missing_an_aim_can_be_missed_but_not_met(tmp_path, ours, expected):
+    made = sheet(grey=(ours, -51.0))
+    made.add("hf_hotstart", task="figure8", rewards=(-100.0,) * 3)
+    made.add("hybrid", "mlp", task="figure8", rewards=(-110.0,) * 3)
+    assert verdicts(made)[:2] == expected
+    write_claims(made.tables(), tmp_path / "claims.md")
+    word = "not settled" if expected[0] is None else "**does not hold**"
+    assert (tmp_path / "claims.md").read_text().count(f"| {word} |") >= 2
+
+
 def test_a_variant_is_tested_for_itself(tmp_path):
     made = sheet(residual="mlp")
     assert [c.title.startswith("grey_box (mlp)") for c in own_claims(made.tables())] == [True] * 3

@@ -13,7 +13,17 @@ from diagnosis.outliers import beyond
 from diagnosis.reference import fit_reference
 from diagnosis.replay import make_replay
 from diagnosis.search import Problem
-from diagnosis.verdict import DOUBTED, TRUE, WORTHY, Floor, intervals, judge, limits, structure
+from diagnosis.verdict import (
+    DOUBTED,
+    SLIGHT,
+    TRUE,
+    WORTHY,
+    Floor,
+    intervals,
+    judge,
+    limits,
+    structure,
+)
 from simulators.contract import with_effects
 from simulators.effects.attitude_gain import AttitudeGain
 from simulators.effects.contract import WrenchEffect
@@ -104,14 +114,11 @@ def test_a_withheld_effect_is_named_with_its_size(replay, effect, name):
 
 
 def test_two_withheld_effects_are_both_named(replay):
-    problem, verdict = judged(replay, Wind(x=0.4), AttitudeGain(g=-0.15), seed=5)
+    _, verdict = judged(replay, Wind(x=0.4), AttitudeGain(g=-0.15), seed=5)
     assert verdict.kind == "effect"
     assert verdict.chosen.effects == {"wind", "attitude_gain"}
     assert min(verdict.probability.values()) > 0.9
     assert max(verdict.probability.values()) <= TRUE
-    doubted = judge(problem, problem.ranked(), Floor(0.5))  # beside it, noise alone is structure
-    assert doubted.chosen.effects == verdict.chosen.effects
-    assert 0.9 * DOUBTED < max(doubted.probability.values()) <= DOUBTED
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -129,6 +136,7 @@ class Shaking(WrenchEffect):
     needs = ()
     order = 5
     version = "1"
+    size = 1.0
 
     def init(self, n_drones, dt):
         return None
@@ -136,7 +144,8 @@ class Shaking(WrenchEffect):
     def wrench(self, memory, flight, vehicle, dt):
         import jax.numpy as jnp
 
-        force = vehicle.mass * jnp.sin(5.0 * flight.t) * jnp.asarray([1.0, 0.5, 0.0])
+        swing = self.size * jnp.sin(5.0 * flight.t)
+        force = vehicle.mass * swing * jnp.asarray([1.0, 0.5, 0.0])
         return None, jnp.broadcast_to(force, flight.pos.shape), jnp.zeros_like(flight.pos)
 
 
@@ -146,6 +155,22 @@ def test_a_force_that_no_candidate_has_stays_unexplained(replay):
     assert verdict.unexplained_share > 0.5
     assert verdict.structure.value > 5.0
     assert structure(problem.library, problem.nominal().normal).value > 5.0
+
+
+class Trembling(Shaking):
+    """The same, hardly above noise."""
+
+    size = 0.1
+
+
+def test_what_leaves_structure_is_doubted_also_where_the_reference_leaves_as_much(replay):
+    problem, verdict = judged(replay, Wind(x=1.5), Trembling(), seed=5)
+    left = verdict.structure
+    assert left.exceeds(SLIGHT, Floor())
+    beside = judge(problem, problem.ranked(), Floor(left.value))
+    assert not left.exceeds(SLIGHT, Floor(left.value))
+    assert beside.kind == "effect"
+    assert 0.9 * DOUBTED < beside.probability["wind"] <= DOUBTED
 
 
 def test_an_excluded_effect_and_its_aliases_are_no_candidates():

@@ -125,6 +125,25 @@ def test_the_bound_of_two_correlated_parameters_is_the_inverse_of_their_normal_e
     assert cramer_rao(linear, alone)["drag"]["p"] == pytest.approx(1.0)
 
 
+class Factors(Library):
+    """Drag multiplies."""
+
+    slots = (Slot("drag", "p", "-", 1.0, 0.1, 10.0, factor=True), *Library.slots[1:])
+    neutral, low = np.asarray([1.0, 0.0, 0.0, 0.0]), np.asarray([0.1, -100.0, -100.0, -100.0])
+
+
+@pytest.mark.parametrize("precision", [4.0, 1e9])
+def test_the_bound_of_a_factor_is_that_of_a_ratio(precision):
+    """Flights tell what there is to a variance of one, the reference tells what there was."""
+    was, twice = np.asarray([1.5, 0.0, 0.0, 0.0]), 2.0
+    likelihood = Linear(np.eye(4), was * twice)
+    likelihood.replay = types.SimpleNamespace(library=Factors())
+    referenced = Problem(likelihood, was, precision * np.eye(4))
+    fit = truth_fit(referenced, {"drag": {"p": twice}})
+    expected = np.hypot(1.0, twice / np.sqrt(precision)) / 1.5
+    assert cramer_rao(referenced, fit)["drag"]["p"] == pytest.approx(expected)
+
+
 def test_a_true_effect_outside_the_library_is_an_error():
     with pytest.raises(ValueError, match=r"`truth` must name effects of the library.*'gale'"):
         truth_fit(problem(0.5), {"gale": {"p": 1.0}})

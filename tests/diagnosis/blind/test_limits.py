@@ -8,7 +8,7 @@ from scipy import stats
 
 from diagnosis.blind.catalogue import LIBRARY, Withheld
 from diagnosis.blind.limit_checks import CHECKED, REPEATS, checks
-from diagnosis.blind.limits import Linear, drawn, size_of, sized
+from diagnosis.blind.limits import DRAWS, Linear, drawn, noise_scores, size_of, sized
 from diagnosis.library import Slot
 from diagnosis.likelihood import Likelihood, Normal
 from diagnosis.search import Problem
@@ -93,6 +93,18 @@ def test_limits_scale_with_noise_and_with_the_root_of_the_flights():
     assert one.limit(96, 1.0).bound == pytest.approx(usual.bound / np.sqrt(12.0), rel=0.01)
     assert one.named(usual.size, 8, 1.0) == pytest.approx(0.9, abs=0.03)
     assert one.named(2.0 * usual.size, 8, 1.0) > 0.97
+
+
+def test_noise_is_as_large_as_the_information_in_whatever_units():
+    units = np.asarray([3e4, 0.0, 2.0, 1e-4])
+    alike = np.eye(4)
+    alike[0, 2] = alike[2, 0] = 0.8
+    scores = noise_scores(alike * np.outer(units, units), np.random.default_rng(0))
+    assert scores.shape == (DRAWS, 4)
+    assert not scores[:, 1].any()
+    told = np.asarray([0, 2, 3])
+    found = np.cov((scores[:, told] / units[told]).T)
+    np.testing.assert_allclose(found, alike[np.ix_(told, told)], atol=0.1)
 
 
 def test_a_limit_beyond_the_bounds_is_none():
