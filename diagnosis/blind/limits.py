@@ -152,7 +152,7 @@ class Linear:
         below = np.flatnonzero(shares < NAMED)
         if not len(below):
             raise ArithmeticError(f"{self.effect.name} is named at {sizes[0]:.1e}.")
-        last = below[-1]
+        last = int(below[-1])
         if last + 1 >= len(sizes) or sizes[last + 1] > self._largest():
             return Limit(math.nan, bound, weighed.rival(sizes[min(last, len(sizes) - 1)]))
         part = (NAMED - shares[last]) / (shares[last + 1] - shares[last])
