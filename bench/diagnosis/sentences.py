@@ -18,6 +18,7 @@ from bench.diagnosis.numbers import (
     quantity,
     with_unit,
 )
+from diagnosis.verdict import DOUBTED
 
 Json = Mapping[str, Any]
 
@@ -25,6 +26,8 @@ NOTEWORTHY = 0.05
 """Unexplained share of the gap from which the verdict mentions it."""
 MOSTLY = 0.2
 """Unexplained share below which most of the gap counts as explained."""
+DOUBTFUL = 0.9
+"""Probability of an effect over its set's among the candidates from which nothing is doubted."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +90,7 @@ def remarks(diagnosis: Json, request: Request) -> list[str]:
         where = _where_left(diagnosis)
         tail = f", mostly in {where}" if where else ""
         said.append(f"{percent(share)} of the gap stays unexplained{tail}.")
-    said += _support(diagnosis)
+    said += [*_doubt(diagnosis), *_support(diagnosis)]
     reason = (diagnosis.get("shrink") or {}).get("reason")
     if reason and diagnosis["verdict"] == "effect":
         said.append(f"How far the gap shrinks is not known: {clean(reason).rstrip('.')}.")
@@ -106,6 +109,25 @@ def remarks(diagnosis: Json, request: Request) -> list[str]:
         others = f", and {len(left_out) - 1} more, see below" if len(left_out) > 1 else ""
         said.append(f"{_count(len(left_out), 'flight')} left out: {first}{others}.")
     return said
+
+
+def _doubt(diagnosis: Json) -> list[str]:
+    """Why effects are less probable than their set is among the candidates."""
+    chosen, left = chosen_set(diagnosis), (diagnosis.get("details") or {}).get("structure") or {}
+    stated = [c["probability"] for c in diagnosis.get("candidates") or () if _is(c, chosen)]
+    known = [e.get("probability") for e in diagnosis["effects"]]
+    if not chosen or not all(map(is_number, (*stated[:1], *known, left.get("after")))):
+        return []
+    if not stated or min(known) > DOUBTFUL * stated[0]:
+        return []
+    return [
+        f"More than noise is left ({number(left['after'], 2)} times it); where that was so, "
+        f"{percent(DOUBTED)} of the effects named in cases with known answers were true."
+    ]
+
+
+def _is(candidate: Json, chosen: set[str] | None) -> bool:
+    return set(candidate["effects"]) == chosen
 
 
 def _support(diagnosis: Json) -> list[str]:
