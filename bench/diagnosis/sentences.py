@@ -113,21 +113,18 @@ def remarks(diagnosis: Json, request: Request) -> list[str]:
 
 def _doubt(diagnosis: Json) -> list[str]:
     """Why effects are less probable than their set is among the candidates."""
-    chosen, left = chosen_set(diagnosis), (diagnosis.get("details") or {}).get("structure") or {}
-    stated = [c["probability"] for c in diagnosis.get("candidates") or () if _is(c, chosen)]
-    known = [e.get("probability") for e in diagnosis["effects"]]
-    if not chosen or not all(map(is_number, (*stated[:1], *known, left.get("after")))):
+    posterior, left = _posterior(diagnosis), (diagnosis.get("details") or {}).get("structure") or {}
+    known = [effect.get("probability") for effect in diagnosis["effects"]]
+    if not known or not posterior:
         return []
-    if not stated or min(known) > DOUBTFUL * stated[0]:
+    if not all(map(is_number, (*posterior, *known, left.get("after")))):
+        return []
+    if min(known) > DOUBTFUL * posterior[0]:
         return []
     return [
         f"More than noise is left ({number(left['after'], 2)} times it); where that was so, "
         f"{percent(DOUBTED)} of the effects named in cases with known answers were true."
     ]
-
-
-def _is(candidate: Json, chosen: set[str] | None) -> bool:
-    return set(candidate["effects"]) == chosen
 
 
 def _support(diagnosis: Json) -> list[str]:
@@ -261,10 +258,14 @@ def set_probability(diagnosis: Json) -> Any:
 
     The posterior of a candidate is only among those that were looked at.
     """
-    chosen = chosen_set(diagnosis)
-    stated = [c for c in diagnosis.get("candidates") or [] if set(c["effects"]) == chosen]
-    known = [x.get("probability") for x in (*stated[:1], *diagnosis["effects"])]
+    known = [*_posterior(diagnosis), *(x.get("probability") for x in diagnosis["effects"])]
     return min((p for p in known if is_number(p)), default=None)
+
+
+def _posterior(diagnosis: Json) -> list[Any]:
+    """The chosen set's among the candidates, if it is one of them."""
+    chosen, listed = chosen_set(diagnosis), diagnosis.get("candidates") or ()
+    return [c.get("probability") for c in listed if set(c["effects"]) == chosen][:1]
 
 
 def set_label(names: Sequence[str]) -> str:

@@ -119,7 +119,7 @@ def test_details_follow_the_seed_and_close_with_the_escape_key(report):
     assert '"seed": 2' in report.run("document.getElementById('run-settings').textContent")
     report.press("Escape", 27)
     report.wait_for("!document.getElementById('run').open")
-    assert report.run("location.hash") == ""
+    report.wait_for("location.hash === ''")
 
 
 def test_a_lost_run_says_why_and_shows_no_player(report):
