@@ -31,9 +31,8 @@ def peak():
 def write(folder):
     """Six flights of ten minutes, with more drag than the simulator has.
 
-    They are integrated from row to row, in steps of 2 ms, and replayed in steps of 5 ms. What that
-    differs by shows in such long logs as small further effects: six flights of a minute have a
-    delay of 0.17 ms beside the drag, and at 200 rows a second nothing.
+    The vehicle takes the steps of the replay, 5 ms: integrated from row to row, in steps of 2 ms,
+    it differs by more than drag, and six flights of a minute show a delay of 0.17 ms.
     """
     reality = with_effects(PointMass(dt=STEPS["point_mass"]), [Drag(c=DRAG)])
     rows = round(RATE * CONTROL_DT)

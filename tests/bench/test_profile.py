@@ -62,6 +62,7 @@ def test_parts_are_what_each_program_takes_longer_than_the_one_before(monkeypatc
     assert type(idle) is type(acting) is Episode
     assert (idle.reward != acting.reward).all()
     assert isinstance(updated[0], Policy)
+    assert sum(seconds for part, seconds in found.seconds.items() if part != "epoch") == 6.0
 
 
 def test_the_limit_counts_forward_and_backward_products_of_every_weight(key):

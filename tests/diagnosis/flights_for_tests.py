@@ -71,11 +71,10 @@ def _flown(simulator, target, dither, rows):
         now = simulator.flight(state)
         still = jnp.zeros((1, 3))
         cmd = tracker.cmd(now, target[None], still, still) + dither
-        held = lambda state, _: (  # noqa: E731
-            simulator.step_cmd(state, cmd, CONTROL_DT / rows),
-            (simulator.flight(state), cmd),
-        )
-        return jax.lax.scan(held, state, length=rows)
+        # Between two commands the simulator takes its own steps; rows look on from the first.
+        later = [simulator.step_cmd(state, cmd, CONTROL_DT * (i + 1) / rows) for i in range(rows)]
+        seen = [now, *(simulator.flight(one) for one in later[:-1])]
+        return later[-1], (jax.tree.map(lambda *x: jnp.stack(x), *seen), jnp.stack([cmd] * rows))
 
     _, logged = jax.lax.scan(step, state, (target, dither))
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), logged)

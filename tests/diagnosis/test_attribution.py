@@ -170,6 +170,7 @@ def test_what_leaves_structure_is_doubted_also_where_the_reference_leaves_as_muc
     beside = judge(problem, problem.ranked(), Floor(left.value))
     assert not left.exceeds(SLIGHT, Floor(left.value))
     assert beside.kind == "effect"
+    assert beside.chosen.effects == {"wind"}
     assert 0.9 * DOUBTED < beside.probability["wind"] <= DOUBTED
 
 
