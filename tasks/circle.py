@@ -22,10 +22,12 @@ from tasks.contract import (
     AbstractTask,
     Target,
     TaskState,
+    check_not_negative,
     check_positive,
     direction,
     ring_offset,
     ring_radius,
+    shortfall,
 )
 
 
@@ -47,11 +49,12 @@ class Circle(AbstractTask):
     vel_weight: float = eqx.field(static=True, default=0.5)
     """Weight of the velocity error [s]."""
 
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
     station_keeping: ClassVar[bool] = False
 
     def __check_init__(self) -> None:
         check_positive(self, "altitude")
+        check_not_negative(self, "vel_weight")
 
     @property
     def radius(self) -> float:
@@ -79,6 +82,8 @@ class Circle(AbstractTask):
             offset=ring_offset(pos, center, self.radius),
             vel=self.speed * tangent,
             acc=self.speed**2 / self.radius * inward,
+            slack=self.radius * shortfall(pos[:, :2]),
+            vel_slack=abs(self.speed) * shortfall(pos[:, :2]),
         )
 
     def task_reward(

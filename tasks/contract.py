@@ -6,13 +6,24 @@ these; without the acceleration a moving target cannot be followed without lag, 
 velocity alone does not tell where along its path the target is:
 
     observation = [offset, v* - v, v, a*, (roll, pitch), neighbours]
-    reward      = task_reward(offset, v* - v)  -  collision penalty  (`tasks/contact.py`)
-    metric      = |offset|  [m]
+    reward      = task_reward(d, |v* - v| + vel_slack)  -  collision penalty  (`tasks/contact.py`)
+    metric      = d = |offset| + slack  [m]
 
 Neighbours are the `n_neighbors` nearest drones: offset and relative velocity, each weighted by
 1 / (0.25 + d^2), zeros where the team has fewer. Every norm is sqrt(|x|^2 + 1e-6). Rewards are
 those of the state after the action. All of this is a choice where the paper is silent; what it
 does say stands in each task.
+
+Slack. Near a centre or an axis the nearest point of a ring or sphere jumps with the slightest
+motion, and 500 steps of back-propagation turn such jumps into gradients of 1e4 and more. Within
+`CORE` a direction u is therefore shortened to q u, q = rho / CORE, and what that takes from the
+distance and from the velocity error is added again, so that nobody is paid for being at a centre:
+
+    slack = (1 - q) r,   vel_slack = (1 - q) |v*|
+
+With a radius r >= CORE, |q r - rho| + slack = |r - rho|, the distance itself in the plane of a ring
+or around a centre. Elsewhere, and in velocity, the sum is at least the true one (triangle
+inequality), and its slope stays bounded.
 """
 
 import abc
@@ -34,9 +45,7 @@ SPAWN_JITTER = 0.1
 
 
 CORE = 0.3
-"""Radius within which a direction is shortened towards zero [m]: near a centre or an axis the
-nearest point of a ring or sphere jumps with the slightest motion, and 500 steps of
-back-propagation turn such jumps into gradients of 1e4 and more."""
+"""Radius within which a direction is shortened towards zero [m]; a choice."""
 
 
 class TaskState(eqx.Module):
@@ -59,6 +68,10 @@ class Target(eqx.Module):
     """Velocity that satisfies the task [m/s]."""
     acc: Float[Array, "drones 3"]
     """Acceleration of a drone that keeps satisfying it [m/s^2]."""
+    slack: Float[Array, " drones"] | float = 0.0
+    """Distance that `offset` does not show [m], see the top of the module."""
+    vel_slack: Float[Array, " drones"] | float = 0.0
+    """Velocity error that `vel` does not show [m/s]."""
 
 
 def check_positive(task: "AbstractTask", *names: str) -> None:
@@ -66,6 +79,13 @@ def check_positive(task: "AbstractTask", *names: str) -> None:
     for name in names:
         if not getattr(task, name) > 0.0:
             raise ValueError(f"`{name}` must be above 0, got {getattr(task, name)}.")
+
+
+def check_not_negative(task: "AbstractTask", *names: str) -> None:
+    """Raises a ValueError unless each of these fields of a task is at least 0."""
+    for name in names:
+        if not getattr(task, name) >= 0.0:
+            raise ValueError(f"`{name}` must be at least 0, got {getattr(task, name)}.")
 
 
 class AbstractTask(eqx.Module):
@@ -101,7 +121,7 @@ class AbstractTask(eqx.Module):
     def task_reward(
         self, distance: Float[Array, " drones"], vel_error: Float[Array, " drones"]
     ) -> Float[Array, " drones"]:
-        """Reward of one step, per drone, from |offset| [m] and |v* - v| [m/s]."""
+        """Reward of one step, per drone, from distance [m] and velocity error [m/s]."""
 
     def observe(self, state: TaskState) -> Float[Array, "drones obs"]:
         """What each drone sees; the layout stands at the top of this module."""
@@ -118,13 +138,14 @@ class AbstractTask(eqx.Module):
 
     def error(self, state: TaskState) -> Float[Array, " drones"]:
         """Distance of each drone to where it should be [m]."""
-        return norm(self.target(state).offset)
+        target = self.target(state)
+        return norm(target.offset) + target.slack
 
     def rewards(self, state: TaskState) -> tuple[Float[Array, " drones"], Float[Array, " drones"]]:
         """Reward of one step, per drone: as reported (exact), and as trained on (smooth)."""
         target = self.target(state)
-        vel_error = norm(target.vel - state.flight.vel)
-        reward = self.task_reward(norm(target.offset), vel_error)
+        vel_error = norm(target.vel - state.flight.vel) + target.vel_slack
+        reward = self.task_reward(norm(target.offset) + target.slack, vel_error)
         pos = state.flight.pos
         return reward - contact.penalty(pos), reward - contact.soft_penalty(pos)
 
@@ -158,6 +179,11 @@ def spawn_grid(n_drones: int, key: PRNGKeyArray) -> Float[Array, "drones 3"]:
 def ring_radius(n_drones: int, spacing: float, smallest: float) -> float:
     """Radius of a ring with `spacing` [m] of arc between `n_drones`, at least `smallest`."""
     return max(smallest, spacing * n_drones / (2.0 * jnp.pi))
+
+
+def shortfall(vector: Float[Array, "*n axes"]) -> Float[Array, "*n"]:
+    """By how much `direction` is shorter than 1 [-]: 0 from `CORE` on, 1 at the origin."""
+    return 1.0 - norm(vector) / jnp.maximum(norm(vector), CORE)
 
 
 def direction(vector: Float[Array, "*n axes"]) -> Float[Array, "*n axes"]:

@@ -25,9 +25,11 @@ from tasks.contract import (
     AbstractTask,
     Target,
     TaskState,
+    check_not_negative,
     check_positive,
     ring_offset,
     ring_radius,
+    shortfall,
     spawn_grid,
 )
 
@@ -52,11 +54,12 @@ class Figure8(AbstractTask):
     vel_weight: float = eqx.field(static=True, default=0.5)
     """Weight of the velocity error [s]."""
 
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
     station_keeping: ClassVar[bool] = False
 
     def __check_init__(self) -> None:
         check_positive(self, "altitude", "period")
+        check_not_negative(self, "vel_weight")
 
     @property
     def radius(self) -> float:
@@ -80,6 +83,7 @@ class Figure8(AbstractTask):
             offset=ring_offset(pos, center, self.radius),
             vel=jnp.broadcast_to(vel, pos.shape),
             acc=jnp.broadcast_to(acc, pos.shape),
+            slack=self.radius * shortfall((pos - center)[:, :2]),
         )
 
     def task_reward(

@@ -6,8 +6,8 @@ With s = 2 pi t / P + s_0, s_0 ~ U(0, 2 pi), x the vector from the centre and rh
     offset = r u - x,   v* = dr/dt u,   a* = d2r/dt2 u
     reward = -|offset| + w (exp(-|v - v*|) - 1)
 
-Outside of `tasks.contract.CORE`, |offset| is |r - rho|; within, where a unit vector would jump, it
-falls to 0 at the centre.
+Within `tasks.contract.CORE` of the centre, where a unit vector would jump, distance and velocity
+error have a slack (`tasks/contract.py`): the distance is |r - rho| everywhere.
 
 From the paper: a spherical shell around a static origin, sinusoidal radius, the bounded velocity
 term. Chosen here: r_N = max(1 m, 0.35 m sqrt(N)) so that the area per drone does not shrink,
@@ -22,7 +22,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from simulators.vehicle import CONTROL_DT
-from tasks.contract import AbstractTask, Target, TaskState, check_positive, direction, spawn_grid
+from tasks.contract import (
+    AbstractTask,
+    Target,
+    TaskState,
+    check_not_negative,
+    check_positive,
+    direction,
+    shortfall,
+    spawn_grid,
+)
 
 
 class PitchAndExpand(AbstractTask):
@@ -45,11 +54,12 @@ class PitchAndExpand(AbstractTask):
     vel_weight: float = eqx.field(static=True, default=0.5)
     """Weight of the bounded velocity term."""
 
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
     station_keeping: ClassVar[bool] = False
 
     def __check_init__(self) -> None:
         check_positive(self, "period", "clearance")
+        check_not_negative(self, "vel_weight")
         if not abs(self.amplitude) < self.radius:
             raise ValueError(
                 f"`amplitude` must be below the mean radius {self.radius:g}, got {self.amplitude}."
@@ -72,10 +82,13 @@ class PitchAndExpand(AbstractTask):
         relative = state.flight.pos - jnp.asarray([0.0, 0.0, height])
         away = direction(relative)
         radius = self.radius + self.amplitude * jnp.sin(s)
+        growth = self.amplitude * rate * jnp.cos(s)
         return Target(
             offset=radius * away - relative,
-            vel=self.amplitude * rate * jnp.cos(s) * away,
+            vel=growth * away,
             acc=-self.amplitude * rate**2 * jnp.sin(s) * away,
+            slack=radius * shortfall(relative),
+            vel_slack=jnp.abs(growth) * shortfall(relative),
         )
 
     def task_reward(

@@ -8,8 +8,8 @@ to step passes only a share g of its gradient,
     s <- g s + (1 - g) stop_gradient(s),
 
 so a reward reaches back about 1 / (1 - g) steps. Zhang et al. (2024), "Back to Newton's Laws",
-decay gradients too. Plain 500-step back-propagation (g = 1) left out no update on these
-tasks, but ends worse in most cells (`reports/pilot.md`, `trainer.decay=1.0`).
+decay gradients too. Plain 500-step back-propagation (g = 1) is best where the policy trains in the
+simulator that it is deployed in, decay where it does not (`reports/tuning.md`).
 
 What still grows is limited: the cotangent of each number of the carried state is clipped to
 +-`COTANGENT_LIMIT`, about ten times what a well-behaved episode has (a reward slope of 1 per

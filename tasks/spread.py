@@ -16,7 +16,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from tasks.contract import AbstractTask, Target, TaskState, check_positive, ring_radius, spawn_grid
+from tasks.contract import (
+    AbstractTask,
+    Target,
+    TaskState,
+    check_not_negative,
+    check_positive,
+    ring_radius,
+    spawn_grid,
+)
 
 
 class Spread(AbstractTask):
@@ -42,6 +50,7 @@ class Spread(AbstractTask):
 
     def __check_init__(self) -> None:
         check_positive(self, "altitude", "coverage_width")
+        check_not_negative(self, "coverage_weight")
 
     @property
     def radius(self) -> float:

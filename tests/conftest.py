@@ -13,7 +13,7 @@ os.environ.setdefault("SCIPY_ARRAY_API", "1")  # crazyflow wants it before SciPy
 import jaxtyping
 
 CHECKED = ["simulators", "tasks", "diagnosis", "methods"]
-ARRAYS = ["bootstrap", "conformance", "diagnosis.figures", "flown", "spawn"]
+ARRAYS = ["bootstrap", "conformance", "diagnosis.figures", "flown"]
 """Modules of `bench` that take arrays; tests give the others stand-ins."""
 jaxtyping.install_import_hook([*CHECKED, *(f"bench.{m}" for m in ARRAYS)], "beartype.beartype")
 

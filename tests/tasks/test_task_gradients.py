@@ -42,8 +42,9 @@ class OneOfAll(AbstractTask):
     station_keeping: ClassVar[bool] = False
 
     def pick(self, values):
-        """The chosen one of a list of equal pytrees."""
-        return jax.tree.map(lambda *x: jnp.tensordot(self.choice, jnp.stack(x), 1), *values)
+        """The chosen one of a list of equal pytrees; a slack of nothing is a single zero."""
+        stack = lambda x: jnp.stack(jnp.broadcast_arrays(*x))  # noqa: E731
+        return jax.tree.map(lambda *x: jnp.tensordot(self.choice, stack(x), 1), *values)
 
     def each(self, state):
         """The states of all tasks."""
