@@ -33,7 +33,7 @@ class Setup:
     reality: AbstractSimulator
     """The high-fidelity simulator, possibly with effects that the nominal one lacks."""
     parents: Mapping[str, "Trained"] = dataclasses.field(default_factory=dict)
-    """Trained policies of the methods named in `AbstractMethod.parents`, same task and seed."""
+    """What the methods named in `AbstractMethod.parents` trained, of the same seed."""
     progress: Progress = silent
     """Where to report epochs."""
 
@@ -67,7 +67,7 @@ class Trained:
     """What a method returns."""
 
     policy: Policy
-    """The policy, chosen by training return, never by evaluation episodes."""
+    """The policy at the end of training; evaluation episodes never choose it."""
     ledger: Ledger
     """What it cost."""
     curves: Mapping[str, Float[np.ndarray, " epochs"]]
@@ -92,8 +92,10 @@ class AbstractMethod(eqx.Module):
     simulator: eqx.AbstractClassVar[str]
     """Name of the simulator in which the policy is trained."""
 
-    goes_on_from: ClassVar[tuple[str, ...]] = ()
+    resumes_from: ClassVar[tuple[str, ...]] = ()
     """Parents whose fitted residual it needs, too, which must be of its class's default shape."""
+    parent_cells: ClassVar[Mapping[str, tuple[str, int]]] = {}
+    """Parents of one fixed cell, name -> (task, team size); the others are of the run's own."""
 
     @abc.abstractmethod
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:

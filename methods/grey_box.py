@@ -1,8 +1,8 @@
 """Grey box: trained in the point mass with the named effects that three flights show it lacks.
 
-No policy is flown in the high-fidelity simulator. The calibration flights depend on no task, team
-size or seed (`methods/identification.py`), so one identification serves every run; each run is
-billed for it in full all the same.
+No policy is flown in the high-fidelity simulator. The paths of the calibration flights depend on
+no task or team size (`methods/identification.py`): every seed has flights of its own, and what they
+show serves all its cells. Each run is billed for the flights in full all the same.
 
 The point mass is stepped in halves of a control step. At 0.02 s its semi-implicit Euler turns a
 policy's idea of "along the path" by half a step (1 m/s around 1 m: 10 mrad, 0.5 % of the speed at
@@ -19,6 +19,7 @@ flights gets right on the third decides which share of the correction is believe
 """
 
 import dataclasses
+import time
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -30,11 +31,13 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from methods.bptt import BPTT
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.identification import Identification, along, identify, once
+from methods.identification import Identification, along, identify, standing
+from methods.low_fidelity import train_in_point_mass
 from methods.policy import Policy, make_policy
 from methods.residual_effect import ResidualEffect, features
 from methods.residuals.contract import AbstractResidualModel, Transitions
-from methods.varied import make_varied
+from methods.together import in_turn
+from methods.varied import vary_times
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.vehicle import CONTROL_DT
@@ -54,10 +57,10 @@ class GreyBox(AbstractMethod):
     """Integration step of the point mass [s]."""
     spread: float = eqx.field(static=True, default=0.5)
     """Largest change of the logarithm of an identified time in a training episode [-]."""
-    trainer: BPTT = eqx.field(default=BPTT(epochs=600))
-    """How the policy is trained; twice those of the LF baseline."""
+    trainer: BPTT = eqx.field(default=BPTT(decay=0.99))
+    """How the policy is trained."""
 
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
     parents: ClassVar[tuple[str, ...]] = ()
     simulator: ClassVar[str] = "point_mass"
 
@@ -70,44 +73,31 @@ class GreyBox(AbstractMethod):
             raise ValueError(f"`spread` must lie in [0, 2), got {self.spread}.")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
-        policy_key, train_key = jax.random.split(key)
+        flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
         task, nominal = setup.task, dataclasses.replace(setup.nominal, dt=self.dt)
-        setup.progress("identification", 0, 1, float("nan"))
-        arguments = (nominal, setup.reality, self.dt, self.largest)
-        found, seconds = once(identify, *arguments)
-        corrected, model, notes = with_effects(nominal, found.effects), None, dict(found.notes)
-        if self.residual is not None:
-            setup.progress("residual fit", 0, 1, float("nan"))
-            (model, fit_notes), fit_seconds = once(fit_residual, self.residual, *arguments)
-            seconds += fit_seconds
-            notes |= fit_notes
-            corrected = with_effects(corrected, [ResidualEffect(model, nominal.spec.mass)])
+        with in_turn():
+            start = time.perf_counter()
+            setup.progress("identification", 0, 1, float("nan"))
+            found = identify(nominal, setup.reality, self.dt, self.largest, flight_key)
+            corrected, model, notes = with_effects(nominal, found.effects), None, dict(found.notes)
+            if self.residual is not None:
+                setup.progress("residual fit", 0, 1, float("nan"))
+                model, fit_notes = fit_residual(self.residual, corrected, found, fit_key)
+                notes |= fit_notes
+                corrected = with_effects(corrected, [ResidualEffect(model, nominal.spec.mass)])
+            seconds = time.perf_counter() - start
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
-        training = self.trainer.train(
-            task,
-            make_varied(corrected, self.spread),
-            policy,
-            train_key,
-            setup.progress,
-            "grey-box training",
+        bill = Ledger(
+            hf_fleet_seconds=found.fleet_seconds,
+            calibration_flights=found.n_flights,
+            calibration_crashes=found.crashes,
+            train_seconds=seconds,
         )
-        return Trained(
-            policy=training.policy,
-            ledger=Ledger(
-                hf_fleet_seconds=found.fleet_seconds,
-                calibration_flights=found.n_flights,
-                calibration_crashes=found.crashes,
-                lf_collisions=training.crashes,
-                epochs=training.epochs,
-                skipped_updates=training.skipped,
-                train_seconds=seconds + training.seconds,
-            ),
-            curves=training.curves,
-            status="diverged" if training.diverged else "ok",
-            residual=model,
-            effects=found.effects,
-            notes={"training_reward": training.best_reward, **notes},
+        varied, stage = vary_times(corrected, self.spread), "grey-box training"
+        trained = train_in_point_mass(
+            self.trainer, setup, varied, policy, train_key, stage, bill, notes
         )
+        return dataclasses.replace(trained, residual=model, effects=found.effects)
 
 
 class Trusted(AbstractResidualModel):
@@ -123,17 +113,16 @@ class Trusted(AbstractResidualModel):
 
 
 def fit_residual(
-    residual: str, nominal: AbstractSimulator, reality: AbstractSimulator, dt: float, largest: int
+    residual: str, corrected: AbstractSimulator, found: Identification, key: PRNGKeyArray
 ) -> tuple[Trusted, dict[str, float]]:
-    """The residual on what the identified effects leave, and what its fit is worth.
+    """The residual on what the identified effects of `corrected` leave, and what its fit is worth.
 
     `residual_share` is the multiple of the correction, limited to [0, 1], that fits each flight
     best when the residual was fitted to the others: sum(y h) / sum(h h), h predicted for y.
     """
-    found, _ = once(identify, nominal, reality, dt, largest)
-    flights = what_is_left(with_effects(nominal, found.effects), found)
+    flights = what_is_left(corrected, found)
     fit = lambda chosen: registry.load("residual", residual)().fit(  # noqa: E731
-        jax.tree.map(lambda *x: jnp.concatenate(x), *chosen), jax.random.key(0)
+        jax.tree.map(lambda *x: jnp.concatenate(x), *chosen), key
     )
     right, power = 0.0, 0.0
     for i, flight in enumerate(flights):
@@ -163,12 +152,12 @@ def what_is_left(corrected: AbstractSimulator, found: Identification) -> list[Tr
         rows = rows.at[:, :2].set(where)
         target = (after.vel[i, :, 0] - predicted.vel[i, :, 0]) / CONTROL_DT
         # On the floor the floor's law holds, which no force reproduces.
-        flying = np.linalg.norm(np.asarray(after.vel[i, :, 0]), axis=-1) > 1e-3
+        flying = ~np.asarray(standing(found.flights))[i]
         weight = jnp.ones(int(flying.sum()))
         transitions.append(Transitions(rows[flying], target[flying], weight))
     return transitions
 
 
-def _rms(parts: Sequence[Float[Array, "samples 3"]]) -> float:
+def _rms(parts: Sequence[Float[Array, "_ 3"]]) -> float:
     """RMS length [m/s^2]."""
     return float(jnp.sqrt(jnp.mean(jnp.sum(jnp.concatenate(parts) ** 2, axis=-1))))

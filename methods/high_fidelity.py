@@ -15,7 +15,7 @@ def train_in_reality(
     task = setup.task
     training = trainer.train(task, setup.reality, policy, key, setup.progress, stage)
     steps = training.epochs * trainer.worlds(task.n_drones) * task.horizon
-    status = "ok" if training.stopped_early else "budget"
+    status = "budget" if training.out_of_budget else "ok"
     return Trained(
         policy=training.policy,
         ledger=Ledger(
@@ -28,5 +28,5 @@ def train_in_reality(
         ),
         curves=training.curves,
         status="diverged" if training.diverged else status,
-        notes={"training_reward": training.best_reward},
+        notes={"training_reward": training.final_reward},
     )

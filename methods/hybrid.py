@@ -1,6 +1,9 @@
 """Hybrid: trained in the point mass under a frozen residual, no policy ever flown in HF."""
 
+import dataclasses
 import time
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import ClassVar, get_args
 
 import equinox as eqx
@@ -11,6 +14,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from methods.bptt import BPTT
 from methods.calibration import Attitude, Calibration, calibrate, pool_size
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.low_fidelity import train_in_point_mass
 from methods.policy import Policy, make_policy
 from methods.residual_effect import ResidualEffect
 from methods.residuals.contract import AbstractResidual, AbstractResidualModel, Transitions
@@ -36,10 +40,10 @@ class Hybrid(AbstractMethod):
     """Extra weight of transitions at rest, in tasks that keep station; a choice."""
     excitation: float = eqx.field(static=True, default=0.2)
     """Amplitude of the dither on the calibration flights' actions [-]; 0 is the paper's."""
-    trainer: BPTT = eqx.field(default=BPTT())
+    trainer: BPTT = eqx.field(default=BPTT(lr=1e-3, decay=0.99))
     """How the policy is trained."""
 
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
     parents: ClassVar[tuple[str, ...]] = ("lf_baseline",)
     simulator: ClassVar[str] = "point_mass"
 
@@ -84,27 +88,35 @@ class Hybrid(AbstractMethod):
             setup.progress("residual fit", 0, 1, float("nan"))
             model = residual.fit(calibration.transitions, fit_key, fitted)
             before = time.perf_counter() - start
-        corrected = with_effects(nominal, [ResidualEffect(model, nominal.spec.mass)])
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
-        training = self.trainer.train(
-            task, corrected, policy, train_key, setup.progress, "hybrid training"
+        bill = Ledger(
+            hf_fleet_seconds=calibration.fleet_seconds,
+            calibration_flights=calibration.flights,
+            calibration_crashes=calibration.crashes,
+            train_seconds=before,
         )
-        return Trained(
-            policy=training.policy,
-            ledger=Ledger(
-                hf_fleet_seconds=calibration.fleet_seconds,
-                calibration_flights=calibration.flights,
-                calibration_crashes=calibration.crashes,
-                lf_collisions=training.crashes,
-                epochs=training.epochs,
-                skipped_updates=training.skipped,
-                train_seconds=before + training.seconds,
-            ),
-            curves=training.curves,
-            status="diverged" if training.diverged else "ok",
-            residual=model,
-            notes={"training_reward": training.best_reward, **_fit_notes(calibration, model)},
-        )
+        notes = _fit_notes(calibration, model)
+        return trained_under(model, setup, self.trainer, policy, train_key, bill, notes)
+
+
+def trained_under(
+    model: AbstractResidualModel,
+    setup: Setup,
+    trainer: BPTT,
+    policy: Policy,
+    key: PRNGKeyArray,
+    bill: Ledger,
+    notes: Mapping[str, float] = MappingProxyType({}),
+) -> Trained:
+    """`policy` trained in the point mass under a frozen residual.
+
+    `bill` is what calibration has cost, `notes` what is known of the residual's fit.
+    """
+    nominal = setup.nominal
+    corrected = with_effects(nominal, [ResidualEffect(model, nominal.spec.mass)])
+    stage = "hybrid training"
+    trained = train_in_point_mass(trainer, setup, corrected, policy, key, stage, bill, notes)
+    return dataclasses.replace(trained, residual=model)
 
 
 def _fit_notes(calibration: Calibration, model: AbstractResidualModel) -> dict[str, float]:

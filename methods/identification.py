@@ -1,7 +1,8 @@
 r"""Calibrate once: three flights of one drone, and the named effects that they show.
 
-The flights depend on no task, team size or seed. Each begins on the floor, rotors standing, as
-every episode does; the PD controller then tracks a path of its own, a dither on its actions:
+The paths depend on no task or team size; dither and measurement noise are drawn from a key, so that
+every seed of a training has flights of its own. Each begins on the floor, rotors standing, as every
+episode does; the PD controller then tracks a path of its own, a dither on its actions:
 
     rise     steps of height              thrust lag, thrust gain
     steps    steps along x and y          attitude loop, delay, trim
@@ -12,30 +13,27 @@ A step of size s at time t_k is the critically damped s (1 - exp(-r) (1 + r)), r
 The rows from when the drone moves are diagnosed (`diagnosis`): candidate sets of the whole library
 are refitted in the simulator in which policies will be trained, at its step, and compared by
 evidence, twice: first as if all that is left were noise, then with how far the flights disagree
-about what that choice leaves; of sets that this cannot tell apart the best fit is taken. The
-flights carry no noise; `SIGMA` weighs what no point mass can reproduce.
+about what that choice leaves; of sets that this cannot tell apart the best fit is taken. What is
+logged carries the noise of motion capture; `SIGMA` weighs what no point mass can reproduce, too.
 
 The semi-implicit Euler of the point mass applies a force at the end of the step in which it arises,
 so it is half a step ahead of the reality; a delay of half a step is put in before anything is
 fitted, and counted with what delay is found. Without it, thrust lags come out too long and too far
-ahead at high frequency: a policy trained that way reached gains at which it oscillates in the
-reality (circle, N = 12: -79 instead of -60).
+ahead at high frequency, and a policy trained that way can reach gains at which it oscillates.
 
 A floor has no slope and is no candidate: it is where the drone stood while its produced thrust,
 the identified lag included, was below its weight.
 """
 
 import dataclasses
-import threading
-import time
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from diagnosis.equations import dispersion
 from diagnosis.fit import Fit
@@ -52,13 +50,15 @@ from simulators.effects.contract import AbstractEffect
 from simulators.effects.delay import LONGEST, Delay
 from simulators.effects.floor import Floor
 from simulators.flight import Flight
+from simulators.rotation import quat_to_rpy, rpy_to_quat
 from simulators.vehicle import CONTROL_DT
 from tasks.contact import onsets
 
-T = TypeVar("T")
-
 SECONDS = 10.0
 """Length of a flight [s]; with three, 0.5 fleet-minutes."""
+NOISE_POS, NOISE_VEL, NOISE_ATTITUDE = 1e-3, 1e-2, 3e-3
+"""Standard deviations of what is logged [m, m/s, rad]: white, of the size of motion capture, as in
+the flights of `bench blind`. crazyflow itself adds no sensor noise."""
 SIGMA = np.asarray([1e-2] * 3 + [1e-2] * 3 + [1e-2] * 3)
 """Size of what may stay unexplained: 1 cm (a semi-implicit Euler step of 0.01 s is off by half of
 it times the change of velocity), 1 cm/s, 10 mrad (yaw couples into tilt); a choice."""
@@ -74,9 +74,8 @@ SETTLING = 0.1
 EQUAL = 2.0
 """Sets whose log evidence differs by less count as equally likely [nats]; a choice."""
 NO_CANDIDATES = ("gust", "rotor_drag")
-"""What begins at a time of one flight is nothing to train for. And drag of the rotors, because a
-point mass cannot tell it from the way in which thrust follows: drag along the axis, as a candidate
-of its own, came out at 0.21 1/s beside a drag of 0.45; crazyflow has 0.50 across and 0.07 more."""
+"""What begins at a time of one flight is nothing to train for. And a point mass cannot tell drag of
+the rotors, which acts along the axis too, from the way in which thrust follows its command."""
 _HEIGHT = 1.2
 _RISE = ((2.0, 0.5), (3.0, -0.5), (4.0, -0.3), (4.7, 0.6), (5.6, -0.6), (6.4, 0.7), (7.6, -0.4))
 _STEPS_X = ((1.5, 0.8), (3.0, -0.8), (4.0, -0.6), (5.5, 1.0), (7.0, -0.8), (8.5, 0.6))
@@ -110,45 +109,21 @@ class Identification:
         return int(jnp.sum(onsets(self.flights.contact)))
 
 
-_KEPT: dict[tuple, tuple[Any, float]] = {}
-_MAKING: dict[tuple, threading.Lock] = {}
-_ONE = threading.Lock()
-"""Held while `_MAKING` is asked."""
-
-
-def once(make: Callable[..., T], *args: Any) -> tuple[T, float]:
-    """`make(*args)`, and how long that took [s]; called once per process for equal arguments.
-
-    Arguments are pytrees, numbers, texts. Threads that ask for the same wait for the first.
-    """
-    key = (make, *(_contents(arg) for arg in args))
-    with _ONE:
-        making = _MAKING.setdefault(key, threading.Lock())
-    with making:
-        if key not in _KEPT:
-            start = time.perf_counter()
-            _KEPT[key] = make(*args), time.perf_counter() - start
-    return _KEPT[key]
-
-
-def _contents(tree: Any) -> tuple:
-    """What is equal for equal pytrees, and hashable."""
-    leaves, structure = jax.tree.flatten(tree)
-    arrays = [np.asarray(leaf) for leaf in leaves]
-    return structure, tuple((x.tobytes(), x.shape, x.dtype.str) for x in arrays)
-
-
 def identify(
-    nominal: AbstractSimulator, reality: AbstractSimulator, dt: float, largest: int
+    nominal: AbstractSimulator,
+    reality: AbstractSimulator,
+    dt: float,
+    largest: int,
+    key: PRNGKeyArray,
 ) -> Identification:
     """At most `largest` named effects, and a floor, that `nominal` lacks; flown in `reality`.
 
-    `dt` is the integration step of `nominal` [s].
+    `dt` is the integration step of `nominal` [s]; `key` draws dither and noise.
 
     Raises:
         ValueError: A drone never left the ground.
     """
-    flights = fly(nominal, reality)
+    flights = fly(nominal, reality, key)
     logs = [_log(nominal, flights, i, name) for i, name in enumerate(paths())]
     library = make_library(with_effects(nominal, [Delay(dt / 2)]), exclude=NO_CANDIDATES)
     likelihood = Likelihood(make_replay(library, dt), cut(logs, dt), SIGMA)
@@ -192,14 +167,35 @@ def choose(likelihood: Likelihood, n_flights: int, largest: int) -> Fit:
     return min(likely, key=lambda fit: fit.objective)
 
 
-def fly(nominal: AbstractSimulator, reality: AbstractSimulator) -> TrackingFlight:
-    """The flights of all paths."""
+def fly(
+    nominal: AbstractSimulator, reality: AbstractSimulator, key: PRNGKeyArray
+) -> TrackingFlight:
+    """The flights of all paths, as they are logged."""
+    dither_key, noise_key = jax.random.split(key)
     references = jax.tree.map(lambda *x: jnp.stack(x), *paths().values())
     n_flights, n_steps, _ = references.pos.shape
     shape = (n_flights, -(-n_steps // HELD), 1, 3)
-    drawn = jax.random.uniform(jax.random.key(0), shape, minval=-1.0)
+    drawn = jax.random.uniform(dither_key, shape, minval=-1.0)
     dither = DITHER * jnp.repeat(drawn, HELD, axis=1)[:, :n_steps]
-    return _fly(nominal, reality, references, dither)
+    return logged(_fly(nominal, reality, references, dither), noise_key)
+
+
+def logged(flights: TrackingFlight, key: PRNGKeyArray) -> TrackingFlight:
+    """`flights` with noise on position, velocity and attitude; a state is logged once.
+
+    What stands `before` a step is what stood `after` the one before it.
+    """
+    n_flights, n_steps, n_drones, _ = flights.before.pos.shape
+    drawn = jax.random.normal(key, (3, n_flights, n_steps + 1, n_drones, 3))
+
+    def noisy(flight: Flight, steps: slice) -> Flight:
+        pos, vel, turn = drawn[:, :, steps]
+        rpy = quat_to_rpy(flight.quat) + NOISE_ATTITUDE * turn
+        values = (flight.pos + NOISE_POS * pos, flight.vel + NOISE_VEL * vel, rpy_to_quat(rpy))
+        return eqx.tree_at(lambda f: (f.pos, f.vel, f.quat), flight, values)
+
+    before, after = noisy(flights.before, slice(None, -1)), noisy(flights.after, slice(1, None))
+    return eqx.tree_at(lambda f: (f.before, f.after), flights, (before, after))
 
 
 @eqx.filter_jit
@@ -252,10 +248,10 @@ def _log(nominal: AbstractSimulator, flights: TrackingFlight, i: int, name: str)
     """One flight as a log, from when the drone flies."""
     before = jax.tree.map(lambda x: np.asarray(x[i], float), flights.before)
     cmd = np.asarray(jax.vmap(nominal.action_space.to_cmd)(flights.action[i])[:, 0], float)
-    flying = np.linalg.norm(before.vel[:, 0], axis=-1) > MOVING
-    if not flying.any():
+    on_floor = int(np.asarray(standing(flights))[i].sum())
+    if on_floor == len(cmd):
         raise ValueError(f"In calibration flight '{name}' the drone never left the ground.")
-    rows = slice(int(np.argmax(flying)) + round(SETTLING / CONTROL_DT), None)
+    rows = slice(on_floor + round(SETTLING / CONTROL_DT), None)
     quat = before.quat[:, 0]
     flips = np.sign(np.sum(quat[1:] * quat[:-1], axis=-1))
     quat = quat * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
@@ -269,12 +265,17 @@ def _log(nominal: AbstractSimulator, flights: TrackingFlight, i: int, name: str)
     return FlightLog(name, (log,))
 
 
+def standing(flights: TrackingFlight) -> Bool[Array, "flights time"]:
+    """Whether a drone has not moved yet: the rows before the first above `MOVING`."""
+    moving = jnp.linalg.norm(flights.before.vel[:, :, 0], axis=-1) > MOVING
+    return ~jax.lax.cummax(moving.astype(int), axis=1).astype(bool)
+
+
 def floor_height(simulator: AbstractSimulator, flights: TrackingFlight) -> float | None:
     """Where drones stood that `simulator`, without a floor, says must fall [m]; None: nowhere."""
     predicted = along(simulator, flights)
     fall = np.asarray(predicted.vel[..., 2] - flights.before.vel[..., 2]) < -0.01
-    still = np.linalg.norm(np.asarray(flights.after.vel), axis=-1) < 1e-3
-    rest = np.asarray(flights.after.pos[..., 2])[fall & still]
+    rest = np.asarray(flights.after.pos[..., 2])[fall & np.asarray(standing(flights))[..., None]]
     return float(np.median(rest)) if rest.size >= 2 else None
 
 

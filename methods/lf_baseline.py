@@ -7,7 +7,8 @@ import jax
 from jaxtyping import PRNGKeyArray
 
 from methods.bptt import BPTT
-from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.contract import AbstractMethod, Setup, Trained
+from methods.low_fidelity import train_in_point_mass
 from methods.policy import Policy, make_policy
 
 
@@ -17,7 +18,7 @@ class LFBaseline(AbstractMethod):
     trainer: BPTT = eqx.field(default=BPTT())
     """How the policy is trained."""
 
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
     parents: ClassVar[tuple[str, ...]] = ()
     simulator: ClassVar[str] = "point_mass"
 
@@ -25,18 +26,4 @@ class LFBaseline(AbstractMethod):
         policy_key, train_key = jax.random.split(key)
         simulator = setup.nominal
         policy = init or make_policy(setup.task, simulator.spec, simulator.action_space, policy_key)
-        training = self.trainer.train(
-            setup.task, simulator, policy, train_key, setup.progress, "LF training"
-        )
-        return Trained(
-            policy=training.policy,
-            ledger=Ledger(
-                lf_collisions=training.crashes,
-                epochs=training.epochs,
-                skipped_updates=training.skipped,
-                train_seconds=training.seconds,
-            ),
-            curves=training.curves,
-            status="diverged" if training.diverged else "ok",
-            notes={"training_reward": training.best_reward},
-        )
+        return train_in_point_mass(self.trainer, setup, simulator, policy, train_key, "LF training")

@@ -2,7 +2,8 @@
 
 Single-drone flights of the changed vehicle, the residual fitted on from the one there was, the
 policy trained on from the one there was. Those flights are billed here; what the Hybrid that it
-starts from has flown is that one's.
+starts from has flown is that one's. Without flights the policy is trained on under the residual as
+it is: the control that says what the flights are worth.
 """
 
 from typing import ClassVar
@@ -11,38 +12,44 @@ import equinox as eqx
 from jaxtyping import PRNGKeyArray
 
 from methods.bptt import BPTT
-from methods.contract import AbstractMethod, Setup, Trained
-from methods.hybrid import Hybrid
+from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.hybrid import Hybrid, trained_under
 from methods.policy import Policy
+from methods.residuals.contract import AbstractResidualModel
 from methods.residuals.mlp import MLPEnsemble, MLPModel
 
 
 class Recalibrated(AbstractMethod):
-    """Source: paper, Sec. V-C. It gives no learning rates; both here are choices."""
+    """Source: paper, Sec. V-C. It gives no learning rates."""
 
     flights: int = eqx.field(static=True, default=20)
-    """Calibration flights of the changed vehicle."""
+    """Calibration flights of the changed vehicle; 0: only the policy is trained on."""
     refit_epochs: int = eqx.field(static=True, default=150)
     """Updates of the residual, which is of the class that a Hybrid has by default."""
     refit_lr: float = eqx.field(static=True, default=5e-3)
     """Their learning rate, that of a fit from the start."""
-    trainer: BPTT = eqx.field(default=BPTT(epochs=400, lr=1e-3))
-    """How the policy is trained on; the learning rate is the hot start's."""
+    trainer: BPTT = eqx.field(default=BPTT(lr=1e-3, decay=0.99))
+    """How the policy is trained on: for as long as a Hybrid, with its optimiser."""
 
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
     parents: ClassVar[tuple[str, ...]] = ("lf_baseline", "hybrid")
     simulator: ClassVar[str] = "point_mass"
-    goes_on_from: ClassVar[tuple[str, ...]] = ("hybrid",)
+    resumes_from: ClassVar[tuple[str, ...]] = ("hybrid",)
 
     def __check_init__(self) -> None:
-        for name in ("flights", "refit_epochs"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1, got {getattr(self, name)}.")
+        for name, low in (("flights", 0), ("refit_epochs", 1)):
+            if getattr(self, name) < low:
+                raise ValueError(f"`{name}` must be at least {low}, got {getattr(self, name)}.")
         if not self.refit_lr > 0.0:
             raise ValueError(f"`refit_lr` must be above 0, got {self.refit_lr}.")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         parent = setup.parents["hybrid"]
+        if not self.flights:
+            if not isinstance(parent.residual, AbstractResidualModel):
+                raise TypeError("The Hybrid that `recalibrated` starts from has no residual.")
+            policy = init or parent.policy
+            return trained_under(parent.residual, setup, self.trainer, policy, key, Ledger())
         hybrid = Hybrid(flights=self.flights, trainer=self.trainer)
         refit = MLPEnsemble(epochs=self.refit_epochs, lr=self.refit_lr)
         fitted = parent.residual if isinstance(parent.residual, MLPModel) else None

@@ -1,5 +1,9 @@
-"""A simulator whose lags and delays are a little different in every episode."""
+"""A simulator some of whose numbers are drawn anew in every episode.
 
+Source: randomized dynamics, Peng et al. (2018), arXiv 1710.06537.
+"""
+
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -13,29 +17,31 @@ from simulators.flight import Flight
 from simulators.vehicle import ActionSpace, VehicleSpec
 
 TIMES = ("s", "rad/s")
-"""Units of the parameters that are varied: time constants, delays, natural frequencies."""
+"""Units of what `vary_times` varies: time constants, delays, natural frequencies."""
+Numbers = Callable[[Any], Sequence[Any]]
+"""The numbers of a simulator that are drawn, in order; each a scalar array."""
 
 
 class VariedState(eqx.Module):
     """State of one episode."""
 
-    factors: Float[Array, " times"]
-    """What each time is multiplied by [-]."""
+    drawn: Float[Array, " numbers"]
+    """The episode's numbers, each in its own unit."""
     inner: Any
     """State of the simulator that is varied."""
 
 
 class Varied(AbstractSimulator):
-    """Multiplies the times of its effects by exp(U(-spread, spread)), each drawn at reset.
-
-    They stay within the bounds of their parameters: no delay outlasts its buffer. Made by
-    `make_varied`. Source: randomized dynamics, Peng et al. (2018), arXiv 1710.06537.
-    """
+    """Draws each of `numbers` at reset, log-uniform where its range is above 0, else uniform."""
 
     simulator: AbstractSimulator
     """What is varied."""
-    spread: float = eqx.field(static=True)
-    """Largest change of the logarithm of a time [-]; 0 varies nothing."""
+    numbers: Numbers = eqx.field(static=True)
+    """Which of its numbers."""
+    low: Float[Array, " numbers"]
+    """Smallest value of each, in its own unit."""
+    high: Float[Array, " numbers"]
+    """Largest value of each."""
     spec: VehicleSpec
     """The airframe."""
     action_space: ActionSpace
@@ -44,33 +50,30 @@ class Varied(AbstractSimulator):
     """None beside those of `simulator`."""
 
     name: ClassVar[str] = "varied"
-    version: ClassVar[str] = "1"
+    version: ClassVar[str] = "2"
     doors: ClassVar[tuple[str, ...]] = ()
 
     def reset(self, pos: Float[Array, "drones 3"], key: PRNGKeyArray) -> VariedState:
         draw_key, key = jax.random.split(key)
-        shape = (len(_times(self.simulator)),)
-        drawn = jax.random.uniform(draw_key, shape, minval=-self.spread, maxval=self.spread)
-        return VariedState(jnp.exp(drawn), self.simulator.reset(pos, key))
+        share = jax.random.uniform(draw_key, self.low.shape)
+        ratio = jnp.where(self.low > 0.0, self.high / jnp.where(self.low > 0.0, self.low, 1.0), 1.0)
+        drawn = jnp.where(
+            self.low > 0.0, self.low * ratio**share, self.low + share * (self.high - self.low)
+        )
+        return VariedState(drawn, self.simulator.reset(pos, key))
 
     def restore(
         self, flight: Flight, cmd_history: Float[Array, "time drones 4"], key: PRNGKeyArray
     ) -> VariedState:
-        """With the times as they are."""
+        """With the numbers as they are in `simulator`."""
         inner = self.simulator.restore(flight, cmd_history, key)
-        return VariedState(jnp.ones(len(_times(self.simulator))), inner)
+        return VariedState(_stacked(self.numbers(self.simulator)), inner)
 
     def step_cmd(
         self, state: VariedState, cmd: Float[Array, "drones 4"], duration: float
     ) -> VariedState:
-        times = [
-            jnp.clip(time * factor, low, high)
-            for time, (low, high), factor in zip(
-                _times(self.simulator), _bounds(self.simulator), state.factors, strict=True
-            )
-        ]
-        simulator = eqx.tree_at(_times, self.simulator, times) if times else self.simulator
-        return VariedState(state.factors, simulator.step_cmd(state.inner, cmd, duration))
+        simulator = eqx.tree_at(self.numbers, self.simulator, list(state.drawn))
+        return VariedState(state.drawn, simulator.step_cmd(state.inner, cmd, duration))
 
     def flight(self, state: VariedState) -> Flight:
         return self.simulator.flight(state.inner)
@@ -83,17 +86,42 @@ class Varied(AbstractSimulator):
         chosen: Bool[Array, " drones"],
     ) -> VariedState:
         inner = self.simulator.turned(state.inner, quat, ang_vel, chosen)
-        return VariedState(state.factors, inner)
+        return VariedState(state.drawn, inner)
 
 
-def make_varied(simulator: AbstractSimulator, spread: float) -> Varied:
-    """`simulator` with the times of its effects drawn at every reset."""
+def vary(
+    simulator: AbstractSimulator, numbers: Numbers, ranges: Sequence[tuple[float, float]]
+) -> AbstractSimulator:
+    """`simulator` with `numbers` drawn at every reset, each between the ends of its range."""
+    if not ranges:
+        return simulator
+    low, high = jnp.asarray(ranges, float).T
     return Varied(
         simulator=simulator,
-        spread=spread,
+        numbers=numbers,
+        low=low,
+        high=high,
         spec=simulator.spec,
         action_space=simulator.action_space,
     )
+
+
+def vary_times(simulator: AbstractSimulator, spread: float) -> AbstractSimulator:
+    """`simulator` with the times of its effects within a factor exp(+-`spread`) of what they are.
+
+    They stay within the bounds of their parameters: no delay outlasts its buffer.
+    """
+    factor = jnp.exp(jnp.asarray([-spread, spread]))
+    ranges = [
+        (float(low), float(high))
+        for time, bounds in zip(_times(simulator), _bounds(simulator), strict=True)
+        for low, high in [jnp.clip(time * factor, *bounds)]
+    ]
+    return vary(simulator, _times, ranges)
+
+
+def _stacked(values: Sequence[Any]) -> Float[Array, " numbers"]:
+    return jnp.stack([jnp.asarray(value, float) for value in values])
 
 
 def _times(simulator: AbstractSimulator) -> list[Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from methods.bptt import BPTT
 from methods.contract import Ledger, Setup, Trained, silent
 from methods.policy import Policy, make_policy
+from methods.residuals.contract import AbstractResidualModel
 from simulators import registry
 from simulators.point_mass import PointMass
 from simulators.vehicle import VEHICLES, ActionSpace
@@ -20,7 +21,7 @@ SPEC = VEHICLES["cf21B_500"]
 METHODS = registry.load_all("method")
 RESIDUALS = registry.load_all("residual")
 FLIGHTS = 4
-TINY = BPTT(epochs=3, lr=3e-3, n_worlds=1, patience=None, smoothing=1, final_lr=1.0)
+TINY = BPTT(epochs=3, lr=3e-3, n_worlds=1, smoothing=1, final_lr=1.0)
 # Whatever setting of these a method has is replaced; the rest of its defaults stay.
 SMALL = {
     "trainer": TINY,
@@ -63,6 +64,19 @@ class Hold(AbstractTask):
 
     def task_reward(self, distance, vel_error):
         return self.weight * (-distance - self.vel_weight * vel_error)
+
+
+class Braking(AbstractResidualModel):
+    """A residual that was fitted: air that slows drones down."""
+
+    rate: jax.Array = eqx.field(converter=jnp.asarray, default=0.5)
+
+    def __call__(self, features):
+        return -self.rate * features[:, 3:6]
+
+
+FLOWN = Ledger(hf_fleet_seconds=70.0, calibration_flights=7, calibration_crashes=2)
+"""What a Hybrid that is a parent has cost."""
 
 
 class OpenLoop(eqx.Module):
@@ -121,9 +135,10 @@ def small(name, **settings):
 
 
 def setup(task, reality, policy, progress=silent):
-    """A cell whose parents all have the same policy."""
+    """A cell whose parents all have the same policy; the Hybrid among them has a residual."""
     trained = Trained(policy=policy, ledger=Ledger(), curves={})
     parents = {name: trained for cls in METHODS.values() for name in cls.parents}
+    parents["hybrid"] = dataclasses.replace(trained, ledger=FLOWN, residual=Braking())
     return Setup(task, PointMass(), reality, parents, progress)
 
 

@@ -9,6 +9,7 @@ from flying import SIMULATORS, attached, x64
 
 from methods.adjoint import LARGEST, buffers, gradient
 from methods.bptt import BPTT
+from methods.domain_randomization import randomized
 from methods.policy import PolicyController, make_policy
 from methods.residual_effect import ResidualEffect
 from methods.residuals.contract import AbstractResidualModel
@@ -43,6 +44,7 @@ def simulators():
             delay={"seconds": 0.03},
             drag={"c": 0.5},
         ),
+        "drawn anew": randomized(SIMULATORS["point_mass"](dt=0.01)),
         "crazyflow": SIMULATORS["crazyflow"](),
     }
 
@@ -76,6 +78,7 @@ def assert_close(expected, found, tolerance):
         ("residual", True),
         ("residual, finer steps", True),
         ("effects", True),
+        ("drawn anew", True),
         ("crazyflow", False),
     ],
 )

@@ -2,20 +2,33 @@
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from cells import SPEC, Hold, fresh, leaning, lift
+from cells import SPEC, Hold, OpenLoop, fresh, leaning, lift
 
-from methods.evaluate import evaluate, evaluation_keys, fly
+from methods.evaluate import (
+    evaluate,
+    evaluation_keys,
+    fly,
+    settling_times,
+    standing_rewards,
+    takeoff_steps,
+)
 from methods.policy import PolicyController
 from methods.reference_paths import Followers
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
+from simulators.effects.floor import Floor
 from simulators.effects.mass import Mass
 from simulators.point_mass import PointMass
 from simulators.tracking import PDTracker
 from simulators.vehicle import GRAVITY
-from tasks.contract import AbstractTask
+from tasks.circle import Circle
+from tasks.contract import CORE, AbstractTask
+from tasks.figure8 import Figure8
+from tasks.pitchandexpand import PitchAndExpand
+from tasks.spread import Spread
 
 SEED, EPISODES = 4, 3
 TASK = Hold(horizon=40, goal=(0.5, 0.1, 0.4), spacing=(0.35, 0.6), jitter=0.1, altitude=0.6)
@@ -77,6 +90,54 @@ def test_rewards_equal_a_recount(record, evaluation):
     assert evaluation.rewards.std() > 1e-3  # episodes differ
 
 
+def test_takeoff_and_the_rest_make_the_whole_return_and_equal_a_recount(record, evaluation):
+    """Of 40 steps the first 8 are the take-off."""
+    reward = record.reward.astype(float).mean(axis=2)
+    takeoff, rest = reward[:, :8].sum(axis=1), reward[:, 8:].sum(axis=1)
+    assert takeoff_steps(TASK) == 8
+    np.testing.assert_allclose(evaluation.takeoff_rewards, takeoff, rtol=1e-5)
+    assert evaluation.takeoff_reward == pytest.approx(takeoff.mean(), rel=1e-5)
+    assert evaluation.settled_reward == pytest.approx(rest.mean(), rel=1e-5)
+    whole = evaluation.takeoff_reward + evaluation.settled_reward
+    assert whole == pytest.approx(evaluation.reward, rel=1e-12)
+    assert takeoff.mean() > 0.5 * rest.mean()  # it falls and falls
+
+
+@pytest.mark.parametrize(("horizon", "steps"), [(500, 100), (250, 50), (15, 3), (1, 0)])
+def test_takeoff_is_a_fifth_of_any_horizon(horizon, steps):
+    assert takeoff_steps(Hold(horizon=horizon)) == steps
+
+
+def test_settling_time_is_when_the_team_was_last_outside_of_its_band():
+    """By hand: settles after two steps, leaves again at the end, never arrives, is always there."""
+    error = np.full((4, 5), 0.05)
+    error[0, :2] = error[1, [0, 4]] = error[2] = 0.3
+    error[2, 2] = 0.05  # passing by is not settling
+    np.testing.assert_allclose(settling_times(error), [0.04, 0.10, 0.10, 0.0])
+
+
+def test_settling_time_equals_a_recount(simulator):
+    """Teams that fly to landmarks of their own, some of them further away than others."""
+    task = Spread(n_drones=2, horizon=200)
+    keys = evaluation_keys(SEED, EPISODES)
+    pos = np.asarray(fly(task, simulator, Tracking(task), keys).flight.pos, float)
+    times = []
+    for key, flown in zip(keys, pos, strict=True):
+        landmarks = np.asarray(task.reset(jax.random.split(key)[0])[1], float)
+        outside = [
+            k for k, at in enumerate(flown) if np.linalg.norm(at - landmarks, axis=1).mean() > 0.1
+        ]
+        times.append(0.02 * (max(outside) + 1))
+    found = evaluate(task, simulator, Tracking(task), SEED, EPISODES).settling_time
+    assert found == pytest.approx(np.mean(times), abs=1e-3)
+    assert np.ptp(times) > 0.05
+    assert 0.5 < found < 3.5
+
+
+def test_a_team_that_never_arrives_has_not_settled_before_the_end(evaluation):
+    assert evaluation.settling_time == pytest.approx(TASK.horizon * 0.02)
+
+
 def test_crashes_equal_a_recount(record, evaluation):
     others, floor = touching(record)
     contact = others.any(axis=-1) | floor
@@ -113,8 +174,8 @@ def test_batched_equals_one_world_at_a_time(simulator, record):
         np.testing.assert_allclose(alone.reward[0].sum(), record.reward[i].sum(), rtol=1e-3)
 
 
-def test_initial_states_belong_to_the_seed_alone():
-    """Level flight leaves x and y as they were drawn, whoever flies and whatever flies."""
+def test_initial_states_are_the_same_whoever_flies_and_whatever_flies():
+    """Level flight leaves x and y as they were drawn."""
     keys = evaluation_keys(SEED, EPISODES)
     spawns = np.stack([np.asarray(TASK.reset(jax.random.split(key)[0])[0]) for key in keys])
     for simulator in SIMULATORS.values():
@@ -122,13 +183,33 @@ def test_initial_states_belong_to_the_seed_alone():
             pos = fly(TASK, simulator, lift(TASK, excess), keys).flight.pos
             np.testing.assert_allclose(pos[:, 0, :, :2], spawns[:, :, :2], atol=1e-6)
     assert np.abs(np.diff(spawns, axis=0)).max() > 0.01
-    other = evaluation_keys(SEED + 1, EPISODES)
-    assert not np.array_equal(jax.random.key_data(keys), jax.random.key_data(other))
+
+
+def numbers(seed, n=64):
+    """The numbers of the keys, a row each."""
+    return np.asarray(jax.random.key_data(evaluation_keys(seed, n)))
+
+
+def test_all_seeds_that_count_meet_the_same_states_and_tuning_seeds_others():
+    counted, tuned = numbers(0), numbers(1000)
+    np.testing.assert_array_equal(jax.random.key_data(evaluation_keys()), counted)
+    assert len(np.unique(counted, axis=0)) == 64
+    for seed in (1, 7, 999):
+        np.testing.assert_array_equal(numbers(seed), counted)
+    for seed in (1001, 1007, 54321):
+        np.testing.assert_array_equal(numbers(seed), tuned)
+    assert len(np.unique(np.concatenate([counted, tuned]), axis=0)) == 128
+
+
+def test_an_evaluation_depends_on_its_seed_only_by_whether_it_is_for_tuning(evaluation, simulator):
+    rewards = [evaluate(TASK, simulator, CONTROLLER, s, EPISODES).rewards for s in (0, 999, 1000)]
+    np.testing.assert_array_equal(rewards[0], evaluation.rewards)
+    np.testing.assert_array_equal(rewards[1], evaluation.rewards)
+    assert np.abs(rewards[2] - evaluation.rewards).min() > 1e-4
 
 
 def test_fewer_episodes_are_the_first_ones():
-    few, many = (jax.random.key_data(evaluation_keys(SEED, n)) for n in (2, 32))
-    np.testing.assert_array_equal(few, many[:2])
+    np.testing.assert_array_equal(numbers(SEED, 2), numbers(SEED, 32)[:2])
 
 
 def test_evaluations_repeat_exactly(simulator, evaluation):
@@ -188,3 +269,60 @@ def test_followers_fly_in_each_episode_what_their_leader_flies_in_the_nominal_si
     alone = evaluate(task, nominal, leader, SEED, EPISODES)
     assert deployed.rewards.std() > 0.0
     assert deployed.reward == pytest.approx(alone.reward, rel=0.2)
+
+
+# --- A team that stays where it is ------------------------------------------------------------
+
+
+def test_standing_equals_a_recount_where_the_target_stands_too():
+    rewards = standing_rewards(TASK, SEED, EPISODES)
+    spawns = np.stack(
+        [
+            np.asarray(TASK.reset(jax.random.split(key)[0])[0], float)
+            for key in evaluation_keys(SEED, EPISODES)
+        ]
+    )
+    apart = np.linalg.norm(spawns[:, :, None] - spawns[:, None], axis=-1)
+    touched = (apart < 0.3).sum(axis=-1) - 1  # without oneself
+    smooth = lambda x: np.sqrt(x**2 + 1e-6)  # noqa: E731
+    distance = smooth(np.linalg.norm(TASK.goal))
+    expected = (-distance - 0.5 * smooth(0.0) - touched).mean(axis=1)
+    assert rewards.shape == (EPISODES, TASK.horizon)
+    np.testing.assert_allclose(
+        rewards, np.broadcast_to(expected[:, None], rewards.shape), rtol=1e-5
+    )
+    assert 0 < touched.sum() < touched.size  # some touch at their spawn
+
+
+def test_standing_equals_a_recount_where_the_target_moves():
+    """Along the lemniscate, from the first step on; the spawn grid is out of contact."""
+    task = Figure8(n_drones=3, horizon=80)
+    rewards = standing_rewards(task, SEED, EPISODES)
+    smooth = lambda x: np.sqrt((x**2).sum(axis=-1) + 1e-6)  # noqa: E731
+    for i, key in enumerate(evaluation_keys(SEED, EPISODES)):
+        spawn, phase = (np.asarray(x, float) for x in task.reset(jax.random.split(key)[0]))
+        s = 2.0 * np.pi * 0.02 * np.arange(1, 81) / 8.0 + phase
+        center = np.stack([1.5 * np.sin(s), 0.75 * np.sin(2.0 * s), 1.0 + 0.0 * s], axis=-1)
+        vel = 2.0 * np.pi / 8.0 * 1.5 * np.stack([np.cos(s), np.cos(2.0 * s)], axis=-1)
+        away = spawn[None] - center[:, None]
+        flat = np.linalg.norm(away[..., :2], axis=-1)
+        true = smooth(np.stack([flat - task.radius, away[..., 2]], axis=-1))
+        expected = (-true - 0.5 * smooth(vel)[:, None]).mean(axis=1)
+        clear = (flat > CORE).all(axis=1)  # else the distance has a slack
+        np.testing.assert_allclose(rewards[i, clear], expected[clear], atol=1e-5)
+        assert (rewards[i] < expected + 1e-3).all()
+        assert clear.sum() > 40
+        assert np.ptp(rewards[i]) > 0.2
+
+
+@pytest.mark.parametrize("task_class", [Circle, Figure8, PitchAndExpand, Spread])
+def test_standing_is_what_a_team_gets_that_does_not_lift_off(task_class):
+    """In the point mass on a floor, motors off; over all steps and the initial states."""
+    task, floor = task_class(n_drones=3, horizon=40), with_effects(PointMass(), [Floor(height=0.0)])
+    off = OpenLoop(jnp.zeros((40, 3, 3)).at[:, :, 2].set(-1.0))
+    flown = fly(task, floor, off, evaluation_keys(SEED, EPISODES))
+    np.testing.assert_array_equal(flown.flight.pos[..., 2], 0.0)
+    found = standing_rewards(task, SEED, EPISODES)
+    np.testing.assert_allclose(found, np.asarray(flown.reward).mean(axis=2), rtol=1e-5, atol=1e-6)
+    other = standing_rewards(task, 1000, EPISODES)
+    assert np.abs(found - other).max() > 1e-3

@@ -1,0 +1,29 @@
+"""Upper reference: what a score of 1 means. Hot start with four times the epochs; no competitor.
+
+Its settled reward, of one seed a cell, is the upper end of the cell's scores (`bench/scores.py`).
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+from jaxtyping import PRNGKeyArray
+
+from methods.bptt import BPTT
+from methods.contract import AbstractMethod, Setup, Trained
+from methods.high_fidelity import train_in_reality
+from methods.policy import Policy
+
+
+class UpperReference(AbstractMethod):
+    """Source: this project. The best policy that this trainer finds where it will be deployed."""
+
+    trainer: BPTT = eqx.field(default=BPTT(epochs=2000, n_worlds=1, decay=1.0))
+    """How the policy is fine-tuned: as in a hot start, with four times the epochs."""
+
+    version: ClassVar[str] = "1"
+    parents: ClassVar[tuple[str, ...]] = ("lf_baseline",)
+    simulator: ClassVar[str] = "crazyflow"
+
+    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+        policy = init or setup.parents["lf_baseline"].policy
+        return train_in_reality(self.trainer, setup, policy, key, "HF fine-tuning")
