@@ -6,14 +6,19 @@ READY := .venv/.ready
 
 export TF_CPP_MIN_LOG_LEVEL ?= 3
 
-.PHONY: help run test lint bench clean
+# Instruction sets of other processors, whose rounding differs, and the tests that train.
+ISAS ?= AVX2 SSE4_2
+TRAINING := $(addprefix tests/methods/test_,bptt.py methods.py together.py checkpoint.py)
+
+.PHONY: help run test test-isa lint bench clean
 
 help:
-	@echo "make run    install, then train and compare everything in the quick suite"
-	@echo "make test   install, then run the tests in JOBS=$(JOBS) processes"
-	@echo "make lint   install, then check style, types and layers"
-	@echo "make bench  install, then measure the speed of what is slow"
-	@echo "make clean  remove .venv, caches and the results of the quick suite"
+	@echo "make run       install, then train and compare everything in the quick suite"
+	@echo "make test      install, then run the tests in JOBS=$(JOBS) processes"
+	@echo "make test-isa  install, then run the tests that train as on processors with $(ISAS)"
+	@echo "make lint      install, then check style, types and layers"
+	@echo "make bench     install, then measure the speed of what is slow"
+	@echo "make clean     remove .venv, caches and the results of the quick suite"
 
 run: $(READY)
 	@echo "Running the quick suite: tables go to results/quick, documents to reports/quick."
@@ -22,6 +27,13 @@ run: $(READY)
 test: $(READY)
 	@echo "Running the tests in $(JOBS) processes."
 	@$(BIN)/python -m pytest -n $(JOBS) -p no:benchmark
+
+test-isa: $(READY)
+	@for isa in $(ISAS); do \
+		echo "Running the tests that train, compiled for $$isa, in $(JOBS) processes."; \
+		XLA_FLAGS="$$XLA_FLAGS --xla_cpu_max_isa=$$isa" $(BIN)/python -m pytest \
+			-n $(JOBS) --dist loadfile -p no:benchmark $(TRAINING) || exit 1; \
+	done
 
 lint: $(READY)
 	@echo "Checking style, types and layers."

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import cyclopts
 
-from bench.cli_tools import Repeatable, blind, check, diagnose, doctor, profile
+from bench.cli_tools import Repeatable, blind, check, deploy, diagnose, doctor, keep, profile
 from bench.errors import UsageError
 from bench.signals import handled
 from simulators.registry import BrokenPluginError, UnknownPluginError
@@ -29,7 +29,7 @@ app = cyclopts.App(
     version_flags=[],
 )
 
-for command in (diagnose, blind, check, profile, doctor):
+for command in (diagnose, blind, check, profile, keep, deploy, doctor):
     app.command(command)
 
 
@@ -79,11 +79,13 @@ def run(
     together: int | None = None,
     fail_fast: Annotated[bool, Repeatable] = False,
     retry_failed: Annotated[bool, Repeatable] = False,
+    replace: Annotated[bool, Repeatable] = False,
 ) -> int:
     """Train and evaluate what a suite asks for, then write tables, leaderboard and report.
 
-    Runs that are finished already are not repeated, so running again is resuming. Parents that a
-    method starts from are run too. Filters may be repeated, and need not be in the suite.
+    Runs that are finished already are not repeated, so running again is resuming. Rows of other
+    runs stay in the tables as they are. Parents that a method starts from are run too. Filters may
+    be repeated, and need not be in the suite.
 
     Parameters
     ----------
@@ -102,6 +104,8 @@ def run(
         Stop at the first run that fails.
     retry_failed
         Try runs again that failed in an earlier call. Interrupted ones are tried again anyway.
+    replace
+        Train runs again whose rows another program or machine made, and replace those rows.
     """
     chosen = (part or Part()).of(suite)
     _check_number("jobs", jobs)
@@ -122,6 +126,7 @@ def run(
         together=together,
         fail_fast=fail_fast,
         retry_failed=retry_failed,
+        replace=replace,
     )
 
 
@@ -227,14 +232,14 @@ def claims(directory: Path, /, *, out: Path | None = None, notes: Path | None = 
     Parameters
     ----------
     directory
-        Folder with results.parquet and its companions, such as results/pilot.
+        Folder with results.parquet and its companions, such as results/paper.
     out
         Markdown file to write; without it, reports/NAME.md for results/NAME, else claims.md in
         DIRECTORY.
     notes
-        Markdown file to append, such as reports/pilot_notes.md.
+        Markdown file to append, such as reports/paper_notes.md.
     """
-    from bench.claims import write_claims
+    from bench.paper.page import write_claims
     from bench.tables import Tables
 
     documents = documents_of(directory)
@@ -258,7 +263,7 @@ def compare(a: str, b: str, /, *, results: Path | None = None) -> int:
     b
         What to compare it with, written likewise.
     results
-        Folder with results.parquet and its companions, such as results/pilot.
+        Folder with results.parquet and its companions, such as results/paper.
     """
     from rich.console import Console
 

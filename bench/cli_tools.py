@@ -201,6 +201,67 @@ def profile(
     return run_profile(method, task, team_size or (3, 12, 18), parse(setting or ()))
 
 
+def keep(
+    directory: Path,
+    /,
+    *,
+    task: Annotated[list[str] | None, Repeatable] = None,
+    team_size: Annotated[list[int] | None, Repeatable] = None,
+) -> int:
+    """Keep trained policies beside their tables, one file a cell, so that they can be deployed.
+
+    Policies of default settings whose run's folder is there are added; kept ones stay as they are.
+
+    Parameters
+    ----------
+    directory
+        Folder with the tables and runs, such as results/paper.
+    task
+        Only this task; may be repeated.
+    team_size
+        Only this number of drones; may be repeated.
+    """
+    from bench.policies import keep as keep_policies
+
+    for path, count in keep_policies(directory, task or (), team_size or ()).items():
+        print(f"{path}: {count} policies")  # noqa: T201
+    return 0
+
+
+def deploy(
+    directory: Path,
+    task: str,
+    team_size: int,
+    /,
+    *,
+    reality: str = "",
+    method: Annotated[list[str] | None, Repeatable] = None,
+) -> int:
+    """Fly the kept policies of a cell, in any reality, and show what they are worth there.
+
+    Parameters
+    ----------
+    directory
+        Folder with the tables and policies, such as results/paper.
+    task
+        Registered name of the task.
+    team_size
+        Number of drones.
+    reality
+        Simulator and effects, such as crazyflow+mass(e=0.2); without it, crazyflow as it is.
+    method
+        Only this method; may be repeated.
+    """
+    from bench.environment import environment
+
+    os.environ.update(environment())
+    from rich.console import Console
+
+    from bench.policies import deploy as deploy_policies
+
+    return deploy_policies(directory, task, team_size, reality, method or (), Console())
+
+
 def doctor() -> int:
     """Show versions, devices and graphics, and name combinations that are known to break.
 

@@ -2,9 +2,9 @@
 
 A side is an entry of a folder of tables, or a whole folder. Both must have two seeds or more in the
 same strata: cells, for whole folders the cells of each entry. One stratum is decided by the
-t-interval of the difference of mean rewards; several by the difference of pooled IQM scores
-(`bench/bootstrap.py`). Runs that failed or diverged are counted and in no number. "No difference"
-means that none can be shown, not that there is none.
+t-interval of the difference of mean settled rewards; several by the mean difference of scores, each
+cell weighing alike (`bench/verdicts.py`). Diverged runs count with the policy that they left. "No
+difference" means that none can be shown, not that there is none.
 """
 
 import dataclasses
@@ -16,18 +16,20 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from bench.bootstrap import differences, probability_of_improvement
+from bench import verdicts
 from bench.endings import endings, lost
 from bench.errors import UsageError
-from bench.numbers import mean_std, number, seconds, span
-from bench.scores import flown_settings, scored
+from bench.numbers import mean_std, number, seconds, significant, span
+from bench.pooled import improvement
+from bench.scores import PRIMARY, UPPER, flown_settings, primary, scored
 from bench.statistics import FEWEST, Cell, Entry, difference, estimate, matched, seed_values
 from bench.tables import Tables
+from bench.verdicts import over_cells
 from simulators.registry import unknown
 
 SECONDARY = {
     "crashes": ("crashes per episode", lambda x: number(x, 2)),
-    "fleet_minutes": ("HF fleet-minutes", lambda x: number(x, 0)),
+    "fleet_minutes": ("HF fleet-minutes", significant),
     "training_crashes": ("HF training crashes", lambda x: number(x, 0)),
     "train_seconds": ("training time", seconds),
 }
@@ -53,7 +55,7 @@ class Side:
     label: str
     tables: Tables
     entry: Entry | None
-    """None: all entries."""
+    """None: all entries but the upper reference."""
 
     def values(self, name: str) -> dict[Stratum, dict[int, float]]:
         """Values by seed of a metric, or of the `score`, by stratum."""
@@ -62,7 +64,7 @@ class Side:
             (cell, None if self.entry else entry): seeds
             for cell, own in seed_values(rows, name).items()
             for entry, seeds in own.items()
-            if self.entry in (None, entry)
+            if entry == self.entry or (self.entry is None and entry.method != UPPER)
         }
 
     def lost(self) -> int:
@@ -108,7 +110,8 @@ def load_side(text: str, default: Path | None) -> Side:
 
 def compare(a: Side, b: Side) -> Comparison:
     """Whether `a` is better than `b`."""
-    first, second = a.values("reward"), b.values("reward")
+    metric = PRIMARY if {primary(a.tables), primary(b.tables)} == {PRIMARY} else "reward"
+    first, second = a.values(metric), b.values(metric)
     common = [s for s in first if s in second]
     shared = [s for s in common if min(len(first[s]), len(second[s])) >= FEWEST]
     if (a.entry is None) != (b.entry is None):
@@ -126,9 +129,9 @@ def compare(a: Side, b: Side) -> Comparison:
             f"Left out, because not both have {FEWEST} seeds: {_cells(sorted(left, key=repr))}."
         )
     if a.lost() or b.lost():
-        lines.append(f"Runs lost: {a.lost()} of {a.label}, {b.lost()} of {b.label}; in no number.")
+        lines.append(f"Failed or diverged: {a.lost()} of {a.label}, {b.lost()} of {b.label}.")
     if len(shared) == 1:
-        verdict, found = _one(first[shared[0]], second[shared[0]])
+        verdict, found = _one(first[shared[0]], second[shared[0]], metric)
     else:
         verdict, found = _several(a, b, shared)
     if verdict is Verdict.NOT_COMPARABLE:
@@ -151,14 +154,14 @@ def report(a: Side, b: Side, console: Console) -> int:
     return int(found.verdict)
 
 
-def _one(a: Mapping[int, float], b: Mapping[int, float]) -> tuple[Verdict, list[str]]:
-    """The answer in one stratum, from rewards."""
+def _one(a: Mapping[int, float], b: Mapping[int, float], metric: str) -> tuple[Verdict, list[str]]:
+    """The answer in one stratum."""
     first, second = (estimate(x.values()) for x in matched(a, b))
     apart = difference(a, b)
     means = [f"{mean_std(x.mean, x.std)} (n = {x.n})" for x in (first, second)]
     text = (
-        f"Reward {means[0]} against {means[1]}: difference {number(apart.mean, 1)}, "
-        f"95 % t-interval {span(apart.low, apart.high, 1)}."
+        f"{metric.replace('_', ' ').capitalize()} {means[0]} against {means[1]}: difference "
+        f"{number(apart.mean, 1)}, 95 % t-interval {span(apart.low, apart.high, 1)}."
     )
     if not apart.excludes_zero:
         return Verdict.NO_DIFFERENCE, [text]
@@ -171,24 +174,20 @@ def _several(a: Side, b: Side, shared: list[Stratum]) -> tuple[Verdict, list[str
     bare = [s for s in shared if any(len(own.get(s, {})) < FEWEST for own in scores)]
     if bare:
         return Verdict.NOT_COMPARABLE, [
-            f"Reason: rewards are not pooled without a frozen return at the spawn: {_cells(bare)}."
+            f"Reason: without an upper reference in the cell there is no score: {_cells(bare)}."
         ]
-    pairs = {s: matched(scores[0][s], scores[1][s]) for s in shared}
-    samples = [{s: pair[side] for s, pair in pairs.items()} for side in (0, 1)]
-    found = differences(samples)
-    better = probability_of_improvement(samples[0], samples[1])
-    apart, half = float(found.iqm[0] - found.iqm[1]), float(found.half[0, 1])
-    n = [sum(map(len, sample.values())) for sample in samples]
+    found = over_cells((scores[0][s], scores[1][s]) for s in shared)
+    # Named by their cells as in the leaderboard, so that the same seeds are drawn.
+    names = {s: s if a.entry is None else s[0] for s in shared}
+    better = improvement(*({names[s]: own[s] for s in shared} for own in scores))
     lines = [
-        f"IQM score {number(found.iqm[0], 4)} (n = {n[0]}) against {number(found.iqm[1], 4)} "
-        f"(n = {n[1]}): difference {number(apart, 4)}, 95 % bootstrap-t interval "
-        f"{span(apart - half, apart + half, 4)}.",
+        f"Score higher by {number(found.mean, 4)}, mean over cells, 95 % interval "
+        f"{span(found.low, found.high, 4)} ({found.n} pairs of seeds).",
         f"Probability that a run of the first is better: {number(better.value, 2)}, 95 % "
         f"percentile-bootstrap interval {span(better.low, better.high, 2)}.",
     ]
-    if found.above[0, 1]:
-        return Verdict.BETTER, lines
-    return (Verdict.WORSE if found.above[1, 0] else Verdict.NO_DIFFERENCE), lines
+    answers = {verdicts.Verdict.SUPPORTED: Verdict.BETTER, verdicts.Verdict.REFUTED: Verdict.WORSE}
+    return answers.get(found.verdict, Verdict.NO_DIFFERENCE), lines
 
 
 def _secondary(a: Side, b: Side, shared: list[Stratum]) -> list[str]:

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 
 import pandas as pd
 
-from bench.statistics import COUNTED, Cell, Entry, cell_of, cells_meant, entry_of, records
+from bench.statistics import COUNTED, FAILURES, Cell, Entry, cell_of, cells_meant, entry_of, records
 from bench.tables import Tables
 
 Endings = Mapping[str, list[int]]
@@ -43,7 +43,7 @@ def endings(tables: Tables) -> dict[Cell, dict[Entry, dict[str, list[int]]]]:
 
 def lost(ended: Endings) -> int:
     """Number of runs that failed or diverged."""
-    return sum(len(seeds) for status, seeds in ended.items() if status not in COUNTED)
+    return sum(len(seeds) for status, seeds in ended.items() if status in FAILURES)
 
 
 def endings_text(ended: Endings, counted: Collection[int]) -> str:

@@ -4,7 +4,7 @@ import datetime
 import functools
 import heapq
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from bench.executor import AbstractExecutor, Ended
 from bench.plan import Run
@@ -23,6 +23,7 @@ def execute(
     done: Iterable[str] = (),
     failed: Iterable[str] = (),
     *,
+    check: Callable[[Run], str] = lambda run: "",
     together: int = 1,
     fail_fast: bool = False,
 ) -> dict[str, str]:
@@ -39,10 +40,12 @@ def execute(
         display: Told what happens.
         done: Names of parents that are in the store already.
         failed: Names of parents that are there as failed and are not tried again.
+        check: Why a run that ended well may not stand; empty if it may. It is put in quarantine.
         together: Most runs, alike but for their seed, that a worker does at once.
         fail_fast: Whether the first failure ends everything.
     """
-    return _Execution(runs, store, executor, display, done, failed, together, fail_fast).result()
+    settings = (check, together, fail_fast)
+    return _Execution(runs, store, executor, display, done, failed, *settings).result()
 
 
 class _Execution:
@@ -56,6 +59,7 @@ class _Execution:
         display: Display,
         done: Iterable[str],
         failed: Iterable[str],
+        check: Callable[[Run], str],
         together: int,
         fail_fast: bool,
     ) -> None:
@@ -64,6 +68,7 @@ class _Execution:
         self._executor = executor
         self._display = display
         self._failed = list(failed)
+        self._check = check
         self._together = together
         self._fail_fast = fail_fast
         self._blocked: set[str] = set()
@@ -130,14 +135,20 @@ class _Execution:
 
     def _finish(self, run: Run, status: str, cause: str) -> None:
         """Notes the end of a run; a failed one takes its children along."""
+        reason = self._check(run) if status != "failed" else ""
+        if reason:
+            self._store.quarantine(run.name, reason)
+            status, cause = "failed", reason
         seconds = time.monotonic() - self._schedule.started.get(run.name, time.monotonic())
         self._display.finished(run, status, cause, seconds)
-        self._fail_children(run.name, status)
+        self._fail_children(run.name, status, reason)
 
-    def _fail_children(self, parent: str, status: str) -> None:
+    def _fail_children(self, parent: str, status: str, reason: str = "") -> None:
+        """Notes the end of a run; `reason`: why it failed, where no row will say so."""
+        cause = f"parent {parent} failed" + (f": {reason}" if reason else "")
         for child in self._schedule.end(parent, status):
             if child.name not in self._schedule.status:  # not by way of another child
-                self._fail(child, f"parent {parent} failed", interrupted=True)
+                self._fail(child, cause, interrupted=True)
 
 
 class _Schedule:

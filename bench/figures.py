@@ -25,7 +25,9 @@ BUILT_IN = (
     Entry("hybrid", "sindy"),
     Entry("hybrid", "mlp"),
     Entry("grey_box"),
-    Entry("grey_box", "mlp"),
+    Entry("domain_randomization"),
+    Entry("hybrid_once"),
+    Entry("recalibrated"),
 )
 """The order in which methods are shown; others follow by name."""
 COLORS = (

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench import markdown
-from bench.numbers import MISSING, mean_std, number, seconds, span
+from bench.numbers import MISSING, mean_std, number, seconds, significant, span
 from bench.pooled import Pool, pools
 from bench.pooled_text import (
     EXCLUDES_HALF,
@@ -28,19 +28,23 @@ from bench.tables import Tables
 from bench.target import REFERENCE, TOLERANCE
 
 HOW_TO_READ = (
-    "Rewards are episode returns in the high-fidelity simulator, higher is better: mean ± "
-    "standard deviation over the training seeds (n of them), then the 95 % t-interval of the mean.",
-    "Methods share a rank where the 95 % t-interval of their difference (paired by seed where the "
-    "seeds match, else Welch's; not corrected for the number of comparisons) contains 0, so a "
-    "method that varies much between seeds can share a rank with better means. With one seed there "
-    "is no interval and no order is claimed.",
-    "Failed and diverged runs are in no mean; the last column counts and names them. `budget`: a "
-    "high-fidelity run that its epoch budget ended; it counts.",
+    "The settled reward is the return in the high-fidelity simulator from 2 s on, after take-off; "
+    "the reward is that of the whole episode. Higher is better: mean ± standard deviation over the "
+    "training seeds (n of them), then the 95 % t-interval of the settled reward's mean.",
+    "Methods share a rank where the 95 % t-interval of their difference in settled reward (paired "
+    "by seed where the seeds match, else Welch's; not corrected for the number of comparisons) "
+    "contains 0, so a method that varies much between seeds can share a rank with better means. "
+    "With one seed there is no interval and no order is claimed. `upper_reference` says what a "
+    "score of 1 means and has no rank.",
+    "A run that diverged counts with the policy that it left; a failed one left none. The last "
+    "column counts and names both. `budget`: a run that its epochs ended where patience was meant "
+    "to.",
     "`#` is the rank on an axis beside the reward, by the same rule, lower is better. "
     "Fleet-minutes and training time are a run's own, without those of what it starts from. To "
-    f"target: what it costs until the score is within {TOLERANCE} of the mean of "
-    f"`{REFERENCE.label}`, the costs of all runs over the runs that get there; only who does with "
-    "every run has a rank.",
+    "target: what it costs until the return of an episode comes within "
+    f"{100 * TOLERANCE:.0f} % (of the return at the spawn) of the mean of `{REFERENCE.label}`, the "
+    "costs of all runs over the runs that get there. Methods are ranked on it only if all their "
+    "runs get there.",
     "A crash is the onset of a contact, per agent: another drone closer than 0.30 m, or the floor. "
     "Contacts are flags in this simulator: drones never push each other.",
 )
@@ -59,7 +63,8 @@ class Column(NamedTuple):
 def write_leaderboard(tables: Tables, path: Path) -> None:
     """Writes the leaderboard as Markdown to `path`."""
     rows = leaderboard_rows(tables)
-    parts = ["# Leaderboard", _bullets(HOW_TO_READ)]
+    parts = ["# Leaderboard", *filter(None, [markdown.escape(made_by_text(tables))])]
+    parts.append(_bullets(HOW_TO_READ))
     if not rows:
         parts.append("There are no runs in these tables.")
     else:
@@ -75,6 +80,16 @@ def write_leaderboard(tables: Tables, path: Path) -> None:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def made_by_text(tables: Tables) -> str:
+    """Which programs made how many rows, and where, in one sentence; empty if no row says so."""
+    runs = tables.runs.loc[tables.runs["commit"].ne("")]
+    parts = []
+    for (commit, dirty, machine), own in runs.groupby(["commit", "dirty", "machine"]):
+        changed = " with changes" if dirty else ""
+        parts.append(f"{len(own)} of {len(tables.runs)} at {commit[:10]}{changed} on {machine}")
+    return f"Rows made: {'; '.join(parts)}." if parts else ""
 
 
 def _pool_parts(pool: Pool) -> list[str]:
@@ -144,7 +159,7 @@ COLUMNS = (
     ),
     Column("method", lambda row: row["method"], lambda row: row["method"]),
     Column(
-        "reward (n)",
+        "settled reward (n)",
         lambda row: (
             f"{mean_std(row['reward_mean'], row['reward_std'])} (n = {row['n']})"
             if row["n"]
@@ -153,14 +168,16 @@ COLUMNS = (
         lambda row: row["reward_mean"],
     ),
     Column("95 % t-interval", _interval, lambda row: row["reward_low"]),
+    _metric("reward", "reward", _digits(1)),
+    _metric("settling time [s]", "settling_time", _digits(1)),
     _metric("position error [m]", "position_error", _digits(3)),
     _axis("crashes", _digits(2)),
-    _axis("fleet_minutes", _digits(0)),
+    _axis("fleet_minutes", significant),
     _axis("training_crashes", _digits(0)),
     _metric("LF training collisions", "lf_collisions", _digits(0)),
     _metric("epochs", "epochs", _digits(0)),
     _axis("train_seconds", seconds),
-    _target(TARGET_MINUTES, _digits(0)),
+    _target(TARGET_MINUTES, significant),
     _target(TARGET_SECONDS, seconds),
     Column("runs", lambda row: row["runs"], lambda row: row["runs"]),
 )

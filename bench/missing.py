@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from bench.plan import Run
 from bench.resume import was_interrupted
 from bench.store import Store, UnreadableRunError
-from bench.tables import IDENTITY
+from bench.tables import IDENTITY, Tables
 
 MOST_CHANGES = 3
 """Changes that a reason names before it only counts them."""
@@ -20,20 +20,31 @@ class State(NamedTuple):
 
     run: Run
     content: Mapping[str, Any] | None
-    """Content of run.json if the run is finished."""
+    """Content of run.json if the run is finished; of a row whose folder is gone, its name."""
     reason: str
     """Why it is missing; empty if it is finished."""
     failed: bool = False
     """Whether it failed by itself, so that it is tried again only if asked for."""
 
 
-def states(runs: list[Run], store: Store) -> list[State]:
+def states(runs: list[Run], store: Store, recorded: Tables) -> list[State]:
     """The state of each of `runs`; nothing is moved or written, not even what is damaged."""
     names = store.names()
     there, by_prefix = set(names), {}
     for name in names:
         by_prefix.setdefault(_prefix(name), []).append(name)
-    return [_state(run, store, there, by_prefix.get(_prefix(run.name), [])) for run in runs]
+    rows = {run for run, status in recorded.statuses().items() if status != "failed"}
+    older = {identity: run for identity, run in recorded.identities().items() if run in rows}
+    found = []
+    for run in runs:
+        if run.name in rows:
+            found.append(State(run, {"run": run.name}, ""))
+            continue
+        state = _state(run, store, there, by_prefix.get(_prefix(run.name), []))
+        if state.reason == "never run" and run.identity in older:
+            state = State(run, None, "changed: its row is of another program, see `--replace`")
+        found.append(state)
+    return found
 
 
 def _state(run: Run, store: Store, there: set[str], alike: list[str]) -> State:

@@ -14,6 +14,15 @@ def number(value: float, digits: int) -> str:
     return text.lstrip("-") if float(text) == 0.0 else text
 
 
+def significant(value: float, digits: int = 2) -> str:
+    """A number with so many significant digits, whole numbers in full: 0.5, 40, 193."""
+    if not math.isfinite(value):
+        return MISSING
+    places = 0 if value == 0.0 else digits - 1 - math.floor(math.log10(abs(value)))
+    text = number(value, max(0, places))
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
 def mean_std(mean: float, std: float, digits: int = 1) -> str:
     """`mean ± std` as text, without the second part where there is no second seed."""
     return number(mean, digits) + (f" ± {number(std, digits)}" if math.isfinite(std) else "")

@@ -17,6 +17,7 @@ from bench.plan import Plan
 from bench.say import say
 from bench.statistics import Entry
 from bench.store import Store
+from bench.sweep import recorded_tables
 from bench.tables import TableError, Tables
 
 NAMED = 3
@@ -43,7 +44,8 @@ def show_plan(
         console: Where it is shown.
         retry_failed: Whether runs that failed by themselves are to be tried again.
     """
-    found = states(plan.runs, Store(tables_dir))
+    recorded = recorded_tables(tables_dir)
+    found = states(plan.runs, Store(tables_dir), recorded)
     failed = set() if retry_failed else _failed(found)
     missing = [state for state in found if state.reason and state.run.name not in failed]
     past = {p.run: p for p in [*past_rows(tables_dir, console), *past_of_states(found)]}
@@ -56,6 +58,8 @@ def show_plan(
     )
     for line in plan.broken:
         say(console, f"Left out: {line}")
+    if line := own_rows(plan, recorded):
+        say(console, line)
     if failed:
         say(
             console,
@@ -71,6 +75,14 @@ def show_plan(
         for state in missing:
             say(console, f"  {state.run.label}: {state.reason}; {_cost(guesses[state.run.name])}")
     return 1 if plan.broken else 0
+
+
+def own_rows(plan: Plan, recorded: Tables) -> str:
+    """How many rows of a plan this program made, as text; empty without rows."""
+    programs = dict(zip(recorded.runs["run"], recorded.runs["program"], strict=True))
+    own = [run for run in plan.runs if run.name in programs]
+    same = sum(programs[run.name] == run.program for run in own)
+    return f"{same} of {len(own)} rows are of this program." if own else ""
 
 
 def _failed(found: Iterable[State]) -> set[str]:

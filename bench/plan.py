@@ -5,8 +5,8 @@ task, residual and simulators (defaults included), their declared versions, the 
 parents, and the numerics. Equal keys mean that a stored result can be used again.
 
 A parent, such as the LF baseline that a hot start begins from, is the run with the same task, task
-settings, team size and seed, and that method's default settings. It is planned even if the suite
-does not ask for it.
+settings, team size and seed, and that method's default settings; a method may fix another task and
+team size (`AbstractMethod.parent_cells`). It is planned even if the suite does not ask for it.
 """
 
 import dataclasses
@@ -23,6 +23,7 @@ import rfc8785
 from bench import settings
 from bench.errors import UsageError
 from bench.pages import file_name
+from bench.provenance import digest
 from bench.realities import parse_reality, written
 from bench.sources import own_source, shared_sources
 from bench.suite import Row, Suite
@@ -33,6 +34,9 @@ from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.tracking import PDTracker
 
+PROTOCOL = "2"
+"""Version of what all runs share and no plug-in's version tells: trainer, rollout, contacts,
+evaluation (`reports/protocol.md`). It is part of every key."""
 NOMINAL = "point_mass"
 """Name of the low-fidelity simulator."""
 REALITY = "crazyflow"
@@ -85,6 +89,16 @@ class Run:
     def key(self) -> str:
         """Hash of `resolved`."""
         return hashlib.sha256(rfc8785.dumps(dict(self.resolved))).hexdigest()[:16]
+
+    @functools.cached_property
+    def program(self) -> str:
+        """Hash of all code that its plug-ins run."""
+        return digest(self.sources)
+
+    @property
+    def identity(self) -> tuple[str, str, str, str, int, int]:
+        """What it is, whatever program trains it: the table's `IDENTITY` columns."""
+        return (*self.kind, self.seed)
 
     @property
     def kind(self) -> tuple[str, str, str, str, int]:
@@ -195,13 +209,24 @@ def _recipe(
         method_class = _method(row.method)
         if row.deploys:
             trained = dataclasses.replace(row, deployed_in="", tracked=False)
-            needed, descent = [trained], children
+            parents = {row.method: _recipe(recipes, trained, task, team_size, children)}
         else:
-            needed = [Row(name, task_settings=row.task_settings) for name in method_class.parents]
             descent = (*children, row.method)
-        parents = {r.method: _recipe(recipes, r, task, team_size, descent) for r in needed}
+            parents = {
+                name: _recipe(recipes, *_parent(method_class, name, row, task, team_size), descent)
+                for name in method_class.parents
+            }
         recipes[index] = _make_recipe(row, method_class, task, team_size, parents)
     return recipes[index]
+
+
+def _parent(
+    method_class: type[AbstractMethod], name: str, row: Row, task: str, team_size: int
+) -> tuple[Row, str, int]:
+    """The row and the cell of a parent: the child's own, unless its class fixes another."""
+    if name in method_class.parent_cells:
+        return Row(name), *method_class.parent_cells[name]
+    return Row(name, task_settings=row.task_settings), task, team_size
 
 
 def _method(name: str) -> type[AbstractMethod]:
@@ -237,6 +262,7 @@ def _make_recipe(
         )
     found |= {f"effect {type(effect).__name__}": type(effect) for effect in reality.effects}
     resolved = {
+        "protocol": PROTOCOL,
         "method": row.method,
         "residual": residual,
         "settings": method,

@@ -2,18 +2,19 @@
 
 One cell has its t-intervals and is no pool. Only entries that flew the same cells can be pooled
 together. In each world the cells and entries are those that make the largest full table, each place
-in it with two seeds or more; what is not in it is named with the reason. Runs that failed or
-diverged are in no number; their count over all cells of the world, pooled or not, stands beside.
+in it with two seeds or more; what is not in it is named with the reason. How many runs failed or
+diverged in any cell of the world, pooled or not, stands beside; the diverged ones count.
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from bench.bootstrap import (
     Interval,
+    Sample,
     differences,
     iqm_interval,
     probability_of_improvement,
@@ -21,8 +22,8 @@ from bench.bootstrap import (
     tie_groups,
 )
 from bench.endings import endings, lost
-from bench.scores import scored
-from bench.statistics import FEWEST, Cell, Entry, Values, seed_values
+from bench.scores import UPPER, scored
+from bench.statistics import FEWEST, Cell, Entry, Values, matched, seed_values
 from bench.tables import Tables
 
 MOST_SETS = 10_000
@@ -75,7 +76,11 @@ class Pool(NamedTuple):
 
 def pools(tables: Tables) -> list[Pool]:
     """A pool for each world in which there is something to pool, the undisturbed one first."""
-    scores, rewards = seed_values(scored(tables), "score"), seed_values(tables.results, "reward")
+    scores = seed_values(scored(tables), "score")
+    rewards = {
+        cell: {entry: values for entry, values in own.items() if entry.method != UPPER}
+        for cell, own in seed_values(tables.results, "reward").items()
+    }
     gone = {
         (cell, entry): lost(ended)
         for cell, own in endings(tables).items()
@@ -160,7 +165,9 @@ def _pool(
         rows=rows,
         thresholds=thresholds,
         grid=grid,
-        improvement=_improvement([samples[entry] for entry in entries]),
+        improvement=_improvements(
+            [{c: v[e] for c, v in scores.items() if e in v} for e in entries]
+        ),
         left_out=_left_out(cells, set(entries), scores, rewards),
         without=_without(cells, entries, scores, rewards),
     )
@@ -180,10 +187,26 @@ def _matched(
     return found
 
 
-def _improvement(samples: list[dict[Cell, dict[int, float]]]) -> list[list[Interval | None]]:
+def improvement(a: Sample, b: Sample) -> Interval:
+    """Probability that a run of `a` beats one of `b`.
+
+    Over the cells in which both have two seeds or more, and there over the seeds that both have.
+
+    Raises:
+        ValueError: There is no such cell.
+    """
+    cells = [c for c in a if c in b and min(len(a[c]), len(b[c])) >= FEWEST]
+    pairs = {cell: matched(a[cell], b[cell]) for cell in cells}
+    return probability_of_improvement(
+        {cell: pair[0] for cell, pair in pairs.items()},
+        {cell: pair[1] for cell, pair in pairs.items()},
+    )
+
+
+def _improvements(samples: Sequence[Sample]) -> list[list[Interval | None]]:
     table: list[list[Interval | None]] = [[None] * len(samples) for _ in samples]
     for i, j in itertools.combinations(range(len(samples)), 2):
-        found = probability_of_improvement(samples[i], samples[j])
+        found = improvement(samples[i], samples[j])
         table[i][j] = found
         table[j][i] = Interval(1.0 - found.value, 1.0 - found.high, 1.0 - found.low)
     return table
@@ -211,7 +234,7 @@ def _without(
         own = scores.get(cell)
         few = [e.label for e in entries if own and len(own.get(e, {})) < FEWEST]
         reason = f"fewer than {FEWEST} seeds of {', '.join(few)}"
-        found.append((cell, reason if own else "no frozen return at the spawn"))
+        found.append((cell, reason if own else "no upper reference"))
     return found
 
 

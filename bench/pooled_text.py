@@ -7,14 +7,15 @@ from bench.numbers import MISSING, number, span
 from bench.pooled import Pool
 
 HOW_TO_READ_POOLED = (
-    "The score is 1 - return / (return of a team that stays at its spawn): 0 is as good as never "
-    "taking off, 1 is a return of 0, which no team reaches. IQM: mean of the middle half of all "
-    "runs, cells weighing alike, with the 95 % percentile-bootstrap interval (seeds drawn within "
-    "cells), which covers somewhat less than 95 % with few seeds.",
+    "The score is the settled reward between that of a team that stays at its spawn (0) and that "
+    "of the upper reference, a hot start with four times the epochs (1). IQM: mean of the middle "
+    "half of all runs, cells weighing alike, with the 95 % percentile-bootstrap interval (seeds "
+    "drawn within cells), which covers somewhat less than 95 % with few seeds.",
     "A rank is an interval: what the differences of all IQMs leave open when their 95 % intervals "
     "hold together. Methods that share a letter cannot be told apart.",
     "n: runs in the numbers (cells x seeds); in each cell they are the seeds that all methods of "
-    "the table have, if two or more are. Runs lost, in any cell of this world, are in none.",
+    "the table have, if two or more are. The last column counts runs that failed or diverged in "
+    "any cell of this world; the diverged ones are in the numbers.",
 )
 """What a reader must know."""
 EXCLUDES_HALF = "*: the 95 % percentile-bootstrap interval excludes 0.5."
@@ -31,7 +32,16 @@ def pool_title(pool: Pool) -> str:
 def pool_headings(pool: Pool) -> list[str]:
     """Headings of `pool_lines`."""
     shares = [f"runs above {number(t, 3)}" for t in pool.thresholds]
-    return ["rank", "method", "ties", "IQM score", "95 % interval", *shares, "n", "runs lost"]
+    return [
+        "rank",
+        "method",
+        "ties",
+        "IQM score",
+        "95 % interval",
+        *shares,
+        "n",
+        "failed or diverged",
+    ]
 
 
 def pool_lines(pool: Pool) -> list[list[str]]:

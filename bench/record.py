@@ -5,7 +5,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from bench.plan import REALITY, Run, packages
+from bench.provenance import provenance
 from bench.realities import parse_reality
 from bench.settings import describe_fields
 from bench.tables import table
@@ -92,6 +93,8 @@ def describe_run(run: Run, outcome: Outcome, files: Mapping[str, bytes]) -> dict
         "resolved": run.resolved,
         "sources": dict(run.sources),
         "packages": packages(),
+        "provenance": provenance(),
+        "program": run.program,
         "committed": pd.Timestamp.now(tz="UTC").isoformat(),
         "files": {name: checksum(content) for name, content in sorted(files.items())},
     }
@@ -121,16 +124,25 @@ def load_arrays(path: Path, template: T) -> T:
     Raises:
         UnreadableRunError: The file is damaged, or holds arrays of other shapes.
     """
-    arrays, rest = eqx.partition(template, eqx.is_array)
-    leaves, structure = jax.tree.flatten(arrays)
     try:
         with np.load(path, allow_pickle=False) as stored:
             found = [stored[name] for name in sorted(stored.files)]
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise UnreadableRunError(f"{path.name} of {path.parent.name}: {error}") from error
+    return with_arrays(template, found, f"{path.name} of {path.parent.name}")
+
+
+def with_arrays(template: T, found: Sequence[np.ndarray], where: str) -> T:
+    """`template` with the arrays of `found`, in its order.
+
+    Raises:
+        UnreadableRunError: They have other shapes.
+    """
+    arrays, rest = eqx.partition(template, eqx.is_array)
+    leaves, structure = jax.tree.flatten(arrays)
     if [leaf.shape for leaf in found] != [leaf.shape for leaf in leaves]:
         raise UnreadableRunError(
-            f"{path.name} of {path.parent.name} is not of the kind that its run names: it has "
+            f"{where} is not of the kind that its run names: it has "
             f"arrays {[leaf.shape for leaf in found]}, not {[leaf.shape for leaf in leaves]}."
         )
     loaded = [jax.numpy.asarray(new, old.dtype) for new, old in zip(found, leaves, strict=True)]

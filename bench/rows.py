@@ -1,7 +1,8 @@
 """The rows of a leaderboard: an entry (method, residual, variant) in a cell (task, team, world).
 
-Its numbers are means over the seeds that ended `ok` or `budget`; failed and diverged runs are named
-beside it. Each axis beside the reward has a rank of its own, by the same rule as the reward's.
+Its numbers are means over all seeds that left a policy, diverged ones too; those and the failed
+ones are named beside it. The order is by the settled reward. Each axis beside it has a rank of its
+own, by the same rule. The upper reference stands among the rows and has no rank.
 """
 
 import math
@@ -9,11 +10,14 @@ from collections.abc import Mapping
 from typing import TypedDict
 
 from bench.endings import Endings, endings, endings_text, lost
+from bench.scores import UPPER, primary
 from bench.statistics import Cell, Entry, estimate, ranks, seed_values
 from bench.tables import Tables
 from bench.target import ToTarget, costs_to_target
 
 METRICS = (
+    "reward",
+    "settling_time",
     "position_error",
     "crashes",
     "fleet_minutes",
@@ -71,14 +75,15 @@ class Row(TypedDict):
 
 def leaderboard_rows(tables: Tables) -> list[Row]:
     """Rows by cell; within one, higher mean reward first, entries without a number last."""
-    rewards = seed_values(tables.results, "reward")
+    rewards = seed_values(tables.results, primary(tables))
     metrics = {name: seed_values(tables.results, name) for name in METRICS}
     ended, targets = endings(tables), costs_to_target(tables)
     rows: list[Row] = []
     for cell in sorted({*rewards, *ended}):
         samples, how, goals = rewards.get(cell, {}), ended.get(cell, {}), targets.get(cell, {})
         own = {name: values.get(cell, {}) for name, values in metrics.items()}
-        rank, axes = ranks(samples), _axis_ranks(own, goals, how)
+        rank = ranks(_competing(samples))
+        axes = _axis_ranks(own, goals, how)
         found = []
         for entry in {*samples, *how}:
             means = {name: estimate(v.get(entry, {}).values()).mean for name, v in own.items()}
@@ -100,9 +105,16 @@ def _axis_ranks(
     values[TARGET_MINUTES] = {entry: goal.minutes for entry, goal in sure.items()}
     values[TARGET_SECONDS] = {entry: goal.seconds for entry, goal in sure.items()}
     return {
-        axis: ranks({entry: {s: -x for s, x in own.items()} for entry, own in values[axis].items()})
+        axis: ranks(
+            {e: {s: -x for s, x in own.items()} for e, own in _competing(values[axis]).items()}
+        )
         for axis in AXES
     }
+
+
+def _competing(values: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Mapping[int, float]]:
+    """Values of the entries that have a rank."""
+    return {entry: own for entry, own in values.items() if entry.method != UPPER}
 
 
 def _row(

@@ -10,7 +10,7 @@ from bench.endings import places
 from bench.figures import by_run
 from bench.flown import playable_all
 from bench.leaderboard import number
-from bench.statistics import COUNTED, Cell, Entry, cells_meant, entry_of, records
+from bench.statistics import FAILURES, Cell, Entry, cells_meant, entry_of, records
 from bench.tables import Tables
 
 MAX_POINTS = 100
@@ -33,7 +33,7 @@ def run_lines(tables: Tables) -> list[dict[str, Any]]:
             "team_size": int(row["team_size"]),
             "seed": int(row["seed"]),
             "status": row["status"],
-            "lost": row["status"] not in COUNTED,
+            "lost": row["status"] in FAILURES,
             "cause": row["cause"],
             "reward": number(reward.get(row["run"], float("nan")), 1),
         }

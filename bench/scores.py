@@ -1,18 +1,14 @@
-"""Scores: returns of all cells on one scale, so that they can be pooled.
+"""Scores: settled rewards of all cells on one scale, so that they can be pooled.
 
-    score = 1 - return / (return of a team that stays at its spawn)
+    score = (settled reward - zero) / (upper - zero)
 
-0 is as good as never taking off, 1 a return of 0, which no team reaches. The returns at the spawn
-are frozen in `spawn_returns.toml`, by task, its version, its settings and team size. Where
-one of these is not in the file there is no score, and whoever pools says so.
+Zero is a team that stays at its spawn, over the same initial states; every run carries that
+number. Upper is what `upper_reference` reaches in the same cell: hot start with four times the
+epochs. Where a cell has no upper reference there is no score, and whoever pools says so. A score
+above 1 is better than that reference.
 """
 
-import functools
 import json
-import math
-import tomllib
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,46 +17,44 @@ import pandas as pd
 from bench.statistics import Cell, Entry, cell_of, entry_of, records
 from bench.tables import Tables
 
-FROZEN = Path(__file__).parent / "spawn_returns.toml"
-"""The frozen returns."""
+UPPER = "upper_reference"
+"""The method that defines a score of 1; it competes with nobody."""
 NOT_IN_RETURN = ("n_drones", "n_neighbors", "observe_attitude")
-"""Settings of a task that no return at the spawn depends on, or that the team size stands for."""
+"""Settings of a task that say what a policy sees, not what it is paid for, and the team size."""
+PRIMARY = "settled_reward"
+"""What is compared first: the return from 2 s on."""
 
 
-def spawn_return(
-    task: str, team_size: int, version: str | None = None, settings: Mapping[str, Any] | None = None
-) -> float | None:
-    """The frozen return of a team that stays at its spawn; None if there is none.
-
-    Args:
-        task: Registered name.
-        team_size: Number of drones.
-        version: Declared version of the task; None: any.
-        settings: Settings of the task; what is not among them is taken to be as by default.
-    """
-    entry = _frozen().get(task)
-    if entry is None or (version is not None and version != entry["version"]):
-        return None
-    given = settings or {}
-    if any(given.get(name, value) != value for name, value in entry["settings"].items()):
-        return None
-    return entry["returns"].get(str(team_size))
+def primary(tables: Tables) -> str:
+    """The metric that is compared first; the first protocol's tables have the whole return only."""
+    return PRIMARY if PRIMARY in set(tables.results["metric"]) else "reward"
 
 
-def zero_returns(tables: Tables) -> dict[str, float]:
-    """The return with score 0 of every run of `results`; NaN where there is none."""
-    about = {row["run"]: row for row in records(tables.runs)}
-    runs = tables.results.drop_duplicates(subset="run")
-    return {row["run"]: _zero(row, about.get(row["run"], {})) for row in records(runs)}
+def by_run(tables: Tables, metric: str) -> dict[str, float]:
+    """Values of a metric by run."""
+    rows = tables.results.loc[tables.results["metric"].eq(metric)]
+    return dict(zip(rows["run"], rows["value"], strict=True))
+
+
+def upper_returns(tables: Tables) -> dict[Cell, float]:
+    """Settled reward with score 1, by cell: the mean over seeds of the upper reference."""
+    rows = tables.results
+    rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].eq(UPPER) & rows["variant"].eq("")]
+    found: dict[Cell, list[float]] = {}
+    for row in records(rows):
+        found.setdefault(cell_of(row), []).append(float(row["value"]))
+    return {cell: float(np.mean(values)) for cell, values in found.items()}
 
 
 def scored(tables: Tables) -> pd.DataFrame:
-    """The rewards of `results` as scores; rows that have none are left out."""
-    rewards = tables.results.loc[tables.results["metric"].eq("reward")]
-    zeros = zero_returns(tables)
-    zero = np.asarray([zeros[run] for run in rewards["run"]], dtype=float)
-    score = 1.0 - np.asarray(rewards["value"], dtype=float) / zero
-    return rewards.assign(metric="score", value=score).loc[np.isfinite(zero)]
+    """The settled rewards of `results` as scores, without the reference and what has no score."""
+    rows = tables.results
+    rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].ne(UPPER)]
+    zeros, uppers = by_run(tables, "spawn_settled_reward"), upper_returns(tables)
+    upper = np.asarray([uppers.get(cell_of(row), np.nan) for row in records(rows)], float)
+    zero = np.asarray([zeros.get(run, np.nan) for run in rows["run"]], float)
+    score = (np.asarray(rows["value"], float) - zero) / (upper - zero)
+    return rows.assign(metric="score", value=score).loc[np.isfinite(score)]
 
 
 def flown_settings(tables: Tables, cell: Cell, entry: Entry | None = None) -> dict[str, set[str]]:
@@ -86,15 +80,6 @@ def flown_settings(tables: Tables, cell: Cell, entry: Entry | None = None) -> di
     return found
 
 
-def _zero(result: Mapping[str, Any], run: Mapping[str, Any]) -> float:
-    """The frozen return that belongs to a row of `results` and its row of `runs`."""
-    task = result["task"]
-    versions, settings = (_json(run.get(name, "")) for name in ("versions", "settings"))
-    version, given = versions.get(f"task {task}"), settings.get("task")
-    found = spawn_return(task, int(result["team_size"]), version, given)
-    return math.nan if found is None else found
-
-
 def _json(text: str) -> dict[str, Any]:
     """A record as a dictionary; empty if it is none."""
     try:
@@ -102,8 +87,3 @@ def _json(text: str) -> dict[str, Any]:
     except (TypeError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
-
-
-@functools.cache
-def _frozen() -> dict[str, Any]:
-    return tomllib.loads(FROZEN.read_text(encoding="utf-8"))

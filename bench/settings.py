@@ -19,6 +19,8 @@ from bench.errors import UsageError
 
 Setting: TypeAlias = bool | int | float | str | list | tuple | dict | None
 """What a setting can be in a file; tables are dicts."""
+NEUTRAL = {"neutral": True}
+"""Metadata of a field that came later and changes nothing at its default."""
 LARGEST = 2**53 - 1
 """The largest whole number that JSON holds exactly (RFC 8785)."""
 T = TypeVar("T", bound=eqx.Module)
@@ -112,12 +114,17 @@ def _like(old: Any, value: Setting, kind: object, path: str) -> Setting:
 
 
 def describe_fields(instance: object, where: str) -> dict[str, Setting]:
-    """Fields of a dataclass as JSON, each as `describe` writes it."""
+    """Fields of a dataclass as JSON, each as `describe` writes it.
+
+    A field that came later, and whose default does what was done before, says so by
+    `metadata=NEUTRAL`; it is left out while it stands at its default, so that no key moves by it.
+    """
     if not dataclasses.is_dataclass(instance) or isinstance(instance, type):
         raise SettingsError(f"{where} must be a dataclass, got {instance!r:.80}.")
     return {
         field.name: describe(getattr(instance, field.name), f"{where}, {field.name}")
         for field in dataclasses.fields(instance)
+        if not (field.metadata.get("neutral") and getattr(instance, field.name) == field.default)
     }
 
 

@@ -8,7 +8,7 @@ from bench.numbers import MISSING, number
 from bench.rows import AXES, Row
 from bench.statistics import Entry
 
-STANDING_HEADINGS = ("method", "best or tied", "mean rank", "cells ranked", "runs lost")
+STANDING_HEADINGS = ("method", "best or tied", "mean rank", "cells ranked", "failed or diverged")
 """Headings of `standing_lines`."""
 AXIS_HEADINGS = ("method", "reward", *AXES.values())
 """Headings of `axis_lines`."""

@@ -1,14 +1,14 @@
 """Estimates, intervals and ties with the training seed as the unit of replication.
 
     interval of a mean          mean +- t(0.975, n - 1) s / sqrt(n)
-    interval of a difference    the same on the differences of the seeds that both have (the
-                                evaluation's initial states depend on the seed alone, and some are
-                                harder than others); where both have two seeds or more but share
-                                less, Welch's, with Satterthwaite's degrees of freedom
+    interval of a difference    the same on the differences of the seeds that both have; where both
+                                have two seeds or more but share less, Welch's, with Satterthwaite's
+                                degrees of freedom
 
-An evaluation of 32 episodes is one number here. Runs that failed or diverged are no numbers: they
-are left out of every mean, and whoever shows a mean shows their count beside it. Intervals are
-not corrected for the number of comparisons.
+An evaluation of many episodes is one number here. A run that diverged counts with the policy that
+it left (intention to treat); one that failed left none. How many did either stands beside every
+mean. Intervals are not corrected for the number of comparisons; verdicts are
+(`bench/verdicts.py`).
 
 Sources: Student (1908); Welch (1947). With five seeds the t-interval covers 0.95 where the
 percentile bootstrap covers 0.88 (measured by simulation).
@@ -26,8 +26,10 @@ from scipy import stats
 
 from bench.errors import UsageError
 
-COUNTED = ("ok", "budget")
-"""Statuses of runs whose policy is averaged; `failed` and `diverged` never are."""
+COUNTED = ("ok", "budget", "diverged")
+"""Statuses of runs that left a policy, which counts; a failed run left none."""
+FAILURES = ("failed", "diverged")
+"""Statuses of runs that did not go well, whose share stands beside every mean."""
 
 LEVEL = 0.95
 """Coverage of every interval."""
@@ -87,6 +89,8 @@ class Estimate:
     """Lower end of the 95 % t-interval; NaN below two seeds."""
     high: float
     """Upper end."""
+    freedom: float = math.nan
+    """Degrees of freedom of the interval; NaN without one."""
 
     @property
     def has_interval(self) -> bool:
@@ -108,7 +112,7 @@ def estimate(values: Iterable[float]) -> Estimate:
         return Estimate(float(x[0]), math.nan, 1, math.nan, math.nan)
     mean, std = float(x.mean()), float(x.std(ddof=1))
     half = _quantile(x.size - 1) * std / math.sqrt(x.size)
-    return Estimate(mean, std, x.size, mean - half, mean + half)
+    return Estimate(mean, std, x.size, mean - half, mean + half, x.size - 1)
 
 
 def difference(a: Mapping[int, float], b: Mapping[int, float]) -> Estimate:
@@ -125,7 +129,7 @@ def difference(a: Mapping[int, float], b: Mapping[int, float]) -> Estimate:
         return Estimate(mean, math.nan, n, mean, mean)
     freedom = (u + v) ** 2 / (u**2 / (first.n - 1) + v**2 / (second.n - 1))
     half = _quantile(freedom) * math.sqrt(u + v)
-    return Estimate(mean, math.nan, n, mean - half, mean + half)
+    return Estimate(mean, math.nan, n, mean - half, mean + half, freedom)
 
 
 def matched(

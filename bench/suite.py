@@ -195,7 +195,7 @@ def _filled(row: Row, residuals: Sequence[str], named: bool) -> list[Row]:
 
 def built_in() -> list[str]:
     """Names of the built-in suites, smallest first."""
-    order = ["quick", "pilot", "paper"]
+    order = ["quick", "paper"]
     names = {path.stem for path in BUILT_IN.glob("*.toml")}
     return sorted(names, key=lambda n: (order.index(n) if n in order else len(order), n))
 

@@ -8,13 +8,14 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.environment import seeds_together
+from bench.errors import UsageError
 from bench.execute import execute
 from bench.executor import Name, make_executor
 from bench.leaderboard import COLUMNS, leaderboard_rows, write_leaderboard
 from bench.plan import Plan
 from bench.progress import Display
 from bench.report import write_report
-from bench.resume import Standing, make_standing, stale_lines
+from bench.resume import Standing, make_standing, reproduces, stale_lines
 from bench.say import say
 from bench.store import Store
 from bench.tables import Tables
@@ -23,7 +24,7 @@ WIDE = 150
 """Width of a terminal that has room for the whole leaderboard [characters]."""
 NARROW = {
     "method": "method",
-    "reward (n)": "reward (n)",
+    "settled reward (n)": "settled reward (n)",
     "position error [m]": "error [m]",
     "crashes per episode": "crashes",
     "HF fleet-minutes": "HF fleet min",
@@ -43,6 +44,7 @@ def sweep(
     together: int | None = None,
     fail_fast: bool = False,
     retry_failed: bool = False,
+    replace: bool = False,
 ) -> int:
     """Exit status: 0, 1 if anything failed or was left out, 130 after Ctrl-C.
 
@@ -56,6 +58,11 @@ def sweep(
             as suit the device.
         fail_fast: Whether the first failure ends the sweep.
         retry_failed: Whether runs that failed in an earlier sweep are tried again.
+        replace: Whether rows of another program or machine are replaced.
+
+    Raises:
+        TableError: The tables that are there cannot be read.
+        UsageError: Rows are of another program, and `replace` was not given.
     """
     console, errors = Console(), Console(stderr=True)
     warn = lambda text: say(errors, f"Warning: {text}")  # noqa: E731
@@ -63,10 +70,22 @@ def sweep(
     with store.lock(lambda: say(errors, f"Waiting: another run is working in {tables_dir}.")):
         store.tidy()
         sound = store.sound(warn)
-        standing = make_standing(plan, sound, retry_failed)
-        for text in (*stale_lines(standing.done, sound), *(f"Left out: {x}" for x in plan.broken)):
+        recorded = recorded_tables(tables_dir)
+        standing = make_standing(plan, sound, recorded, retry_failed, replace)
+        if standing.outdated:
+            if not replace:
+                raise UsageError(_refusal(standing, tables_dir))
+            say(console, f"{len(standing.outdated)} rows of {tables_dir} will be replaced.")
+            for name in {*standing.outdated} & {run.name for run in standing.missing} & {*sound}:
+                store.quarantine(name, "replaced: another program or machine made it")
+                del sound[name]
+        for text in (
+            *stale_lines(standing.done, recorded, sound),
+            *(f"Left out: {x}" for x in plan.broken),
+        ):
             warn(text)
-        missing = standing.missing
+        missing = [run for run in plan.runs if run in standing.missing or run in standing.again]
+        again = {run.name: recorded.metrics(run.name) for run in standing.again}
         logs = store.runs / ".logs"
         chosen = executor if missing else "local"  # which starts nothing before it is needed
         with make_executor(chosen, jobs, max(1, len(missing)), logs) as workers:
@@ -74,35 +93,66 @@ def sweep(
             display = Display(missing, console)
             try:
                 with display:
-                    names = ([r.name for r in runs] for runs in (standing.done, standing.failed))
+                    ready = [run.name for run in standing.done if run.name not in again]
                     status = execute(
                         missing,
                         store,
                         workers,
                         display,
-                        *names,
+                        ready,
+                        [run.name for run in standing.failed],
+                        check=lambda run: (
+                            reproduces(store.metrics(run.name), again[run.name])
+                            if run.name in again
+                            else ""
+                        ),
                         together=together or seeds_together(),
                         fail_fast=fail_fast,
                     )
             except KeyboardInterrupt:
                 # By what is there: of runs done at once, some may have ended.
-                kept = sum(store.status(run.name) not in ("", "failed") for run in plan.runs)
+                kept = len(standing.done) + sum(
+                    store.status(run.name) not in ("", "failed") for run in standing.missing
+                )
                 say(errors, _interruption(kept, len(plan.runs)))
                 return 130
         sound |= store.sound(warn, [run.name for run in missing])
-        tables = store.tables(sound, {run.name for run in plan.runs})
+        found = store.tables(sound, {run.name for run in plan.runs})
+        arrived = {run for run, end in found.statuses().items() if end != "failed"}
+        gone = {row for row, run in standing.outdated.items() if run in arrived}
+        tables = recorded.merged(found, gone)
         tables.save(tables_dir)
     rebuild_report(tables, documents_dir, console)
     rebuild_leaderboard(tables, documents_dir, console)
     say(console, f"Tables: {tables_dir}")
     failed = [*standing.failed, *(run for run in missing if status.get(run.name) == "failed")]
     if failed:
-        causes = tables.runs.set_index("run")["cause"]
-        first = f"{failed[0].label}: {causes.get(failed[0].name, '')}"
-        say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {first}")
+        causes = found.runs.set_index("run")["cause"]  # rows that stay may know nothing of it
+        first = next((run for run in failed if causes.get(run.name)), failed[0])
+        said = f"{first.label}: {causes.get(first.name, '')}"
+        say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {said}")
     if left := len(missing) - len(status):
         say(errors, f"Stopped at the first failure: {left} runs are still to do.")
     return 1 if failed or plan.broken else 0
+
+
+def recorded_tables(tables_dir: Path) -> Tables:
+    """The tables in a folder, empty where there are none yet.
+
+    Raises:
+        TableError: They cannot be read.
+    """
+    there = (tables_dir / "runs.parquet").is_file()
+    return Tables.load(tables_dir) if there else Tables.empty()
+
+
+def _refusal(standing: Standing, tables_dir: Path) -> str:
+    named = next(iter(standing.outdated))
+    return (
+        f"{len(standing.outdated)} rows of {tables_dir} are of another program (the first: "
+        f"{named}). Nothing was run. Give --replace to train these runs again and replace their "
+        "rows, or --out FOLDER to keep both."
+    )
 
 
 def rebuild_leaderboard(tables: Tables, directory: Path, console: Console) -> None:
@@ -143,7 +193,7 @@ def show(tables: Tables, console: Console) -> None:
                 heads[column.heading],
                 overflow="fold",
                 justify="left" if column.heading in ("method", "runs") else "right",
-                no_wrap=column.heading == "reward (n)",
+                no_wrap=column.heading == "settled reward (n)",
                 min_width=max(map(len, words)) + (column.heading == "method"),
             )
         for row in rows:
@@ -155,8 +205,11 @@ def show(tables: Tables, console: Console) -> None:
 
 def _announcement(standing: Standing, slots: int) -> str:
     n_done, n_failed, n_missing = map(len, (standing.done, standing.failed, standing.missing))
+    n_again = len(standing.again)
     to_do = f"{n_missing}, on {slots} worker{'s' * (slots > 1)}" if n_missing else "nothing"
     text = f"Runs finished already: {n_done} of {n_done + n_failed + n_missing}. To do: {to_do}."
+    if n_again:
+        text += f" Trained again, because others start from their lost policies: {n_again}."
     if n_failed:
         text += f" Failed earlier: {n_failed}; --retry-failed tries them again."
     return text

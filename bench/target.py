@@ -1,9 +1,11 @@
 """What it costs to be as good as training from scratch in the high-fidelity simulator.
 
-The target of a cell is the mean score of `REFERENCE` there, less `TOLERANCE`. A run reaches it if
-it counts and its deployed policy does. A run that trained in the high-fidelity simulator is billed
-up to the first epoch from which on its training return, averaged over `SMOOTHING` epochs, had been
-there; every other run is billed in full, because nobody knows its worth before it is deployed.
+Here a return R of a whole episode counts as 1 - R / (return at the spawn), because training curves
+are of whole episodes. The target of a cell is the mean of `REFERENCE` there, less `TOLERANCE`. A
+run reaches it if its deployed policy does. A run that trained in the high-fidelity simulator is
+billed up to the first epoch from which on its training return, averaged over `SMOOTHING` epochs,
+had been there; every other run is billed in full, because nobody knows its worth before it is
+deployed.
 
     expected cost = cost of all runs / number of runs that reach the target
 
@@ -18,14 +20,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bench.scores import scored, zero_returns
+from bench.scores import by_run
 from bench.statistics import COUNTED, Cell, Entry, cell_of, entry_of, records
 from bench.tables import Tables
 
 REFERENCE = Entry("hf_scratch")
 """Whose mean score is the target: the paper's baseline that knows no other simulator."""
 TOLERANCE = 0.01
-"""How far below it the target lies, in score; a choice."""
+"""How far below it the target lies, as a share of the return at the spawn; a choice."""
 SMOOTHING = 10
 """Epochs over which a training return is averaged."""
 
@@ -34,7 +36,7 @@ class ToTarget(NamedTuple):
     """The costs of an entry in a cell."""
 
     target: float
-    """Score to reach."""
+    """What is to be reached: 1 - R / (return at the spawn)."""
     runs: int
     """Runs whose cost is known."""
     minutes: dict[int, float]
@@ -88,21 +90,21 @@ def _share(run: Mapping[str, Any], target: float) -> float:
 
 def _runs(tables: Tables) -> dict[Cell, dict[Entry, list[dict[str, Any]]]]:
     """What is known of every run whose cost is known, by cell and entry."""
-    scores = scored(tables)
+    rewards = tables.results.loc[tables.results["metric"].eq("reward")]
     cost = tables.results.loc[tables.results["metric"].isin(["fleet_minutes", "train_seconds"])]
     costs = cost.drop_duplicates(subset=["run", "metric"]).pivot(
         index="run", columns="metric", values="value"
     )
     costs = costs.reindex(columns=["fleet_minutes", "train_seconds"]).fillna(0.0)
-    zero, curves = zero_returns(tables), _curves(tables.curves)
+    zero, curves = by_run(tables, "spawn_reward"), _curves(tables.curves)
     found: dict[Cell, dict[Entry, list[dict[str, Any]]]] = {}
-    for row in records(scores):
-        if row["run"] not in costs.index:
+    for row in records(rewards):
+        if row["run"] not in costs.index or row["run"] not in zero:
             continue
         known = {
             "seed": int(row["seed"]),
             "status": row["status"],
-            "score": float(row["value"]),
+            "score": 1.0 - float(row["value"]) / zero[row["run"]],
             "calibration_flights": int(row["calibration_flights"]),
             "zero": zero[row["run"]],
             "curve": curves.get(row["run"], np.zeros(0)),

@@ -1,11 +1,11 @@
 """Trains and evaluates runs; this is what a worker process does, on whatever machine.
 
-Every policy is deployed twice with the initial states of its seed: in the high-fidelity simulator
-(the row of the leaderboard), with the effects that the run's row asks for, and in the nominal point
-mass, which tells how much of a return was lost between the two. A child's ledger holds its own
-costs only: those of its parents are theirs, and a run that deploys its parent's policy has none.
-Flights that stand elsewhere are those of the Hybrid that `recalibrated` goes on from, or that a row
-deploys; the LF baseline, the parent of all others, flies none.
+Every policy is deployed twice with the initial states of its task and team size: in the high-
+fidelity simulator (the row of the leaderboard), with the effects that the run's row asks for, and
+in the nominal point mass, which tells how much of a return was lost between the two. A child's
+ledger holds its own costs only: those of its parents are theirs, and a run that deploys its
+parent's policy has none. Flights that stand elsewhere are those of the Hybrid that `recalibrated`
+goes on from, or that a row deploys; the LF baseline, the parent of all others, flies none.
 """
 
 import contextlib
@@ -31,18 +31,19 @@ from bench.store import Store
 from bench.tables import SCHEMAS, STATUSES, UNITS, table
 from methods.checkpoint import kept_by
 from methods.contract import Ledger, Progress, Setup, Trained
-from methods.evaluate import Evaluation, evaluate
+from methods.evaluate import Evaluation, evaluate, standing_rewards, takeoff_steps
 from methods.policy import PolicyController, make_policy
 from methods.reference_paths import Followers
 from methods.together import Team
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.effects.chain import canonical
+from tasks.contract import AbstractTask
 
 REPORT_EVERY = 0.2
 """Shortest time between two progress reports of a worker [s]."""
 SMOOTHING = 10
-"""Epochs over which training returns are averaged if a method does not say its best."""
+"""Last epochs over which training returns are averaged if a method does not say its own."""
 SAMPLE_EVERY = 5
 """Control steps between two stored positions: 10 Hz."""
 
@@ -132,12 +133,7 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
     )
     nominal = registry.load("simulator", NOMINAL)()
     reality = parse_reality(run.reality)
-    template = make_policy(task, nominal.spec, nominal.action_space, jax.random.key(0))
-    refitted = registry.load("method", run.method).goes_on_from if not run.deploys else ()
-    parents = {
-        name: store.trained(parent, template, name in refitted)
-        for name, parent in run.parents.items()
-    }
+    parents = _parents(run, store, task, nominal)
     setup = Setup(task, nominal, reality, parents, progress)
     with kept_by(store.checkpoints(run)):
         trained = _deployed(parents[run.method]) if run.deploys else _trained(run, setup)
@@ -152,14 +148,35 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
     deployed = evaluate(task, reality, controller, run.seed)
     progress("evaluation", 1, 2, deployed.reward)
     in_nominal = evaluate(task, nominal, controller, run.seed)
+    standing = standing_rewards(task, run.seed)
     return Outcome(
         status=trained.status,
         trained=trained,
         trained_effects=_trained_in(run, store, trained, reality),
-        metrics=metrics(trained, deployed, in_nominal),
+        metrics=metrics(trained, deployed, in_nominal)
+        | {
+            "spawn_reward": float(standing.sum(axis=1).mean()),
+            "spawn_settled_reward": float(standing[:, takeoff_steps(task) :].sum(axis=1).mean()),
+        },
         curves=_curves(run, trained),
         trajectory=_trajectory(run, deployed),
     )
+
+
+def _parents(
+    run: Run, store: Store, task: AbstractTask, nominal: AbstractSimulator
+) -> dict[str, Trained]:
+    """What the parents of a run trained, by method."""
+    method, found = registry.load("method", run.method), {}
+    for name, parent in run.parents.items():
+        cell = None if run.deploys else method.parent_cells.get(name)
+        flown = (
+            build(registry.load("task", cell[0]), {}, cell[0], n_drones=cell[1]) if cell else task
+        )
+        template = make_policy(flown, nominal.spec, nominal.action_space, jax.random.key(0))
+        refitted = not run.deploys and name in method.resumes_from
+        found[name] = store.trained(parent, template, refitted)
+    return found
 
 
 def _deployed(parent: Trained) -> Trained:
@@ -192,11 +209,14 @@ def metrics(trained: Trained, deployed: Evaluation, in_nominal: Evaluation) -> d
     if training_reward is None:
         history = np.asarray(trained.curves.get("smooth_reward", [np.nan]), float)
         width = min(SMOOTHING, len(history))
-        training_reward = np.convolve(history, np.full(width, 1.0 / width), "valid").max()
+        training_reward = history[-width:].mean()
     if taken := sorted(set(notes) & set(UNITS)):
         raise ValueError(f"The notes of a method cannot be called {', '.join(taken)}.")
     return {
+        "settled_reward": deployed.settled_reward,
         "reward": deployed.reward,
+        "takeoff_reward": deployed.takeoff_reward,
+        "settling_time": deployed.settling_time,
         "crashes": deployed.crashes,
         "crash_step_rate": deployed.crash_step_rate,
         "position_error": deployed.position_error,
@@ -210,6 +230,7 @@ def metrics(trained: Trained, deployed: Evaluation, in_nominal: Evaluation) -> d
         "train_seconds": ledger.train_seconds,
         "training_reward": training_reward,
         "lf_reward": in_nominal.reward,
+        "lf_settled_reward": in_nominal.settled_reward,
         "lf_position_error": in_nominal.position_error,
         **notes,
     }

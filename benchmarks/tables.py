@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from bench.blind.canvas import saved
 from bench.figures import COLORS
-from bench.pictures import STYLE
+from bench.paper.figures import STYLE
 
 TABLE = Path("results/performance/benchmarks.csv")
 FIGURE = Path("reports/performance/scale.png")

@@ -15,7 +15,7 @@ from bench.blind.canvas import OUR_COLOR, saved
 from bench.blind.sections import asked
 from bench.blind.tables import OURS, Tables
 from bench.figures import COLORS
-from bench.pictures import STYLE
+from bench.paper.figures import STYLE
 from bench.statistics import records
 
 Drawing = tuple[str, str]

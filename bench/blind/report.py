@@ -9,7 +9,7 @@ from bench.blind import failures, limits, next_flight, sections
 from bench.blind.pictures import write_pictures
 from bench.blind.tables import Tables
 from bench.pages import read_notes
-from bench.pictures import data_uri
+from bench.paper.figures import data_uri
 from bench.report import write_page
 
 INTRODUCTION = (

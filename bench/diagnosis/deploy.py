@@ -23,7 +23,7 @@ from bench.diagnosis.documents import check_place
 from bench.errors import UsageError
 from bench.plan import NOMINAL
 from bench.realities import parse_reality, written
-from bench.statistics import COUNTED
+from bench.statistics import COUNTED, FAILURES
 from methods.contract import Setup, Trained
 from methods.evaluate import evaluate
 from methods.policy import PolicyController
@@ -108,7 +108,7 @@ def _seed(
                     "effects": canonical(trained.effects, digits=4),
                 }
             )
-            said = "" if trained.status in COUNTED else f" ({trained.status})"
+            said = f" ({trained.status})" if trained.status in FAILURES else ""
             console.print(f"seed {seed}, {way}: reward {deployed.reward:.1f}{said}", markup=False)
     return rows
 
@@ -122,8 +122,8 @@ def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
     Without a share where the hot start is no better than the nominal policy.
 
-    Diverged trainings are counted and are in no mean. The gap is that of the seeds in which
-    neither the way nor the two that span the gap diverged.
+    A diverged training counts with the policy that it left; the number of diverged trainings
+    stands beside the mean. The gap uses the seeds in which all three ways have a return.
     """
     ok = {(r["way"], r["seed"]): r for r in rows if _counts(r)}
     low, high = (_name(*way) for way in (WAYS[0], WAYS[-1]))
@@ -137,7 +137,8 @@ def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         reward = lambda name, common=common: sum(ok[name, s]["reward"] for s in common)  # noqa: E731
         gap = reward(high) - reward(low)
         closed = (reward(way) - reward(low)) / gap if gap > 1e-9 else None
-        diverged = len(seeds) - len(mine)
+        ended = [row["status"] for row in rows if row["way"] == way]
+        diverged = sum(status in FAILURES for status in ended)
         found.append({"way": way, **means, "closed": closed, "diverged": diverged})
     return found
 

@@ -45,7 +45,13 @@ def outcome(run, reward=-3.0, policy=None, minutes=1.5):
     return Outcome(
         status="budget",
         trained=trained,
-        metrics={"reward": reward, "fleet_minutes": minutes, "lf_reward": float("nan")},
+        metrics={
+            "settled_reward": reward,
+            "reward": reward,
+            "training_reward": -4.5,
+            "fleet_minutes": minutes,
+            "lf_reward": float("nan"),
+        },
         curves=table("curves", pd.DataFrame({"run": run.name, "epoch": [0, 1]} | trained.curves)),
         trajectory=table(
             "trajectories",

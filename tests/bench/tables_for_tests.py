@@ -4,7 +4,15 @@ import json
 
 from bench.tables import UNITS, Tables, table
 
+SPAWN_SETTLED, SPAWN = -900.0, -1120.0
+"""Settled and whole return of a team that stays at its spawn."""
+TAKEOFF = -20.0
+"""Return of every take-off: a whole return is that much below the settled one."""
 DEFAULTS = {
+    "takeoff_reward": TAKEOFF,
+    "settling_time": 1.5,
+    "spawn_reward": SPAWN,
+    "spawn_settled_reward": SPAWN_SETTLED,
     "crashes": 1.0,
     "position_error": 0.1,
     "fleet_minutes": 0.0,
@@ -18,6 +26,15 @@ DEFAULTS = {
     "lf_position_error": 0.1,
 }
 """Metrics of a run that a test does not care about."""
+ORIGIN = {
+    "committed": "2026-01-01T00:00:00+00:00",
+    "commit": "0123abcd",
+    "dirty": False,
+    "program": "fedcba98",
+    "machine": "a processor",
+    "device": "cpu cpu",
+}
+"""Where every run comes from."""
 
 
 class Sheet:
@@ -42,7 +59,7 @@ class Sheet:
         flights=0,
         **metrics,
     ):
-        """Adds one run per reward; `status` is that of all of them."""
+        """Adds one run per reward, which is the settled one; `status` is that of all of them."""
         for seed, reward in enumerate(rewards, first_seed):
             identity = {
                 "run": f"run{len(self.runs):03d}",
@@ -54,16 +71,24 @@ class Sheet:
                 "seed": seed,
             }
             texts = {"settings": json.dumps({"seed": seed}), "versions": '{"jax": "0.10.1"}'}
-            self.runs.append({**identity, "status": status, "cause": cause, **texts})
+            origin = {"key": f"key of {identity['run']}", **ORIGIN}
+            self.runs.append({**identity, "status": status, "cause": cause, **texts, **origin})
             if status != "failed":
                 world = {"simulator": "crazyflow", "trained_effects": "", "deployed_effects": ""}
                 shared = {**identity, **world, "calibration_flights": flights, "status": status}
-                for metric, value in (DEFAULTS | metrics | {"reward": reward}).items():
+                rewarded = {"settled_reward": reward, "reward": reward + TAKEOFF}
+                for metric, value in (DEFAULTS | rewarded | metrics).items():
                     unit = UNITS.get(metric, "")
                     self.results.append({**shared, "metric": metric, "value": value, "unit": unit})
             if drawn:
                 self._draw(identity["run"], team_size)
         return self
+
+    def add_upper(self, reward=-40.0, *, task="spread", team_size=3, **changes):
+        """Adds one run of the method that a score of 1 means, with this settled reward."""
+        return self.add(
+            "upper_reference", task=task, team_size=team_size, rewards=(reward,), **changes
+        )
 
     def tables(self):
         return Tables(
@@ -84,7 +109,10 @@ class Sheet:
 
 
 def typical():
-    """Two cells; ties, a lost run of each kind, a budget run, a variant and a hostile name."""
+    """Two cells: ties, a failed and a diverged run, a budget run, a variant and a hostile name.
+
+    The upper reference has two seeds and competes with nobody all the same.
+    """
     sheet = Sheet()
     sheet.add("lf_baseline", rewards=(-60.0, -61.0, -63.5), drawn=True)
     sheet.add("hf_hotstart", rewards=(-50.0, -51.0, -52.5), fleet_minutes=80.0, drawn=True)
@@ -97,6 +125,7 @@ def typical():
     sheet.add("lf_baseline", task="circle", team_size=12, rewards=(-200.0,), drawn=True)
     sheet.add("<script>alert(1)</script>|x", task="circle", team_size=12, rewards=(-150.0,))
     sheet.add("hf_scratch", task="circle", team_size=12, rewards=(-140.0,), status="budget")
+    sheet.add_upper(-45.0).add_upper(-46.0, first_seed=1)
     return sheet.tables()
 
 

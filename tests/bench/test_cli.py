@@ -94,8 +94,8 @@ def test_the_list_shows_plugins_with_their_package_and_broken_ones_with_the_reas
     assert "No module named 'fakes_that_do_not_exist'" in line("shattered")
     assert "fidelity-bench" in line("hybrid")
     assert "broken" not in line("hybrid")
-    assert "12 runs" in line("quick")
-    assert "720 runs" in line("paper")
+    assert "14 runs" in line("quick")
+    assert "884 runs" in line("paper")
 
 
 def test_a_suite_of_broken_plugins_alone_is_listed_with_the_reason(capsys, monkeypatch):
@@ -105,7 +105,7 @@ def test_a_suite_of_broken_plugins_alone_is_listed_with_the_reason(capsys, monke
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(listing, "expand", broken)
     assert main(["list"]) == 0
-    assert "Suite 'pilot' has nothing to run: no simulator imports." in capsys.readouterr().out
+    assert "Suite 'quick' has nothing to run: no simulator imports." in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

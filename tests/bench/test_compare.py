@@ -1,14 +1,20 @@
 """`bench compare`: the answer, what it rests on, and the exit status."""
 
+import dataclasses
+import itertools
 import json
+import re
 
+import numpy as np
 import pandas as pd
 import pytest
-from tables_for_tests import Sheet
+from tables_for_tests import SPAWN_SETTLED, Sheet
 
 from bench.cli import main
 from bench.compare import Side, Verdict, compare, load_side
 from bench.errors import UsageError
+from bench.leaderboard import write_leaderboard
+from bench.pooled import pools
 from bench.statistics import Entry
 from bench.tables import Tables
 
@@ -25,19 +31,27 @@ def both(**cell):
 
 
 def two_cells():
-    sheet = both()
+    sheet = both().add_upper().add_upper(team_size=12)
     sheet.add("good", rewards=BAD, team_size=12).add(
         "bad", rewards=(-80.0, -82.0, -81.0), team_size=12
     )
     return sheet
 
 
-def test_one_cell_is_decided_by_the_t_interval_of_rewards():
+def test_one_cell_is_decided_by_the_t_interval_of_settled_rewards():
     found = compare(*sides(both()))
     assert found.verdict is Verdict.BETTER
-    assert "Reward -51.2 ± 1.3 (n = 3) against -61.2 ± 1.0 (n = 3)" in found.lines[0]
+    assert "Settled reward -51.2 ± 1.3 (n = 3) against -61.2 ± 1.0 (n = 3)" in found.lines[0]
     assert "t-interval" in found.lines[0]
     assert compare(*sides(both())[::-1]).verdict is Verdict.WORSE
+
+
+def test_tables_of_the_first_protocol_are_compared_by_the_whole_reward():
+    tables = both().tables()
+    kept = tables.results.loc[tables.results["metric"] != "settled_reward"]
+    found = compare(*sides(dataclasses.replace(tables, results=kept)))
+    assert found.verdict is Verdict.BETTER
+    assert "Reward -71.2 ± 1.3 (n = 3) against -81.2 ± 1.0 (n = 3)" in found.lines[0]
 
 
 def test_the_means_that_are_shown_are_of_the_seeds_that_are_compared():
@@ -50,7 +64,9 @@ def test_the_means_that_are_shown_are_of_the_seeds_that_are_compared():
 def test_several_cells_are_decided_by_pooled_scores():
     found = compare(*sides(two_cells()))
     assert found.verdict is Verdict.BETTER
-    assert found.lines[0].startswith("IQM score 0.9")
+    apart = np.mean([np.mean(GOOD) - np.mean(BAD), np.mean(BAD) + 81.0]) / (-40.0 - SPAWN_SETTLED)
+    assert found.lines[0].startswith(f"Score higher by {apart:.4f}, mean over cells, 95 % interval")
+    assert found.lines[0].endswith("(6 pairs of seeds).")
     assert "Probability that a run of the first is better: 1.00" in found.lines[1]
     assert "2 cells: spread, N = 3; spread, N = 12, 3 seeds of good, 3 seeds" in found.lines[2]
     assert compare(*sides(two_cells())[::-1]).verdict is Verdict.WORSE
@@ -60,12 +76,58 @@ def test_a_lost_seed_does_not_make_a_method_better_in_several_cells():
     """Both are the same; the one that lost its hardest seeds is not the better one."""
     sheet = Sheet()
     for team_size in (3, 5, 7, 9, 12):
+        sheet.add_upper(team_size=team_size)
         sheet.add("good", rewards=(-50.0, -51.0, -52.0), team_size=team_size)
         sheet.add("bad", rewards=(-50.1, -50.9, -52.0, -90.0, -95.0), team_size=team_size)
     found = compare(*sides(sheet))
     assert found.verdict is Verdict.NO_DIFFERENCE
-    assert "(n = 15) against" in found.lines[0]
-    assert "(n = 15): difference" in found.lines[0]
+    assert found.lines[0].startswith("Score higher by 0.0000, ")
+    assert found.lines[0].endswith("(15 pairs of seeds).")
+    better, fewer = Sheet(), Sheet()  # all seeds of the other one would make it better
+    for team_size in (3, 5, 7, 9, 12):
+        for sheet, seeds in ((better, 5), (fewer, 3)):
+            rewards = (-50.1, -50.9, -52.0, -90.0, -95.0)
+            sheet.add("bad", rewards=rewards, team_size=team_size).add_upper(team_size=team_size)
+            sheet.add(
+                "good", rewards=(-50.0, -51.0, -52.0, -5.0, -6.0)[:seeds], team_size=team_size
+            )
+    assert compare(*sides(better)).verdict is Verdict.BETTER
+    assert compare(*sides(fewer)).verdict is Verdict.NO_DIFFERENCE
+
+
+def test_compare_and_the_leaderboard_give_one_number_for_one_comparison(tmp_path):
+    """Although one method lacks a cell, another one lost a seed, and a run diverged."""
+    rng = np.random.default_rng(3)
+    names = ("first", "second", "third", "fourth")
+    sheet = Sheet()
+    for team_size in (3, 5, 7, 9, 12):
+        sheet.add_upper(team_size=team_size)
+        for place, name in enumerate(names):
+            lost = (name, team_size) == ("second", 5)
+            if (name, team_size) != ("third", 3):
+                rewards = rng.normal(-60.0 - place, 1.5, 4 - lost)
+                sheet.add(name, rewards=rewards, first_seed=lost, team_size=team_size)
+            if lost:
+                sheet.add(name, status="failed", team_size=team_size)
+    sheet.add("fourth", rewards=(-300.0,), first_seed=4, status="diverged")
+    tables = sheet.tables()
+    (pool,) = pools(tables)
+    assert (len(pool.cells), len(pool.rows)) == (4, 4)
+    write_leaderboard(tables, tmp_path / "leaderboard.md")
+    text = (tmp_path / "leaderboard.md").read_text().partition("probability that a run of")[2]
+    lines = [line.strip("| ").split(" | ") for line in text.partition("\n\n")[0].splitlines()]
+    shown = {name: [x.replace("\\*", "*") for x in numbers] for name, *numbers in lines[2:]}
+    entries = [row.entry for row in pool.rows]
+    for (i, one), (j, other) in itertools.permutations(enumerate(entries), 2):
+        found = compare(Side("a", tables, one), Side("b", tables, other))
+        (line,) = [line for line in found.lines if line.startswith("Probability")]
+        numbers = r"better: ([\d.]+), 95 % percentile-bootstrap interval ([\d.]+) to ([\d.]+)\."
+        value, low, high = map(float, re.search(numbers, line).groups())
+        assert value == pytest.approx(pool.improvement[i][j].value, abs=0.0051)
+        assert shown[one.label][j].rstrip("*") == f"{value:.2f}"
+        if i < j:  # the other way round is the same interval from 1 downwards
+            assert (low, high) == pytest.approx(pool.improvement[i][j][1:], abs=0.0051)
+            assert shown[one.label][j].endswith("*") == (high < 0.5 or low > 0.5)
 
 
 def test_what_the_seeds_do_not_decide_is_no_difference():
@@ -92,7 +154,7 @@ def changed(tables, about, **columns):
         ),
         (Sheet().add("good", rewards=GOOD).add("bad").tables(), "share 1 cells, none with 2 seeds"),
         (
-            Sheet().add("good", rewards=GOOD).add("bad", rewards=BAD, status="diverged").tables(),
+            Sheet().add("good", rewards=GOOD).add("bad", rewards=BAD, status="failed").tables(),
             "they have no cell in common",
         ),
         (
@@ -104,8 +166,8 @@ def changed(tables, about, **columns):
             "version of simulator crazyflow is missing against 2",
         ),
         (
-            both(task="own").add("good", rewards=GOOD).add("bad", rewards=BAD).tables(),
-            "without a frozen return at the spawn: own, N = 3",
+            two_cells().add("good", task="own", rewards=GOOD).add("bad", task="own", rewards=BAD),
+            "without an upper reference in the cell there is no score: own, N = 3.",
         ),
     ],
 )
@@ -120,7 +182,7 @@ def test_other_axes_and_lost_runs_stand_beside_the_answer():
     sheet.add("bad", rewards=BAD, fleet_minutes=400.0)
     sheet.add("bad", rewards=(-1.0,), first_seed=3, status="failed")
     lines = "\n".join(compare(*sides(sheet)).lines)
-    assert "Runs lost: 0 of good, 1 of bad" in lines
+    assert "Failed or diverged: 0 of good, 1 of bad." in lines
     assert (
         "HF fleet-minutes: 40 against 400 (means over cells); lower in 1, higher in 0 of 1" in lines
     )
@@ -130,13 +192,23 @@ def test_other_axes_and_lost_runs_stand_beside_the_answer():
     )
 
 
-def test_folders_are_compared_entry_by_entry():
-    old, new = two_cells().tables(), two_cells().tables()
-    better = new.results["metric"].eq("reward") & new.results["method"].eq("bad")
+def test_diverged_runs_count_with_the_policy_that_they_left():
+    sheet = Sheet().add("good", rewards=GOOD).add("bad", rewards=BAD, status="diverged")
+    found = compare(*sides(sheet))
+    assert found.verdict is Verdict.BETTER
+    assert "against -61.2 ± 1.0 (n = 3)" in found.lines[0]
+    assert "Failed or diverged: 0 of good, 3 of bad." in found.lines
+
+
+def test_folders_are_compared_entry_by_entry_without_the_upper_reference():
+    old, new = (two_cells().add_upper(first_seed=1).tables() for _ in range(2))
+    better = new.results["metric"].eq("settled_reward") & new.results["method"].eq("bad")
     results = new.results.assign(value=new.results["value"].mask(better, -40.0))
     new = Tables(results, new.curves, new.trajectories, new.runs)
     found = compare(Side("new", new, None), Side("old", old, None))
     assert "4 cells: spread, N = 3 (good); spread, N = 3 (bad)" in "\n".join(found.lines)
+    assert found.verdict is Verdict.BETTER
+    assert not any("upper_reference" in line for line in found.lines)
     assert compare(Side("old", old, None), Side("old", old, None)).verdict is Verdict.NO_DIFFERENCE
     mixed = compare(Side("new", new, None), Side("old", old, Entry("good")))
     assert mixed.verdict is Verdict.NOT_COMPARABLE
@@ -145,7 +217,8 @@ def test_folders_are_compared_entry_by_entry():
 def test_the_command_ends_with_a_status_of_its_own_for_each_answer(tmp_path, capsys):
     tied = (-61.0, -60.5, -62.5)
     sheet = both().add("alike", rewards=tied).add("hybrid", "mlp", rewards=GOOD)
-    sheet.add("lonely").tables().save(tmp_path)
+    sheet.add("lonely").tables().save(tmp_path / "without")
+    sheet.add_upper().tables().save(tmp_path)
     there = ("--results", str(tmp_path))
     assert main(["compare", "good", "bad", *there]) == 0
     assert "good is better than bad." in capsys.readouterr().out
@@ -153,6 +226,7 @@ def test_the_command_ends_with_a_status_of_its_own_for_each_answer(tmp_path, cap
     assert main(["compare", "bad", "alike", *there]) == 4
     assert main(["compare", "hybrid (mlp)", "lonely", *there]) == 5
     assert main(["compare", str(tmp_path), str(tmp_path)]) == 4
+    assert main(["compare", *2 * [str(tmp_path / "without")]]) == 5
     capsys.readouterr()
     assert main(["compare", "god", "bad", *there]) == 2
     assert "Did you mean 'good'?" in capsys.readouterr().err

@@ -16,7 +16,7 @@ from bench.outlook import expectations, past_rows, show_plan
 from bench.plan import Plan, expand
 from bench.store import Outcome, Store
 from bench.suite import Row, Suite
-from bench.tables import table
+from bench.tables import Tables, table
 from methods.contract import Ledger, Trained
 from methods.policy import make_policy
 from simulators.point_mass import PointMass
@@ -72,7 +72,7 @@ def test_reasons_say_why_a_run_is_missing_and_leave_the_store_alone(runs, store)
     store.commit(second, finished(second))
     (store.runs / second.name / "policy.npz").write_bytes(b"")
     before = content(store.directory)
-    found = {state.run.name: state for state in states(runs, store)}
+    found = {state.run.name: state for state in states(runs, store, Tables.empty())}
     assert found[first.name].reason == ""
     assert found[first.name].content["status"] == "ok"
     assert found[child.name].reason == "failed: the propellers fell off"
@@ -102,7 +102,7 @@ def test_what_failed_by_itself_and_its_children_cost_nothing_unless_tried_again(
 def test_a_run_that_was_killed_is_called_interrupted_not_failed(runs, store):
     run = runs[0]
     store.commit(run, Outcome(status="failed", cause="its worker was killed", interrupted=True))
-    (state,) = states([run], store)
+    (state,) = states([run], store, Tables.empty())
     assert state.reason == "interrupted: its worker was killed"
 
 
@@ -123,7 +123,8 @@ def test_what_has_changed_since_a_run_was_stored_is_named(runs, store, change, r
         kept = child.resolved["defaults"]
         name = "simulator crazyflow"
         new["defaults"] = {**kept, name: {**kept[name], "freq": 9}}
-    (found,) = states([dataclasses.replace(child, resolved={**child.resolved, **new})], store)
+    changed = dataclasses.replace(child, resolved={**child.resolved, **new})
+    (found,) = states([changed], store, Tables.empty())
     assert found.reason == f"changed: {reason}"
 
 
@@ -147,7 +148,7 @@ def test_past_runs_are_those_of_tables_and_of_the_store(runs, store):
     (found,) = past_of_tables(tables)
     assert (found.method, found.seconds, found.minutes) == ("child", 12.0, 6.0)
     store.commit(runs[1], finished(runs[1]))
-    (found,) = past_of_states(states(runs, store))
+    (found,) = past_of_states(states(runs, store, Tables.empty()))
     assert (found.run, found.seconds, found.minutes) == (runs[1].name, 30.0, 2.0)
 
 

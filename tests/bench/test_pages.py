@@ -67,7 +67,7 @@ def seconds(page):
 
 
 def test_a_click_on_a_heading_sorts_and_a_second_one_reverses(report):
-    cell, heading = "spread, N = 3", "reward (n)"
+    cell, heading = "spread, N = 3", "settled reward (n)"
     click_heading(report, cell, heading)
     means = [float(text.split()[0]) for text in column(report, cell, heading) if text != "-"]
     assert len(means) > 4

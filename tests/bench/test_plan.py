@@ -2,6 +2,9 @@ import dataclasses
 import math
 import re
 
+import equinox as eqx
+import jax
+import numpy as np
 import pytest
 from outcomes import outcome
 
@@ -11,9 +14,20 @@ from bench.realities import parse_reality
 from bench.settings import SettingsError, describe
 from bench.store import Store
 from bench.suite import Row, Suite
-from bench.worker import _trained_in
+from bench.worker import _parents, _trained_in
 from methods.contract import AbstractMethod
+from methods.hybrid import Hybrid
+from methods.hybrid_once import HybridOnce
+from methods.policy import make_policy
 from simulators.effects.drag import Drag
+from simulators.point_mass import PointMass
+from tasks.circle import Circle
+from tasks.figure8 import Figure8
+from tasks.spread import Spread
+
+
+def arrays(policy):
+    return jax.tree.leaves(eqx.filter(policy, eqx.is_array))
 
 
 def make_suite(*rows, tasks=("spread",), team_sizes=(2,), seeds=1):
@@ -70,6 +84,91 @@ def test_a_parent_is_planned_once_before_its_child_in_the_same_cell(plugins):
     assert parent.resolved["task_settings"] == child.resolved["task_settings"]
     assert parent.resolved["task_settings"]["horizon"] == 7
     assert (parent.task, parent.team_size, parent.seed) == (child.task, 2, 0)
+
+
+ONCE = Row("hybrid_once", task_settings={"horizon": 7})
+"""A method that fixes the cell of its parent: hybrid on figure8 with three drones."""
+
+
+def test_a_parent_of_a_fixed_cell_is_planned_there_once_for_each_seed():
+    suite = make_suite(ONCE, tasks=("spread", "circle"), team_sizes=(2, 5), seeds=2)
+    plan = expand(suite)
+    parents = {run.name: run for run in plan.runs if run.method == "hybrid"}
+    children = [run for run in plan.runs if run.method == "hybrid_once"]
+    assert {(run.task, run.team_size) for run in parents.values()} == {("figure8", 3)}
+    assert sorted(run.seed for run in parents.values()) == [0, 1]
+    assert len(children) == 2 * 2 * 2
+    for run in children:
+        (parent,) = run.parents.values()
+        assert parents[parent].seed == run.seed
+        assert run.resolved["parents"] == {"hybrid": parents[parent].key}
+        assert plan.runs.index(parents[parent]) < plan.runs.index(run)
+        assert run.resolved["task_settings"]["horizon"] == 7
+    for parent in parents.values():  # the child's settings are of the child's task
+        assert (parent.variant, parent.resolved["task_settings"]["horizon"]) == ("", 500)
+
+
+def test_a_parent_of_a_fixed_cell_is_the_suites_own_run_there():
+    suite = make_suite(Row("hybrid"), ONCE, tasks=("spread", "figure8"), team_sizes=(3, 5))
+    runs = expand(suite).runs
+    (own,) = [r for r in runs if (r.method, r.task, r.team_size) == ("hybrid", "figure8", 3)]
+    children = [run for run in runs if run.method == "hybrid_once"]
+    assert len(children) == 4
+    assert all(run.parents == {"hybrid": own.name} for run in children)
+
+
+@pytest.mark.parametrize("filters", [{"tasks": ["spread"]}, {"team_sizes": [5]}])
+def test_filters_keep_a_parent_of_a_fixed_cell(filters):
+    suite = make_suite(ONCE, tasks=("spread", "circle"), team_sizes=(2, 5))
+    whole, part = expand(suite).runs, expand(suite.select(**filters)).runs
+    assert [run for run in part if run.method == "hybrid"] == [
+        run for run in whole if run.method == "hybrid"
+    ]
+    kept = [run for run in part if run.method == "hybrid_once"]
+    assert len(kept) == 2
+    assert {run.name for run in kept} < {run.name for run in whole}
+
+
+def test_a_key_changes_with_a_parent_of_a_fixed_cell(monkeypatch):
+    def key():
+        return only(ONCE).key
+
+    before = key()
+    for target, name, value in (
+        (Hybrid, "version", "changed"),
+        (Figure8, "version", "changed"),
+        (HybridOnce, "parent_cells", {"hybrid": ("figure8", 4)}),
+        (HybridOnce, "parent_cells", {"hybrid": ("circle", 3)}),
+        (HybridOnce, "parent_cells", {}),
+    ):
+        with monkeypatch.context() as changed:
+            changed.setattr(target, name, value)
+            assert key() != before, (target, name, value)
+        assert key() == before
+    monkeypatch.setattr(Circle, "version", "changed")  # in which neither of them is
+    assert key() == before
+
+
+def test_the_policy_of_a_parent_of_a_fixed_cell_is_loaded_as_that_of_its_own_task(
+    plugins, tmp_path, monkeypatch
+):
+    import fakes
+
+    monkeypatch.setattr(fakes.Child, "parent_cells", {"instant": ("circle", 4)})
+    row = Row("child", task_settings={"n_neighbors": 1})
+    parent, child = expand(make_suite(row)).runs
+    assert (parent.task, parent.team_size) == ("circle", 4)
+    store, nominal = Store(tmp_path), PointMass()
+    there, here = Circle(n_drones=4), Spread(n_drones=2, n_neighbors=1)
+    policy, other = (
+        make_policy(task, nominal.spec, nominal.action_space, jax.random.key(1))
+        for task in (there, here)
+    )
+    assert [leaf.shape for leaf in arrays(policy)] != [leaf.shape for leaf in arrays(other)]
+    store.commit(parent, outcome(parent, policy=policy))
+    found = _parents(child, store, here, nominal)["instant"]
+    for one, same in zip(arrays(found.policy), arrays(policy), strict=True):
+        np.testing.assert_array_equal(one, same)
 
 
 def test_folder_names_say_what_a_run_is(plugins):
@@ -145,7 +244,7 @@ def test_a_variant_names_what_differs_sorted(plugins):
         (Row("hybrid", settings={"excitation": -0.5}), "`excitation` must be at least 0, got -0.5"),
         (Row("hf_scratch", settings={"epochs_base": -9}), "`epochs_base` must be at least 1"),
         (Row("hybrid", settings={"trainer": {"lr": -1.0}}), "`lr` must be at least 0, got -1.0"),
-        (Row("recalibrated", settings={"flights": 0}), "`flights` must be at least 1, got 0"),
+        (Row("recalibrated", settings={"flights": -1}), "`flights` must be at least 0, got -1"),
         (Row("instant", task_settings={"altitude": -2.0}), "must be above 0, got -2.0"),
         (
             Row("instant", task_settings={"horizn": 3}),

@@ -1,13 +1,12 @@
-"""Scores and pools: frozen zeros, who is pooled with whom, what is left out and why."""
+"""Scores and pools: what 0 and 1 mean, who is pooled with whom, what is left out and why."""
 
-import json
 import math
 
 import numpy as np
 import pandas as pd
 import pytest
 from markdown_it import MarkdownIt
-from tables_for_tests import Sheet
+from tables_for_tests import SPAWN_SETTLED, Sheet
 
 from bench.figures import styles
 from bench.leaderboard import write_leaderboard
@@ -15,10 +14,10 @@ from bench.pooled import pools
 from bench.pooled_figures import pooled_drawings
 from bench.pooled_text import improvement_lines, pool_lines, pool_remarks
 from bench.report import write_report
-from bench.scores import scored, spawn_return
-from bench.spawn import spawn_return as measured_spawn_return
-from bench.statistics import Cell
+from bench.scores import PRIMARY, primary, scored, upper_returns
+from bench.statistics import Cell, Entry
 from bench.tables import Tables
+from methods.evaluate import standing_rewards, takeoff_steps
 from tasks.circle import Circle
 
 
@@ -27,33 +26,57 @@ def two_cells(**others):
     sheet = Sheet()
     for team_size, base in ((3, 0.0), (12, -20.0)):
         cell = {"team_size": team_size, **others}
+        sheet.add_upper(base - 40.0, **cell)
         sheet.add("lf_baseline", rewards=(base - 60.0, base - 61.0, base - 62.0), **cell)
         sheet.add("hf_hotstart", rewards=(base - 50.0, base - 51.0, base - 52.5), **cell)
         sheet.add("hybrid", "mlp", rewards=(base - 50.5, base - 50.9, base - 53.1), **cell)
     return sheet
 
 
-def test_the_frozen_return_is_that_of_the_task_and_what_a_hand_computes():
-    found = measured_spawn_return(Circle(n_drones=3))
-    assert spawn_return("circle", 3) == pytest.approx(found, abs=2e-3)
+def test_the_return_at_the_spawn_is_what_a_hand_computes():
+    task = Circle(n_drones=3)
+    found = standing_rewards(task, seed=0)
     # On the ground 1 m below its ring a drone has |offset| = 1 m but for jitter, |v* - v| = 1 m/s.
-    assert found == pytest.approx(-500.0 * (1.0 + 0.5 * 1.0), rel=0.01)
+    assert found.sum(axis=1).mean() == pytest.approx(-500.0 * (1.0 + 0.5 * 1.0), rel=0.01)
+    settled = found[:, takeoff_steps(task) :].sum(axis=1).mean()
+    assert settled == pytest.approx(-400.0 * (1.0 + 0.5 * 1.0), rel=0.01)
 
 
-def test_other_versions_settings_and_sizes_have_no_frozen_return():
-    assert spawn_return("circle", 3, version="1", settings={"horizon": 500}) is not None
-    assert spawn_return("circle", 3, settings={"n_neighbors": 1, "observe_attitude": True}) < 0.0
-    assert spawn_return("circle", 3, version="2") is None
-    assert spawn_return("circle", 3, settings={"horizon": 400}) is None
-    assert spawn_return("circle", 999) is None
-    assert spawn_return("of a third party", 3) is None
+def test_a_score_is_0_at_the_spawn_and_1_at_the_upper_reference():
+    middle = 0.5 * (SPAWN_SETTLED - 40.0)
+    sheet = Sheet().add_upper(-40.0).add(rewards=(SPAWN_SETTLED, -40.0, middle, -40.0 + 86.0))
+    found = scored(sheet.tables())
+    assert found["value"].tolist() == pytest.approx([0.0, 1.0, 0.5, 1.1])
+    assert set(found["metric"]) == {"score"}
+    assert set(found["method"]) == {"lf_baseline"}  # the reference competes with nobody
 
 
-def test_scores_are_of_runs_with_the_frozen_task():
-    tables = Sheet().add(rewards=(-100.0, -200.0)).tables()
-    tables.runs.loc[1, "settings"] = json.dumps({"method": {}, "task": {"horizon": 7}})
-    zero = spawn_return("spread", 3)
-    assert scored(tables)["value"].tolist() == pytest.approx([1.0 - 100.0 / -zero])
+def test_the_zero_of_a_score_is_that_of_its_own_run():
+    """Of other settings of a task, say, whose return at the spawn is another one."""
+    sheet = Sheet().add_upper(-40.0).add(rewards=(-100.0,))
+    sheet.add(rewards=(-100.0,), first_seed=1, spawn_settled_reward=-160.0)
+    sheet.add(rewards=(-100.0,), first_seed=2, spawn_settled_reward=math.nan)
+    assert scored(sheet.tables())["value"].tolist() == pytest.approx([800.0 / 860.0, 0.5])
+
+
+def test_the_upper_reference_is_the_mean_of_its_seeds_in_the_same_cell():
+    sheet = Sheet().add_upper(-40.0).add_upper(-50.0, first_seed=1)
+    sheet.add_upper(-1.0, variant="observe_attitude=true").add_upper(-2.0, team_size=12)
+    sheet.add(rewards=(-45.0,)).add(task="circle", rewards=(-45.0,))
+    tables = sheet.tables()
+    assert upper_returns(tables) == {Cell("spread", 3): -45.0, Cell("spread", 12): -2.0}
+    found = scored(tables)
+    assert found[["task", "value"]].to_numpy().tolist() == [["spread", 1.0]]
+
+
+def test_tables_of_the_first_protocol_have_no_scores():
+    tables = two_cells().tables()
+    assert primary(tables) == PRIMARY == "settled_reward"
+    old = tables.results.loc[tables.results["metric"] != PRIMARY]
+    tables = Tables(old, tables.curves, tables.trajectories, tables.runs)
+    assert primary(tables) == "reward"
+    assert scored(tables).empty
+    assert pools(tables) == []
 
 
 def test_a_pool_ranks_with_ties():
@@ -70,14 +93,14 @@ def test_a_pool_ranks_with_ties():
 def test_cells_and_entries_that_are_not_pooled_are_named():
     sheet = two_cells()
     sheet.add("hf_scratch", team_size=12, rewards=(-70.0,))
-    sheet.add("hybrid", "sindy", task="circle", rewards=(-70.0, -71.0))
+    sheet.add("hybrid", "sindy", task="circle", rewards=(-70.0, -71.0)).add_upper(task="circle")
     sheet.add("own", task="theirs", rewards=(-1.0, -2.0))
     (pool,) = pools(sheet.tables())
     assert [row.entry.label for row in pool.rows][-1] == "lf_baseline"
     few = "fewer than 2 seeds"
     assert pool_remarks(pool) == [
         f"Not pooled: circle, N = 3: {few} of hf_hotstart, hybrid (mlp), lf_baseline.",
-        "Not pooled: theirs, N = 3: no frozen return at the spawn.",
+        "Not pooled: theirs, N = 3: no upper reference.",
         f"Not pooled: hf_scratch: {few} in 2 of 2 cells.",
         f"Not pooled: hybrid (sindy): {few} in 2 of 2 cells.",
         "Not pooled: own: it has no score.",
@@ -89,6 +112,7 @@ def test_entries_with_different_gaps_share_what_all_of_them_have():
     sheet = Sheet()
     sizes, lacks = (2, 3, 5, 7, 12), {"lf_baseline": 2, "hf_hotstart": 3, "hf_scratch": 5, "": 0}
     for team_size in sizes:
+        sheet.add_upper(team_size=team_size)
         for method, lacking in lacks.items():
             if team_size != lacking:
                 cell = {"team_size": team_size, "rewards": (-60.0, -61.0)}
@@ -99,6 +123,7 @@ def test_entries_with_different_gaps_share_what_all_of_them_have():
     assert held == 9
     sheet = Sheet()
     for team_size in range(2, 12):
+        sheet.add_upper(team_size=team_size)
         for method, lacking in lacks.items():
             if team_size != lacking:
                 cell = {"team_size": team_size, "rewards": (-60.0, -61.0)}
@@ -109,17 +134,29 @@ def test_entries_with_different_gaps_share_what_all_of_them_have():
 
 def test_lost_runs_are_counted_beside_the_pool_even_where_their_cell_is_not_in_it():
     sheet = two_cells()
-    sheet.add("lf_baseline", task="circle", rewards=(-70.0, -71.0))
-    sheet.add("hf_hotstart", task="circle", rewards=(-70.0, -71.0), status="diverged")
+    sheet.add("lf_baseline", task="circle", rewards=(-70.0, -71.0)).add_upper(task="circle")
+    sheet.add("hf_hotstart", task="circle", rewards=(-70.0,), status="diverged")
+    sheet.add("hf_hotstart", task="circle", rewards=(-71.0,), status="failed", first_seed=1)
     sheet.add("hf_hotstart", rewards=(-9.0,), first_seed=3, status="failed")
     (pool,) = pools(sheet.tables())
     lost = {row.entry.label: (row.n, row.lost) for row in pool.rows}
     assert lost == {"hf_hotstart": (6, 3), "hybrid (mlp)": (6, 0), "lf_baseline": (6, 0)}
 
 
+def test_diverged_runs_are_pooled_with_the_policy_that_they_left():
+    sheet = two_cells()
+    for team_size in (3, 12):
+        rewards = (-300.0, -301.0, -302.0)
+        sheet.add("hf_scratch", rewards=rewards, status="diverged", team_size=team_size)
+    (pool,) = pools(sheet.tables())
+    last = pool.rows[-1]
+    assert (last.entry, last.rank, last.n, last.lost) == (Entry("hf_scratch"), (4, 4), 6, 6)
+
+
 def test_a_seed_that_one_entry_lost_is_in_no_entry():
     sheet = Sheet()
     for team_size in (3, 12):
+        sheet.add_upper(team_size=team_size)
         sheet.add("hf_hotstart", rewards=(-50.0, -51.0), team_size=team_size)
         sheet.add("lf_baseline", rewards=(-50.0, -51.0, -500.0), team_size=team_size)
     (pool,) = pools(sheet.tables())
@@ -130,16 +167,22 @@ def test_a_seed_that_one_entry_lost_is_in_no_entry():
 
 
 def test_one_cell_or_one_seed_is_no_pool():
-    one_cell = Sheet().add("a", rewards=(-1.0, -2.0)).add("b", rewards=(-3.0, -4.0))
+    one_cell = Sheet().add("a", rewards=(-1.0, -2.0)).add("b", rewards=(-3.0, -4.0)).add_upper(0.0)
     assert pools(one_cell.tables()) == []
-    one_seed = Sheet().add("a").add("b").add("a", team_size=5).add("b", team_size=5)
+    one_seed = Sheet().add("a").add("b").add_upper()
+    one_seed.add("a", team_size=5).add("b", team_size=5).add_upper(team_size=5)
     assert pools(one_seed.tables()) == []
+    for name in ("a", "b"):
+        one_seed.add(name, first_seed=1).add(name, first_seed=1, team_size=5)
+    assert len(pools(one_seed.tables())) == 1
     assert pools(Sheet().tables()) == []
 
 
 def test_worlds_are_pooled_apart():
     tables = two_cells().tables()
-    windy = tables.results.assign(deployed_effects="wind(x=1)", value=tables.results["value"] - 5.0)
+    lower = tables.results["metric"].eq(PRIMARY) & tables.results["method"].ne("upper_reference")
+    values = tables.results["value"] - 5.0 * lower
+    windy = tables.results.assign(deployed_effects="wind(x=1)", value=values)
     results = pd.concat([tables.results, windy], ignore_index=True)
     both = pools(Tables(results, tables.curves, tables.trajectories, tables.runs))
     assert [pool.deployed_effects for pool in both] == ["", "wind(x=1)"]

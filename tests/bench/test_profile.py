@@ -21,8 +21,10 @@ from methods.profile import (
     trained_in,
 )
 from methods.residual_effect import ResidualEffect
-from methods.varied import make_varied
+from methods.varied import Varied, vary_times
+from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
+from simulators.effects.delay import Delay
 from simulators.point_mass import PointMass
 from tasks.circle import Circle
 from tasks.rollout import Episode
@@ -78,7 +80,9 @@ def test_a_method_is_profiled_where_it_trains():
     hybrid = trained_in(Hybrid(residual="affine", flights=2), SETUP)
     assert isinstance(hybrid, PointMass)
     assert [type(effect) for effect in hybrid.effects] == [ResidualEffect]
-    assert frozen_weights(hybrid) == frozen_weights(make_varied(hybrid, 0.5)) > 0
+    varied = vary_times(with_effects(hybrid, [Delay(seconds=0.03)]), 0.5)
+    assert isinstance(varied, Varied)
+    assert frozen_weights(hybrid) == frozen_weights(varied) > 0
     assert frozen_weights(PointMass()) == 0
 
 

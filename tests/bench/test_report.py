@@ -8,11 +8,11 @@ import re
 import numpy as np
 import pytest
 import tables_for_tests
-from tables_for_tests import Sheet
+from tables_for_tests import TAKEOFF, Sheet
 
 from bench.figures import BUILT_IN, curve_drawings, styles, summary_drawings
 from bench.report import render_markdown, write_report
-from bench.run_details import curve
+from bench.run_details import curve, run_lines
 from bench.statistics import Entry
 from bench.top_view import trajectory_drawings
 
@@ -89,9 +89,19 @@ def test_every_plot_has_its_data_a_caption_and_a_text_for_the_blind(page):
     assert sum(tag == "figcaption" for tag, _ in page.tags) == len(plots)
 
 
-def test_report_names_lost_runs_with_their_cause(page):
+def test_report_names_failed_and_diverged_runs_with_their_cause(typical, page):
     assert "out of memory" in page.text
     assert re.search(r"2 ok, 1 failed \(seed 2\)", page.text)
+    lost = [line for line in run_lines(typical) if line["lost"]]
+    assert sorted((line["method"], line["status"]) for line in lost) == [
+        ("hf_scratch", "failed"),
+        ("hybrid (affine)", "diverged"),
+    ]
+    listed = page.text.partition("Failed and diverged runs, with their cause")[2]
+    listed = listed.partition("All runs")[0]
+    assert [line["run"] in listed for line in run_lines(typical)] == [
+        line["lost"] for line in run_lines(typical)
+    ]
 
 
 def test_report_says_that_contacts_are_flags(page):
@@ -105,7 +115,7 @@ def test_plotly_is_inlined_once(page):
 def test_sortable_cells_carry_numbers(page):
     orders = [a["data-order"] for tag, a in page.tags if tag == "td" and a.get("data-order")]
     numbers = {float(text) for text in orders if re.fullmatch(r"-?[0-9.]+", text)}
-    assert {-140.0, -150.0, -200.0, -70.5, -80.0} <= numbers
+    assert {-140.0, -150.0, -200.0, -70.5, -5039.5} <= numbers
 
 
 def test_report_of_no_rows_is_a_page_that_says_so(tmp_path):
@@ -137,11 +147,11 @@ def test_summary_shows_means_with_bands_and_leaves_gaps_for_missing_cells():
             sheet.add("hf_scratch", team_size=size, rewards=(-5.0,))
     (drawing,) = summary_drawings(sheet.tables())
     lines = {t.name: t for t in drawing.plot.data if t.yaxis == "y3" and t.name}
-    np.testing.assert_allclose(lines["lf_baseline"].y, [-33.0, -77.0, -132.0])
+    np.testing.assert_allclose(lines["lf_baseline"].y, TAKEOFF + np.array([-33.0, -77.0, -132.0]))
     np.testing.assert_array_equal(np.isnan(lines["hf_scratch"].y), [False, True, False])
     bands = [t for t in drawing.plot.data if t.yaxis == "y3" and t.fill == "toself"]
     half = np.std([30.0, 36.0], ddof=1)
-    assert bands[0].y[0] == pytest.approx(-33.0 + half)
+    assert bands[0].y[0] == pytest.approx(TAKEOFF - 33.0 + half)
 
 
 def test_variants_have_no_line_in_the_summary_but_a_row_in_the_table(typical, page):
@@ -189,7 +199,8 @@ def test_marks_of_a_large_team_are_small():
 def test_built_in_methods_keep_their_colours(typical):
     alone, among = styles(tables_for_tests.empty()), styles(typical)
     assert all(alone[entry] == among[entry] for entry in BUILT_IN)
-    assert len({style.color for style in among.values()}) == len(among)
+    assert len({alone[entry].color for entry in BUILT_IN}) == len(BUILT_IN)
+    assert len(set(among.values())) == len(among)
     assert Entry("<script>alert(1)</script>|x") in among
 
 

@@ -52,9 +52,10 @@ def result_row(**changes):
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_interval_of_a_mean_equals_scipys(n):
     values = np.random.default_rng(n).normal(-50.0, 4.0, n)
-    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
+    test = stats.ttest_1samp(values, 0.0)
     found = estimate(values)
-    assert (found.low, found.high) == pytest.approx(tuple(expected))
+    assert (found.low, found.high) == pytest.approx(tuple(test.confidence_interval(0.95)))
+    assert found.freedom == test.df == n - 1
     assert (found.mean, found.std) == pytest.approx((values.mean(), values.std(ddof=1)))
 
 
@@ -82,9 +83,10 @@ def test_a_seed_that_one_side_lost_is_left_out_of_both():
 def test_difference_over_other_seeds_is_welchs():
     rng = np.random.default_rng(1)
     a, b = rng.normal(0.0, 1.0, 5), rng.normal(1.0, 4.0, 3)
-    expected = stats.ttest_ind(a, b, equal_var=False).confidence_interval(0.95)
+    test = stats.ttest_ind(a, b, equal_var=False)
     found = difference(by_seed(*a), dict(enumerate(b, 4)))  # one seed in common
-    assert (found.low, found.high) == pytest.approx(tuple(expected))
+    assert (found.low, found.high) == pytest.approx(tuple(test.confidence_interval(0.95)))
+    assert found.freedom == pytest.approx(test.df)
 
 
 def test_one_seed_in_common_with_the_only_one_of_a_side_is_that_seeds_difference():
@@ -130,14 +132,14 @@ def test_one_seed_takes_no_rank_and_gives_none_away():
     assert ranks(samples) == {A: None, B: 1, C: 2}
 
 
-def test_failed_and_diverged_runs_are_no_values():
+def test_a_diverged_run_counts_with_the_policy_it_left_and_a_failed_one_does_not():
     statuses = ("ok", "budget", "failed", "diverged")
     rows = [
         result_row(run=f"r{i}", seed=i, status=status, value=-float(i))
         for i, status in enumerate(statuses)
     ]
     found = seed_values(table("results", rows), "reward")
-    assert found == {Cell("spread", 3): {A: {0: 0.0, 1: -1.0}}}
+    assert found == {Cell("spread", 3): {A: {0: 0.0, 1: -1.0, 3: -3.0}}}
 
 
 def test_values_that_are_not_finite_are_left_out():

@@ -19,6 +19,7 @@ from outcomes import FailingDisk, MortalDisk, make_template, outcome, plan
 from bench.record import FILES, Outcome
 from bench.resume import make_standing
 from bench.store import Store
+from bench.tables import Tables
 
 N_RUNS = 3
 SEEDS = st.integers(0, N_RUNS - 1)
@@ -125,7 +126,7 @@ class StoreMachine(RuleBasedStateMachine):
         assert {n: c["status"] for n, c in sound.items()} == {
             n: status for n, (status, _) in self.kept.items()
         }
-        standing = make_standing(self.planned, sound, retry_failed=True)
+        standing = make_standing(self.planned, sound, Tables.empty(), retry_failed=True)
         finished = {n for n, (status, _) in self.kept.items() if status != "failed"}
         assert {r.name for r in standing.done} == finished
         assert [r.name for r in standing.missing] == [

@@ -4,6 +4,7 @@ import re
 import pytest
 
 from bench.suite import Row, Suite, SuiteError, built_in, load_suite
+from methods.evaluate import TUNING_SEEDS
 from simulators.registry import UnknownPluginError
 
 GOOD = """
@@ -49,7 +50,7 @@ def test_a_suite_without_a_name_is_called_as_its_file(load):
 
 
 def test_built_in_suites_are_what_the_documentation_promises():
-    suites = {name: load_suite(name) for name in built_in()[:3]}
+    suites = {name: load_suite(name) for name in built_in()}
     rows = {
         name: [row for row in suite.methods if not row.settings and not row.task_settings]
         for name, suite in suites.items()
@@ -58,14 +59,20 @@ def test_built_in_suites_are_what_the_documentation_promises():
         name: (len(s.tasks), s.team_sizes, s.seeds, len(rows[name])) for name, s in suites.items()
     }
     assert sizes == {
-        "quick": (2, (3,), 1, 6),
-        "pilot": (4, (3, 12), 3, 8),
-        "paper": (4, (3, 5, 7, 9, 12, 18), 5, 6),
+        "quick": (2, (3,), 1, 8),
+        "paper": (4, (3, 5, 7, 9, 12, 18), 5, 10),
+        "ablations": (2, (3, 12), 3, 3),
+        "budget": (4, (3, 7, 12), 3, 3),
+        "off_spec": (2, (3, 7, 12), 5, 20),
+        "scale": (2, (100, 1000), 1, 2),
+        "tuning": (4, (3,), 1, 0),
     }
-    ablations = [row for row in suites["pilot"].methods if row not in rows["pilot"]]
-    assert ablations
-    assert {row.seeds for row in ablations} == {1, None}
-    assert load_suite("tuning").first_seed == 1000  # seeds that no result uses
+    assert list(suites)[:2] == ["quick", "paper"]
+    (upper,) = [row for row in suites["paper"].methods if row.method == "upper_reference"]
+    assert upper == Row("upper_reference", seeds=1)  # in every cell
+    for name, suite in suites.items():  # tuning has seeds that no result uses
+        assert (suite.first_seed >= TUNING_SEEDS) == (name == "tuning")
+        assert suite.first_seed + suite.seeds <= TUNING_SEEDS or name == "tuning"
 
 
 @pytest.mark.parametrize(
@@ -120,15 +127,24 @@ def test_a_row_says_where_it_is_deployed(load):
 
 
 def test_the_papers_studies_beside_its_grid_are_suites():
-    off_spec, calibration = load_suite("off_spec"), load_suite("calibration")
+    off_spec, budget = load_suite("off_spec"), load_suite("budget")
     assert (off_spec.tasks, off_spec.team_sizes) == (("circle", "figure8"), (3, 7, 12))
-    adapted = [row.reality for row in off_spec.methods if row.method == "recalibrated"]
+    adapted = [
+        row.reality for row in off_spec.methods if row == Row("recalibrated", reality=row.reality)
+    ]
     assert adapted == ["crazyflow+mass(e=0.2)", "crazyflow+drag(c=2)", "crazyflow+wind(x=1.5)"]
     for world in adapted:
         rows = [(r.method, r.tracked) for r in off_spec.methods if r.deployed_in == world]
         assert rows == [("lf_baseline", False), ("lf_baseline", True), ("hybrid", False)]
-    flights = [row.settings["flights"] for row in calibration.methods if row.settings]
-    assert flights == [1, 2, 4, 8, 16, 32, 64, 128, 240]
+        trained = [row for row in off_spec.methods if row.reality == world]
+        assert trained == [
+            Row("recalibrated", reality=world),
+            Row("recalibrated", settings={"flights": 0}, reality=world),
+            Row("grey_box", reality=world),
+            Row("hf_hotstart", reality=world),
+        ]
+    flights = [row.settings["flights"] for row in budget.methods if row.settings]
+    assert flights == [1, 3, 8, 32, 100]
 
 
 def test_an_unknown_suite_is_named_with_the_nearest():

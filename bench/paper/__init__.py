@@ -1,0 +1,1 @@
+"""The paper's claims beside ours: a table of rules, one judge, one page."""

@@ -1,0 +1,97 @@
+"""Whom to choose at which budget of high-fidelity flight, from the scores of a sweep.
+
+At a team size, a method is affordable if its mean bill over tasks and seeds is at most the budget.
+Of the affordable ones the best has the highest mean score over the tasks that all of them were run
+on; whoever is not shown to be below it (`bench/verdicts.py`, all tasks pooled) is tied with it.
+"""
+
+from typing import NamedTuple
+
+from bench.paper.values import NAMES, undisturbed
+from bench.scores import UPPER, scored
+from bench.statistics import FEWEST, Cell, Entry, Values, estimate, seed_values
+from bench.tables import Tables
+from bench.verdicts import Verdict, over_cells
+
+BUDGETS = (0.0, 0.5, 5.0, 50.0, 500.0, 5000.0)
+"""Fleet-minutes that are asked about."""
+
+
+class Choice(NamedTuple):
+    """Whom to choose."""
+
+    team_size: int
+    budget: float
+    """High-fidelity flight that may be spent [fleet-minutes]."""
+    best: Entry
+    score: float
+    minutes: float
+    """What the best one is billed [fleet-minutes]."""
+    tied: tuple[Entry, ...]
+    """Who cannot be told from the best, by score."""
+    tasks: tuple[str, ...]
+    """Tasks whose scores this rests on."""
+
+
+def choices(tables: Tables) -> list[Choice]:
+    """A choice for each team size and budget at which it differs from the smaller budget's."""
+    scores, minutes = _default(seed_values(scored(tables), "score")), minutes_of(tables)
+    found: list[Choice] = []
+    for n in sorted({cell.team_size for cell in scores}):
+        bills = {e: estimate(x).mean for (e, size), x in minutes.items() if size == n}
+        last: Choice | None = None
+        for budget in BUDGETS:
+            choice = _choose(scores, {e: m for e, m in bills.items() if m <= budget}, n, budget)
+            if choice and (last is None or (choice.best, choice.tied) != (last.best, last.tied)):
+                found.append(choice)
+                last = choice
+    return found
+
+
+def minutes_of(tables: Tables) -> dict[tuple[Entry, int], list[float]]:
+    """Bills by entry and team size, of default settings in the undisturbed simulator."""
+    found: dict[tuple[Entry, int], list[float]] = {}
+    for cell, own in _default(undisturbed(tables, "fleet_minutes")).items():
+        for entry, seeds in own.items():
+            found.setdefault((entry, cell.team_size), []).extend(seeds.values())
+    return found
+
+
+def _default(values: Values) -> Values:
+    """Default settings in the undisturbed simulator, at least two seeds, no reference."""
+    return {
+        cell: {
+            entry: seeds
+            for entry, seeds in own.items()
+            if not entry.variant and entry.method != UPPER and len(seeds) >= FEWEST
+        }
+        for cell, own in values.items()
+        if cell == Cell(cell.task, cell.team_size)
+    }
+
+
+def _choose(
+    scores: Values, bills: dict[Entry, float], team_size: int, budget: float
+) -> Choice | None:
+    cells = [cell for cell, own in scores.items() if own and cell.team_size == team_size]
+    entries = [e for e in bills if all(e in scores[cell] for cell in cells)]
+    if not entries or not cells:
+        return None
+    mean = {
+        e: estimate(estimate(scores[cell][e].values()).mean for cell in cells).mean for e in entries
+    }
+    best = max(entries, key=lambda e: mean[e])
+    tied = tuple(
+        e
+        for e in sorted(entries, key=lambda e: -mean[e])
+        if e != best
+        and over_cells((scores[cell][best], scores[cell][e]) for cell in cells).verdict
+        is not Verdict.SUPPORTED
+    )
+    tasks = tuple(sorted(cell.task for cell in cells))
+    return Choice(team_size, budget, best, mean[best], bills[best], tied, tasks)
+
+
+def name_of(entry: Entry) -> str:
+    """What a page calls an entry."""
+    return NAMES.get(entry, entry.label)

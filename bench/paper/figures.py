@@ -1,0 +1,261 @@
+"""Figures of the claims as picture files, for pages that cannot run a script."""
+
+import base64
+import re
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import seaborn
+
+from bench.figures import BUILT_IN, COLORS
+from bench.paper.budget import minutes_of, name_of
+from bench.paper.rule import relative
+from bench.paper.values import HYBRID, LF, NAMES, off_spec, undisturbed
+from bench.scores import UPPER, primary, scored
+from bench.statistics import COUNTED, Entry, entry_of, estimate, matched, records, seed_values
+from bench.tables import Tables
+
+ROWS = {
+    "settled_reward": "settled reward",
+    "fleet_minutes": "HF flight\n[fleet-minutes]",
+    "training_crash_step_rate": "share of training\nsteps in contact",
+}
+"""Metrics from top to bottom, and their axis labels."""
+STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+"""Settings of every figure."""
+MARKERS = "osD^PX*vh<>p"
+"""One a method, repeated."""
+
+
+def write_cost(tables: Tables, path: Path) -> bool:
+    """Writes a PNG: settled score against fleet-minutes, a panel a team size.
+
+    Nothing is written, and False returned, where nothing has a score.
+    """
+    scores, minutes = seed_values(scored(tables), "score"), minutes_of(tables)
+    plain = {c: own for c, own in scores.items() if not c.deployed_effects}
+    team_sizes = sorted({cell.team_size for cell in plain})
+    entries = _ordered({e for e, n in minutes if any(e in plain[c] for c in plain)})
+    if not team_sizes or not entries:
+        return False
+    with plt.rc_context(STYLE):
+        width = 2.6 * len(team_sizes) + 1.6
+        figure, axes = plt.subplots(
+            1, len(team_sizes), figsize=(width, 3.2), sharex=True, sharey=True, squeeze=False
+        )
+        for n, panel in zip(team_sizes, axes[0], strict=True):
+            cells = [cell for cell in plain if cell.team_size == n]
+            for entry in entries:
+                own = [estimate(plain[c][entry].values()) for c in cells if entry in plain[c]]
+                if not own or (entry, n) not in minutes:
+                    continue
+                spreads = [x.std**2 for x in own if x.has_interval]
+                panel.errorbar(
+                    estimate(minutes[entry, n]).mean,
+                    float(np.mean([x.mean for x in own])),
+                    yerr=float(np.sqrt(np.mean(spreads))) if spreads else None,
+                    color=_look(entry, entries)[0],
+                    marker=_look(entry, entries)[1],
+                    linestyle="none",
+                    label=_plain(name_of(entry)),
+                )
+            panel.axhline(1.0, color="#999999", linewidth=0.8, linestyle=":")
+            panel.set_title(f"N = {n}")
+            panel.set_xlabel("HF flight [fleet-minutes]")
+        axes[0][0].set_ylabel("settled score")
+        axes[0][0].set_xscale("symlog", linthresh=0.1)
+        largest = max(estimate(minutes[e, n]).mean for e, n in minutes if e in entries)
+        axes[0][0].set_xlim(-0.05, max(1.0, 3.0 * largest))
+        found: dict[str, Any] = {}
+        for panel in axes[0]:
+            handles, labels = panel.get_legend_handles_labels()
+            found |= dict(zip(labels, handles, strict=True))
+        shown = [name for name in (_plain(name_of(e)) for e in entries) if name in found]
+        figure.legend(
+            [found[name] for name in shown],
+            shown,
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+            frameon=False,
+        )
+        figure.tight_layout()
+        figure.savefig(path, dpi=110, bbox_inches="tight")
+        plt.close(figure)
+    return True
+
+
+def write_summary(tables: Tables, path: Path) -> bool:
+    """Writes a PNG: settled reward and cost against team size, a column a task.
+
+    Means over seeds with one standard deviation; default settings. Nothing is written, and False
+    returned, where there is nothing to draw.
+    """
+    results, first = tables.results, primary(tables)
+    rows = {first: ROWS.get(first, "deployed return")} | {
+        name: label for name, label in ROWS.items() if name != "settled_reward"
+    }
+    chosen = results["metric"].isin(rows) & results["status"].isin(COUNTED)
+    chosen &= results["variant"].eq("") & results["deployed_effects"].eq("")
+    shown = results.loc[chosen & results["method"].ne(UPPER)]
+    if shown.empty:
+        return False
+    found = [entry_of(row) for row in records(shown)]
+    entries = _ordered(set(found))
+    names = {entry: _plain(name_of(entry)) for entry in entries}
+    shown = shown.assign(method=[names[e] for e in found], task=shown["task"].map(_plain))
+    with plt.rc_context(STYLE):
+        grid = seaborn.relplot(
+            shown,
+            kind="line",
+            x="team_size",
+            y="value",
+            hue="method",
+            hue_order=list(names.values()),
+            palette={name: _look(e, entries)[0] for e, name in names.items()},
+            style="method",
+            style_order=list(names.values()),
+            markers={name: _look(e, entries)[1] for e, name in names.items()},
+            dashes=False,
+            errorbar="sd",
+            err_style="bars",
+            row="metric",
+            row_order=list(rows),
+            col="task",
+            height=2.1,
+            aspect=1.25,
+            facet_kws={"sharey": False, "margin_titles": False},
+        )
+        grid.set_titles("{col_name}")
+        grid.set(xticks=sorted(shown["team_size"].unique()))
+        for label, axes in zip(rows.values(), grid.axes, strict=True):
+            axes[0].set_ylabel(label)
+        for panel in grid.axes[1]:
+            panel.set_yscale("symlog", linthresh=1)
+            panel.set_ylim(-0.2, max(10.0, 2.0 * panel.dataLim.y1))
+        for panel in grid.axes[1:].flat:
+            panel.set_title("")
+        grid.set_axis_labels("team size N", None)
+        if grid.legend is not None:
+            grid.legend.set_title("")
+        grid.savefig(path, dpi=110)
+        plt.close(grid.figure)
+    return True
+
+
+def write_worlds(tables: Tables, path: Path) -> bool:
+    """Writes a PNG: what is deployed on an off-spec drone against team size, a row a world.
+
+    Nothing is written, and False returned, where nothing was recalibrated.
+    """
+    metric = primary(tables)
+    values, returned = off_spec(tables, metric), ROWS.get(metric, "deployed return")
+    rows = [
+        {"task": cell.task, TEAM: cell.team_size, "world": cell.deployed_effects}
+        | {"what": NAMES[entry], returned: value}
+        for cell, found in values.items()
+        for entry, seeds in found.items()
+        for value in seeds.values()
+    ]
+    entries = _ordered({entry for found in values.values() for entry in found})
+    looks = {NAMES[entry]: _look(entry, entries) for entry in entries}
+    return _draw(
+        rows,
+        path,
+        title="{col_name}, {row_name}",
+        x=TEAM,
+        y=returned,
+        hue="what",
+        row="world",
+        col="task",
+        hue_order=list(looks),
+        style_order=list(looks),
+        palette={name: color for name, (color, _) in looks.items()},
+        markers={name: marker for name, (_, marker) in looks.items()},
+    )
+
+
+def write_flights(tables: Tables, path: Path) -> bool:
+    """Writes a PNG: how much more Hybrid loses with few flights than with the whole pool.
+
+    Nothing is written, and False returned, where the number of flights was not varied.
+    """
+    rows = []
+    for cell, own in undisturbed(tables, primary(tables)).items():
+        few = {e: FEW.fullmatch(e.variant) for e in own if e._replace(variant="") == HYBRID}
+        flights = {e: int(match[1]) for e, match in few.items() if match}
+        if not flights or HYBRID not in own:
+            continue
+        flights |= {LF: 0} if LF in own else {}
+        for entry, n in flights.items():
+            few_seeds, whole = matched(own[entry], own[HYBRID])
+            base = estimate(whole.values()).mean
+            rows += [
+                {"task": cell.task, "N": cell.team_size, "calibration flights": n}
+                | {"loses more [%]": 100.0 * relative(base - value, base)}
+                for value in few_seeds.values()
+            ]
+    keys = {"x": "calibration flights", "y": "loses more [%]", "hue": "task", "col": "N"}
+    return _draw(rows, path, **keys, title="N = {col_name}", symlog=True)
+
+
+TEAM = "team size N"
+FEW = re.compile(r"flights=(\d+)")
+"""Variant of a Hybrid of which nothing differs but the number of flights."""
+
+
+def _draw(
+    rows: list[dict[str, Any]], path: Path, *, title: str, symlog: bool = False, **keys: Any
+) -> bool:
+    """Lines through means over seeds with one standard deviation; False without rows."""
+    if not rows:
+        return False
+    shown = pd.DataFrame(rows).map(lambda x: _plain(x) if isinstance(x, str) else x)
+    settings: dict[str, Any] = {"markers": True} | keys
+    with plt.rc_context(STYLE):
+        grid = seaborn.relplot(
+            shown,
+            kind="line",
+            style=keys["hue"],
+            dashes=False,
+            errorbar="sd",
+            err_style="bars",
+            height=2.3,
+            aspect=1.4,
+            **settings,
+        )
+        grid.set_titles(title)
+        if symlog:
+            largest = max(row[keys["x"]] for row in rows)
+            grid.set(xscale="symlog", xlim=(-0.3, 2.0 * max(1.0, largest)))
+        else:
+            grid.set(xticks=sorted(shown[keys["x"]].unique()))
+        if grid.legend is not None:
+            grid.legend.set_title("")
+        grid.savefig(path, dpi=110)
+        plt.close(grid.figure)
+    return True
+
+
+def _plain(name: str) -> str:
+    """A name that matplotlib does not read as mathematics."""
+    return name.replace("$", r"\$")
+
+
+def _ordered(entries: set[Entry]) -> list[Entry]:
+    known = [entry for entry in BUILT_IN if entry in entries]
+    return known + sorted(entries - set(BUILT_IN))
+
+
+def _look(entry: Entry, entries: list[Entry]) -> tuple[str, str]:
+    """Colour and marker; whoever shares a colour has another marker."""
+    order = [*BUILT_IN, *(e for e in entries if e not in BUILT_IN)]
+    turn, place = divmod(order.index(entry), len(COLORS))
+    return COLORS[place], MARKERS[(place + turn) % len(MARKERS)]
+
+
+def data_uri(path: Path) -> str:
+    """A PNG file as a link that needs no file."""
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()

@@ -1,0 +1,248 @@
+"""The page that puts the paper's claims beside ours, as Markdown and as HTML."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from bench import markdown
+from bench.errors import UsageError
+from bench.leaderboard import made_by_text
+from bench.numbers import MISSING, mean_std, number, significant, span
+from bench.pages import read_notes
+from bench.paper.budget import choices, name_of
+from bench.paper.claims import BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
+from bench.paper.figures import data_uri, write_cost, write_flights, write_summary, write_worlds
+from bench.paper.rule import Finding
+from bench.report import write_page
+from bench.scores import PRIMARY, UPPER, primary
+from bench.statistics import difference, estimate, matched, seed_values
+from bench.tables import Tables
+from bench.verdicts import Verdict, in_cell
+
+TITLE = "How to train a drone team: the paper's claims beside ours"
+COST = (
+    "Settled score against high-fidelity flight, a panel a team size: means over tasks and seeds, "
+    "bars one standard deviation over seeds; 0 is a team that stays at its spawn, 1 the upper "
+    "reference; flight on a logarithmic axis from 0.1 fleet-minutes on"
+)
+"""What the first figure shows."""
+GRID = (
+    "Settled reward, high-fidelity flight and share of training steps in contact against team "
+    "size, a column a task: means over seeds with one standard deviation"
+)
+"""What the second figure shows."""
+WORLDS = (
+    "Deployed on drones that are off their specification, a row a world, a column a task: means "
+    "over seeds with one standard deviation"
+)
+"""What the figure of the off-spec drones shows."""
+FLIGHTS = (
+    "How much more Hybrid loses with few calibration flights than with the whole pool, a panel a "
+    "team size: means over seeds with one standard deviation; 0 flights: the LF baseline"
+)
+"""What the figure of the budgets shows."""
+HOW = (
+    "Every number is computed from the tables of the sweep. The settled reward, from 2 s on, is "
+    "judged first; the verdict by the whole return stands beside it. A claim about every cell (a "
+    "task and a team size) is **supported** if every cell supports it after Holm's correction, "
+    "**refuted** if one cell refutes it, and **undecided** otherwise: a tie is no win, and cells "
+    "that were not run support nothing. Differences are paired by training seed; a run that "
+    "diverged counts with the policy that it left. Contacts are flags in this simulator: drones "
+    "never push each other."
+)
+"""How verdicts are made."""
+WHOLE = "These tables have no settled reward: every verdict is by the whole return."
+"""What is said besides of tables of the first protocol."""
+
+
+FIGURES = {
+    "cost": (COST, write_cost),
+    "summary": (GRID, write_summary),
+    "flights": (FLIGHTS, write_flights),
+    "worlds": (WORLDS, write_worlds),
+}
+"""Figures by the end of their file's name: what each shows, and who draws it."""
+SHOWN = {PAPER: "summary", BUDGET: "flights", OFF_SPEC: "worlds"}
+"""The figure of a section."""
+
+
+class Judged(NamedTuple):
+    """A claim with what the tables say of it."""
+
+    claim: Claim
+    finding: Finding
+    whole: Verdict
+    """The verdict by the return of the whole episode."""
+
+
+def judged(tables: Tables) -> list[Judged]:
+    """All claims, judged."""
+    first = primary(tables)
+    return [
+        Judged(claim, _judge(claim, tables, first), _judge(claim, tables, "reward").verdict)
+        for claim in CLAIMS
+    ]
+
+
+def _judge(claim: Claim, tables: Tables, metric: str) -> Finding:
+    """The finding on a claim; where part of what it is about was not run, nothing supports it."""
+    found = claim.rule.judge(tables, metric)
+    if len(found.lines) >= claim.lines or found.verdict is Verdict.UNTESTED:
+        return found
+    partial = f"{found.ours} (run: {len(found.lines)} of {claim.lines})"
+    refuted = found.verdict is Verdict.REFUTED and claim.rule.one_refutes
+    verdict = found.verdict if refuted else Verdict.UNDECIDED
+    return dataclasses.replace(found, ours=partial, verdict=verdict)
+
+
+def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> None:
+    """Writes the page as Markdown, and as HTML beside it.
+
+    Args:
+        tables: What the sweep found.
+        path_md: Where to write; the HTML gets the suffix `.html`, the figures `_cost.png`,
+            `_summary.png`, `_flights.png` and `_worlds.png`.
+        notes: A Markdown file to append, e.g. why a claim fails.
+
+    Raises:
+        UsageError: The notes cannot be read, or `path_md` names the HTML.
+    """
+    path = Path(path_md)
+    if path.suffix == ".html":
+        raise UsageError(f"Markdown is written to {path} and HTML beside it: name the former.")
+    own = "" if notes is None else read_notes(notes).strip()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    drawn = {}
+    for name, (title, write) in FIGURES.items():
+        picture = path.with_name(f"{path.stem}_{name}.png")
+        if write(tables, picture):
+            drawn[name] = (title, picture)
+
+    def text(link: Callable[[Path], str]) -> str:
+        figures = {
+            name: [f"![{title}]({link(picture)})", f"*{title}.*"]
+            for name, (title, picture) in drawn.items()
+        }
+        return "\n\n".join(_document(tables, own, figures)) + "\n"
+
+    path.write_text(text(lambda picture: picture.name), encoding="utf-8")
+    write_page(text(data_uri), path.with_suffix(".html"), TITLE)
+
+
+def _document(tables: Tables, notes: str, figures: Mapping[str, list[str]]) -> list[str]:
+    found, settled = judged(tables), primary(tables) == PRIMARY
+    parts = [f"# {TITLE}", _ended(tables), *_answer(found), *_whom(tables)]
+    parts += figures.get("cost", [])
+    sections = list(dict.fromkeys(j.claim.section for j in found))
+    for section in sections:
+        own = [j for j in found if j.claim.section == section]
+        if section != PAPER and all(j.finding.verdict is Verdict.UNTESTED for j in own):
+            continue
+        theirs = "aim" if section == sections[-1] else "paper"
+        parts += [f"## {section}"]
+        if section == PAPER:
+            parts += [HOW if settled else f"{HOW} {WHOLE}"]
+        lines = [
+            (
+                j.claim.title,
+                j.claim.stated,
+                j.finding.ours,
+                _word(j.finding.verdict),
+                _word(j.whole),
+            )
+            for j in own
+        ]
+        ours = "ours, settled reward" if settled else "ours, whole return"
+        headings = ("claim", theirs, ours, "verdict", "by the whole return")
+        parts += [markdown.table(headings, lines, range(5))]
+        parts += figures.get(SHOWN.get(section, ""), [])
+    parts += ["## In detail"]
+    for j in found:
+        if j.finding.lines:
+            parts += [f"### {j.claim.title}", f"Supported if {j.claim.rule.text}."]
+            parts += [markdown.table(j.finding.headings, j.finding.lines)]
+    headings, lines = variants(tables)
+    if lines:
+        parts += ["## Settings that differ from the default"]
+        parts += [markdown.table(headings, lines, (0, 1))]
+    return [*parts, notes] if notes else parts
+
+
+def _answer(found: Sequence[Judged]) -> list[str]:
+    """Which claims of the paper stand, in one paragraph."""
+    lines = []
+    for verdict in (Verdict.SUPPORTED, Verdict.REFUTED, Verdict.UNDECIDED, Verdict.UNTESTED):
+        titles = [j.claim.title for j in found if j.finding.verdict is verdict]
+        named = "" if verdict is Verdict.UNTESTED else f": {'; '.join(titles)}"
+        if titles:
+            lines.append(f"- **{verdict.value.capitalize()}** ({len(titles)}){named}.")
+    return ["## What holds", "\n".join(lines)]
+
+
+def _whom(tables: Tables) -> list[str]:
+    """Whom to choose at which budget."""
+    lines = [
+        (
+            f"N = {c.team_size}",
+            markdown.escape(", ".join(c.tasks)),
+            f"from {significant(c.budget)}",
+            f"**{markdown.escape(name_of(c.best))}**",
+            number(c.score, 3),
+            significant(c.minutes),
+            markdown.escape(", ".join(map(name_of, c.tied))) or MISSING,
+        )
+        for c in choices(tables)
+    ]
+    if not lines:
+        return []
+    headings = (
+        "team size",
+        "tasks run",
+        "budget [fleet-minutes]",
+        "best method",
+        "settled score",
+        "it needs",
+        "not shown to be worse",
+    )
+    return ["## Whom to choose", markdown.table(headings, lines, (0, 1, 3, 6))]
+
+
+def _word(verdict: Verdict) -> str:
+    return f"**{verdict.value}**" if verdict is Verdict.REFUTED else verdict.value
+
+
+def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Headings and lines of the table of non-default settings beside the default, by cell."""
+    headings = ("cell", "method", "default", "variant", "difference", "95 % t-interval", "verdict")
+    words = {Verdict.SUPPORTED: "better", Verdict.REFUTED: "worse", Verdict.UNDECIDED: "tied"}
+    lines = []
+    for cell, found in seed_values(tables.results, primary(tables)).items():
+        for entry in sorted(entry for entry in found if entry.variant and entry.method != UPPER):
+            default = found.get(entry._replace(variant=""), {})
+            if cell.deployed_effects and not default:
+                continue  # made for another reality, where nothing flies by default
+            # Only the seeds that both have: a row of few seeds is compared with the same few.
+            other, base = matched(found[entry], default)
+            apart, first = difference(other, base), estimate(base.values())
+            second = estimate((other or found[entry]).values())
+            shown = (f"{mean_std(x.mean, x.std)} (n = {x.n})" if x.n else MISSING
+                     for x in (first, second))  # fmt: skip
+            lines.append(
+                (
+                    markdown.escape(cell.label),
+                    markdown.escape(entry.label),
+                    *shown,
+                    number(apart.mean, 1),
+                    span(apart.low, apart.high, 1),
+                    words.get(in_cell(other, base).verdict, "one seed: no order"),
+                )
+            )
+    return headings, lines
+
+
+def _ended(tables: Tables) -> str:
+    counts = tables.runs["status"].value_counts().sort_index()
+    ended = ", ".join(f"{n} {status}" for status, n in counts.items())
+    made = markdown.escape(made_by_text(tables))
+    return f"{len(tables.runs)} runs{f': {ended}' if ended else ''}. {made}".strip()

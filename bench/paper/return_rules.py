@@ -1,0 +1,296 @@
+"""Rules on returns: one method above another, and how far behind."""
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+from bench import markdown
+from bench.numbers import number, span
+from bench.paper.rule import (
+    UNTESTED,
+    AbstractRule,
+    Finding,
+    counts_text,
+    lost_share,
+    range_text,
+    relative,
+    summary,
+)
+from bench.paper.values import HYBRID, NAMES, Source, undisturbed
+from bench.scores import scored
+from bench.statistics import Cell, Entry, Values, difference, estimate, matched, seed_values
+from bench.tables import Tables
+from bench.verdicts import Test, Verdict, below, by_cell, every, in_cell, over_cells, test_of
+
+
+@dataclasses.dataclass(frozen=True)
+class Above(AbstractRule):
+    """The first deploys above the second, in every cell or in so many of them."""
+
+    first: Entry
+    second: Entry
+    share: float = 0.0
+    """Share of the second's loss that the first may lose beyond it."""
+    but: frozenset[tuple[str, int]] = frozenset()
+    """Cells in which the paper claims nothing."""
+    at_least: float = 1.0
+    """Share of the cells that must support it."""
+    source: Source = undisturbed
+    metric: str = ""
+    """The metric, where the claim is not about returns as deployed."""
+    task: str = ""
+    """The only task that is meant; empty: all."""
+
+    @property
+    def text(self) -> str:
+        names = NAMES[self.first], NAMES[self.second]
+        what = f"{names[0]} is above {names[1]}"
+        if self.share:
+            what = f"{names[0]} loses at most {100 * self.share:.0f} % more than {names[1]}"
+        where = (
+            "every cell" if self.at_least == 1.0 else f"{100 * self.at_least:.0f} % of the cells"
+        )
+        if self.task:
+            where += f" of {self.task}"
+        if self.but:
+            left_out = " and ".join(f"{task} at N = {n}" for task, n in sorted(self.but))
+            where += f" but {left_out}"
+        return f"{what} in {where}, by the paired difference over seeds, Holm-corrected over cells"
+
+    @property
+    def one_refutes(self) -> bool:
+        return self.at_least == 1.0
+
+    def judge(self, tables: Tables, metric: str) -> Finding:
+        metric = self.metric or metric
+        values = self.source(tables, metric)
+        pairs = list(self._pairs(values))
+        if not pairs:
+            return UNTESTED
+        tests = [in_cell(a, self._allowed(b)) for _, a, b in pairs]
+        verdicts = by_cell(tests)
+        counted = [
+            v
+            for (c, _, _), v in zip(pairs, verdicts, strict=True)
+            if (c.task, c.team_size) not in self.but
+        ]
+        verdict = _enough(counted, self.at_least) if self.at_least < 1.0 else every(counted)
+        names = NAMES[self.first], NAMES[self.second]
+        headings = ("cell", *names, "difference", "95 % interval", "verdict")
+        lines = tuple(
+            _line(cell, a, b, test, verdict)
+            for (cell, a, b), test, verdict in zip(pairs, tests, verdicts, strict=True)
+        )
+        text = counts_text(verdicts) + self._alone(values) + self._pooled(tables, metric)
+        return Finding(text, verdict, headings, lines)
+
+    def _pairs(
+        self, values: Values
+    ) -> Iterable[tuple[Cell, Mapping[int, float], Mapping[int, float]]]:
+        for cell, own in values.items():
+            if self.first in own and self.second in own and self.task in ("", cell.task):
+                yield cell, *matched(own[self.first], own[self.second])
+
+    def _alone(self, values: Values) -> str:
+        """In how many cells one of both left no policy, so that nothing is compared."""
+        own = [own for cell, own in values.items() if self.task in ("", cell.task)]
+        alone = sum((self.first in entries) != (self.second in entries) for entries in own)
+        return f"; {alone} more without a run of one of them" if alone else ""
+
+    def _allowed(self, values: Mapping[int, float]) -> dict[int, float]:
+        return {seed: x - self.share * abs(x) for seed, x in values.items()}
+
+    def _pooled(self, tables: Tables, metric: str) -> str:
+        """The test over all cells, in scores, where there are some."""
+        if self.share or metric != "settled_reward" or self.source is not undisturbed:
+            return ""
+        scores = seed_values(scored(tables), "score")
+        plain = {cell: own for cell, own in scores.items() if cell == Cell(*cell[:2])}
+        test = over_cells((a, b) for _, a, b in self._pairs(plain))
+        if math.isnan(test.low):
+            return ""
+        return f"; score {number(test.mean, 4)} ({span(test.low, test.high, 4)}) over all cells"
+
+
+@dataclasses.dataclass(frozen=True)
+class GapNarrows(AbstractRule):
+    """The relative gap of one to another is smaller for the largest team than for the smallest."""
+
+    behind: Entry
+    ahead: Entry
+    source: Source = undisturbed
+
+    @property
+    def text(self) -> str:
+        return (
+            f"the gap, ({NAMES[self.ahead]} - {NAMES[self.behind]}) / |{NAMES[self.ahead]}|, mean "
+            "over the tasks run at every team size, is smaller for the largest team than for the "
+            "smallest (Welch's interval over seeds)"
+        )
+
+    @property
+    def one_refutes(self) -> bool:
+        return False
+
+    def judge(self, tables: Tables, metric: str) -> Finding:
+        gaps = gaps_by_size(self.source(tables, metric), self.behind, self.ahead)
+        if len(gaps) < 2:
+            return UNTESTED
+        means = {n: estimate(gap.values()) for n, gap in gaps.items()}
+        first, last = min(gaps), max(gaps)
+        # Seeds of different team sizes have nothing in common: never paired.
+        apart = difference(gaps[first], {seed + 10**6: x for seed, x in gaps[last].items()})
+        verdict = every(by_cell([test_of(apart)]))
+        lines = tuple(
+            (f"N = {n}", _percent(m.mean, m.n), _percent_span(m.low, m.high))
+            for n, m in means.items()
+        )
+        text = ", ".join(f"{number(100 * m.mean, 1)} % at N = {n}" for n, m in means.items())
+        return Finding(text, verdict, ("team size", "gap [%]", "95 % t-interval"), lines)
+
+
+@dataclasses.dataclass(frozen=True)
+class GapAtMost(AbstractRule):
+    """The relative gap is at most so large, from a team size on."""
+
+    behind: Entry
+    ahead: Entry
+    bound: float
+    from_size: int = 0
+    source: Source = undisturbed
+
+    @property
+    def text(self) -> str:
+        since = f" at every team size from {self.from_size}" if self.from_size else ""
+        return (
+            f"the gap of {NAMES[self.behind]} to {NAMES[self.ahead]}, mean over tasks, is at most "
+            f"{100 * self.bound:g} %{since}, by its t-interval over seeds"
+        )
+
+    def judge(self, tables: Tables, metric: str) -> Finding:
+        gaps = gaps_by_size(self.source(tables, metric), self.behind, self.ahead)
+        means = {n: estimate(g.values()) for n, g in gaps.items() if n >= self.from_size}
+        if not means:
+            return UNTESTED
+        verdict = every(below(self.bound, m.low, m.high) for m in means.values())
+        text = ", ".join(
+            f"{number(100 * m.mean, 1)} % ({_percent_span(m.low, m.high)}) at N = {n}"
+            for n, m in means.items()
+        )
+        return Finding(text, verdict)
+
+
+@dataclasses.dataclass(frozen=True)
+class Shortfall(AbstractRule):
+    """One trails another by at least so much, as a share of the other's loss, in every cell."""
+
+    behind: Entry
+    ahead: Entry
+    low: float
+
+    @property
+    def text(self) -> str:
+        return (
+            f"{NAMES[self.behind]} loses at least {100 * self.low:.0f} % more than "
+            f"{NAMES[self.ahead]} in every cell, by the paired difference over seeds"
+        )
+
+    def judge(self, tables: Tables, metric: str) -> Finding:
+        values = undisturbed(tables, metric)
+        cells = {c: matched(v[self.ahead], v[self.behind]) for c, v in values.items()
+                 if self.ahead in v and self.behind in v}  # fmt: skip
+        if not cells:
+            return UNTESTED
+        grown = {
+            c: ({s: x - self.low * abs(x) for s, x in best.items()}, worse)
+            for c, (best, worse) in cells.items()
+        }
+        verdict = every(by_cell([in_cell(a, b) for a, b in grown.values()]))
+        shares = {c: lost_share(best, worse) for c, (best, worse) in cells.items()}
+        text = f"by {range_text([100 * share for share in shares.values()])} %"
+        lines = tuple(
+            (markdown.escape(cell.label), _percent(share, len(cells[cell][0])))
+            for cell, share in shares.items()
+        )
+        return Finding(text, verdict, ("cell", "loses more [%]"), lines)
+
+
+@dataclasses.dataclass(frozen=True)
+class EnoughFlights(AbstractRule):
+    """Hybrid with so many calibration flights is nearly as good as with the whole pool."""
+
+    flights: int
+    share: float
+    task: str = ""
+
+    @property
+    def text(self) -> str:
+        where = f" on {self.task}" if self.task else ""
+        return (
+            f"with {self.flights} flights Hybrid loses at most {100 * self.share:.0f} % more than "
+            f"with the whole pool in every cell{where}, by the paired difference over seeds"
+        )
+
+    def judge(self, tables: Tables, metric: str) -> Finding:
+        few = HYBRID._replace(variant=f"flights={self.flights}")
+        rule = Above(few, HYBRID, share=self.share, task=self.task)
+        pairs = list(rule._pairs(undisturbed(tables, metric)))
+        if not pairs:
+            return UNTESTED
+        tests = [in_cell(a, rule._allowed(b)) for _, a, b in pairs]
+        verdicts = by_cell(tests)
+        lines = tuple(
+            (markdown.escape(cell.label), _percent(lost_share(b, a), len(a)), v.value)
+            for (cell, a, b), v in zip(pairs, verdicts, strict=True)
+        )
+        headings = ("cell", "loses more [%]", "verdict")
+        return Finding(counts_text(verdicts), every(verdicts), headings, lines)
+
+
+def gaps_by_size(values: Values, behind: Entry, ahead: Entry) -> dict[int, dict[int, float]]:
+    """By team size and seed: the relative gap, mean over the tasks run at every team size."""
+    found: dict[int, dict[str, dict[int, float]]] = {}
+    for cell, own in values.items():
+        if behind in own and ahead in own:
+            mine, theirs = matched(own[behind], own[ahead])
+            common = [seed for seed in mine if seed in theirs]
+            gap = {s: relative(theirs[s] - mine[s], theirs[s]) for s in common}
+            found.setdefault(cell.team_size, {})[cell.task] = gap
+    tasks = set.intersection(*(set(own) for own in found.values())) if found else set()
+    result = {}
+    for n in sorted(found):
+        seeds = set.intersection(*(set(found[n][task]) for task in tasks)) if tasks else set()
+        if seeds:
+            order = sorted(tasks)
+            result[n] = {s: estimate(found[n][t][s] for t in order).mean for s in sorted(seeds)}
+    return result
+
+
+def _line(
+    cell: Cell, a: Mapping[int, float], b: Mapping[int, float], test: Test, verdict: Verdict
+) -> tuple[str, ...]:
+    shown = (summary(a.values()), summary(b.values()))
+    apart = difference(a, b)
+    ends = span(apart.low, apart.high, 1)
+    return markdown.escape(cell.label), *shown, number(apart.mean, 1), ends, verdict.value
+
+
+def _enough(verdicts: list[Verdict], share: float) -> Verdict:
+    """Whether so large a share of cells supports a statement; a cell that is undecided may yet."""
+    found = Counter(v for v in verdicts if v is not Verdict.UNTESTED)
+    if not found.total():
+        return Verdict.UNTESTED
+    needed = math.ceil(share * found.total() - 1e-9)
+    if found[Verdict.SUPPORTED] >= needed:
+        return Verdict.SUPPORTED
+    possible = found[Verdict.SUPPORTED] + found[Verdict.UNDECIDED]
+    return Verdict.UNDECIDED if possible >= needed else Verdict.REFUTED
+
+
+def _percent(share: float, n: int) -> str:
+    return f"{number(100 * share, 1)} (n = {n})"
+
+
+def _percent_span(low: float, high: float) -> str:
+    return span(100 * low, 100 * high, 1)

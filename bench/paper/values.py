@@ -1,0 +1,76 @@
+"""What claims are about: the methods by name, and their values by cell, entry and seed."""
+
+from collections.abc import Callable
+
+from bench.scores import UPPER
+from bench.statistics import Cell, Entry, Values, seed_values
+from bench.tables import Tables
+
+LF = Entry("lf_baseline")
+SCRATCH = Entry("hf_scratch")
+HOTSTART = Entry("hf_hotstart")
+AFFINE, SINDY, HYBRID = (Entry("hybrid", residual) for residual in ("affine", "sindy", "mlp"))
+ONCE = Entry("hybrid_once")
+GREY_BOX = Entry("grey_box")
+RANDOMIZED = Entry("domain_randomization")
+RECALIBRATED = Entry("recalibrated")
+TRACKED = Entry("lf_baseline", variant="PD tracking")
+CLEAN = Entry("hybrid", "mlp", "on the nominal drone")
+NAMES = {
+    LF: "LF baseline",
+    SCRATCH: "HF scratch",
+    HOTSTART: "hot start",
+    AFFINE: "Hybrid (affine)",
+    SINDY: "Hybrid (SINDy)",
+    HYBRID: "Hybrid",
+    ONCE: "Hybrid once",
+    GREY_BOX: "grey box",
+    RANDOMIZED: "domain randomization",
+    RECALIBRATED: "recalibrated",
+    TRACKED: "PD tracking",
+    CLEAN: "Hybrid on the nominal drone",
+}
+"""How a page calls them."""
+
+Source = Callable[[Tables, str], Values]
+"""Values of a metric."""
+
+
+def undisturbed(tables: Tables, metric: str) -> Values:
+    """Values in the undisturbed high-fidelity simulator, without the upper reference."""
+    return {
+        cell: {entry: seeds for entry, seeds in own.items() if entry.method != UPPER}
+        for cell, own in seed_values(tables.results, metric).items()
+        if cell == Cell(cell.task, cell.team_size)
+    }
+
+
+def off_spec(tables: Tables, metric: str) -> Values:
+    """Values in each world in which something was recalibrated, by what it is there."""
+    nominal, found = undisturbed(tables, metric), {}
+    for cell, entries in seed_values(tables.results, metric).items():
+        world = f"{cell.simulator}+{cell.deployed_effects}"
+        here = f"deployed_in={world}"
+        named = {
+            RECALIBRATED: entries.get(Entry("recalibrated", variant=f"reality={world}")),
+            LF: entries.get(Entry("lf_baseline", variant=here)),
+            TRACKED: entries.get(Entry("lf_baseline", variant=f"{here}, tracked=true")),
+            HYBRID: entries.get(Entry("hybrid", "mlp", here)),
+            GREY_BOX: entries.get(Entry("grey_box", variant=f"reality={world}")),
+            HOTSTART: entries.get(Entry("hf_hotstart", variant=f"reality={world}")),
+            CLEAN: nominal.get(Cell(cell.task, cell.team_size), {}).get(HYBRID),
+        }
+        if named[RECALIBRATED]:
+            found[cell] = {entry: values for entry, values in named.items() if values}
+    return found
+
+
+def sizes(values: Values) -> list[int]:
+    """Team sizes, ascending."""
+    return sorted({cell.team_size for cell in values})
+
+
+def of_size(values: Values, entry: Entry, team_size: int) -> list[float]:
+    """Values of an entry in all tasks and seeds at a team size."""
+    cells = (own for cell, own in values.items() if cell.team_size == team_size)
+    return [x for own in cells for x in own.get(entry, {}).values()]

@@ -1,0 +1,157 @@
+"""Whom to choose, from tables whose answers are known by hand."""
+
+import pytest
+from tables_for_tests import SPAWN_SETTLED, Sheet, empty
+
+from bench.paper.budget import BUDGETS, choices, minutes_of, name_of
+from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH
+from bench.scores import UPPER
+from bench.statistics import Entry
+
+CLOSE = (0.0, 0.001, 0.002)
+"""Scatter over seeds by which no two methods here are mistaken for each other."""
+
+
+class Scores(Sheet):
+    """A sheet that is filled by scores: the upper reference is one thousand above the spawn."""
+
+    def give(self, entry, score, minutes=0.0, scatter=CLOSE, **cell):
+        rewards = [SPAWN_SETTLED + 1000.0 * (score + x) for x in scatter]
+        method, residual, variant = entry
+        shared = {"variant": variant, "fleet_minutes": minutes, **cell}
+        return self.add(method, residual, rewards=rewards, **shared)
+
+    def bound(self, *tasks, team_size=3):
+        for task in tasks:
+            self.add_upper(SPAWN_SETTLED + 1000.0, task=task, team_size=team_size)
+        return self
+
+
+def ladder(**cell):
+    """The more flight the better: four methods on one task."""
+    sheet = Scores().bound("spread", **cell).give(LF, 0.2, **cell)
+    sheet.give(Entry("grey_box"), 0.4, 0.5, **cell)
+    sheet.give(HYBRID, 0.6, 40.0, **cell)
+    return sheet.give(SCRATCH, 0.8, 900.0, **cell)
+
+
+def chosen(sheet):
+    return [(c.budget, c.best.method) for c in choices(sheet.tables())]
+
+
+LADDER = [(0.0, "lf_baseline"), (0.5, "grey_box"), (50.0, "hybrid"), (5000.0, "hf_scratch")]
+
+
+def test_the_best_that_can_be_afforded_is_chosen_and_told_once():
+    assert chosen(ladder()) == LADDER
+    assert BUDGETS == (0.0, 0.5, 5.0, 50.0, 500.0, 5000.0)
+
+
+def test_a_choice_says_its_score_and_what_it_needs():
+    found = choices(ladder().tables())[2]
+    assert (found.team_size, found.best, found.minutes, found.tied) == (3, HYBRID, 40.0, ())
+    assert found.score == pytest.approx(0.601)
+
+
+def test_cheaper_and_better_leaves_nothing_to_choose_beyond():
+    assert chosen(ladder().give(HOTSTART, 0.9, 5.0)) == [*LADDER[:2], (5.0, "hf_hotstart")]
+
+
+def test_each_team_size_has_choices_of_its_own():
+    sheet = ladder().bound("spread", team_size=12)
+    sheet.give(LF, 0.3, team_size=12).give(SCRATCH, 0.1, 1.0, team_size=12)
+    found = choices(sheet.tables())
+    assert [(c.team_size, c.best.method) for c in found[3:]] == [
+        (3, "hf_scratch"),
+        (12, "lf_baseline"),
+    ]
+
+
+def test_who_is_not_shown_to_be_worse_is_tied_with_the_best():
+    sheet = Scores().bound("spread").give(HYBRID, 0.6).give(LF, 0.2)
+    sheet.give(HOTSTART, 0.59, scatter=(0.0, 0.04, -0.01))
+    sheet.give(SCRATCH, 0.58, scatter=(0.05, 0.0, -0.03))
+    (found,) = choices(sheet.tables())
+    assert (found.best, found.tied) == (HYBRID, (HOTSTART, SCRATCH))
+
+
+def test_a_tie_that_only_a_larger_budget_allows_is_told_then():
+    sheet = ladder().give(HOTSTART, 0.6, 200.0, scatter=(0.001, 0.002, 0.0))
+    found = {c.budget: c for c in choices(sheet.tables())}
+    assert found[50.0].tied == ()
+    assert {found[500.0].best, *found[500.0].tied} == {HYBRID, HOTSTART}
+
+
+def test_all_tasks_weigh_alike_and_are_tested_together():
+    sheet = Scores().bound("spread", "circle")
+    for task, hybrid, hot in (("spread", 0.9, 0.5), ("circle", 0.4, 0.5)):
+        sheet.give(HYBRID, hybrid, task=task).give(HOTSTART, hot, task=task)
+    (found,) = choices(sheet.tables())
+    assert (found.best, found.tied) == (HYBRID, ())
+    assert found.score == pytest.approx(0.651)
+
+
+def test_where_nothing_can_be_afforded_there_is_no_choice():
+    sheet = Scores().bound("spread").give(SCRATCH, 0.8, 300.0)
+    assert chosen(sheet) == [(500.0, "hf_scratch")]
+    assert chosen(Scores().bound("spread").give(SCRATCH, 0.8, 5001.0)) == []
+    assert choices(empty()) == []
+
+
+def test_the_bill_is_the_mean_over_tasks_and_seeds():
+    sheet = Scores().bound("spread", "circle")
+    sheet.give(HYBRID, 0.6, 40.0).give(HYBRID, 0.6, 60.0, task="circle")
+    assert minutes_of(sheet.tables()) == {(HYBRID, 3): [60.0] * 3 + [40.0] * 3}
+    assert chosen(sheet) == [(50.0, "hybrid")]
+
+
+def test_who_misses_a_task_of_that_size_is_not_chosen():
+    sheet = Scores().bound("spread", "circle").bound("circle", team_size=12)
+    sheet.give(LF, 0.2).give(LF, 0.2, task="circle").give(HYBRID, 0.9)
+    # At another size there is only the task that it has.
+    sheet.give(LF, 0.2, task="circle", team_size=12).give(HYBRID, 0.9, task="circle", team_size=12)
+    assert [(c.team_size, c.best) for c in choices(sheet.tables())] == [(3, LF), (12, HYBRID)]
+
+
+def test_a_task_without_upper_reference_is_not_missed():
+    sheet = ladder().give(LF, 0.2, task="circle")
+    assert chosen(sheet) == LADDER
+
+
+def test_the_upper_reference_itself_is_never_chosen():
+    sheet = Scores().give(LF, 0.2).give(Entry(UPPER), 1.0)
+    (found,) = choices(sheet.tables())
+    assert (found.best, found.tied) == (LF, ())
+
+
+def test_variants_and_other_worlds_are_never_chosen():
+    sheet = ladder().give(LF._replace(variant="x=1"), 0.99)
+    before = len(sheet.results)
+    sheet.give(HOTSTART, 0.99).bound("spread")
+    for row in sheet.results[before:]:
+        row["deployed_effects"] = "wind(x=1.5)"
+    assert chosen(sheet) == LADDER
+
+
+def test_one_seed_is_too_few_to_be_chosen():
+    assert chosen(ladder().give(HOTSTART, 0.99, scatter=(0.0,))) == LADDER
+
+
+def test_a_task_on_which_only_variants_or_single_seeds_flew_hides_no_choice():
+    sheet = ladder().bound("circle").give(LF, 0.2, task="circle", scatter=(0.0,))
+    sheet.give(HYBRID._replace(variant="flights=8"), 0.9, task="circle")
+    assert chosen(sheet) == LADDER
+
+
+def test_a_diverged_run_lowers_the_score_and_a_failed_one_leaves_fewer_seeds():
+    sheet = ladder().give(HOTSTART, 0.99, scatter=CLOSE[:2])
+    sheet.give(HOTSTART, -50.0, scatter=(0.0,), first_seed=2, status="diverged")
+    assert chosen(sheet) == LADDER
+    sheet = ladder().give(HOTSTART, 0.99, scatter=CLOSE[:2])
+    sheet.give(HOTSTART, -50.0, scatter=(0.0,), first_seed=2, status="failed")
+    assert chosen(sheet) == [(0.0, "hf_hotstart")]
+
+
+def test_a_choice_is_named_as_in_the_claims_or_by_its_label():
+    assert name_of(HYBRID) == "Hybrid"
+    assert name_of(Entry("mine", "mlp")) == "mine (mlp)"

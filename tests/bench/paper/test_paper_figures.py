@@ -1,0 +1,226 @@
+"""Figures beside the claims: what is in them, and that pictures of it are written."""
+
+import matplotlib.image
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.lines import Line2D
+from paper_tables import WORLDS, around
+from tables_for_tests import Sheet, empty, typical
+
+from bench.figures import BUILT_IN, COLORS
+from bench.paper.figures import (
+    data_uri,
+    write_cost,
+    write_flights,
+    write_summary,
+    write_worlds,
+)
+from bench.paper.values import HYBRID
+
+WRITERS = pytest.mark.parametrize("write", [write_cost, write_summary])
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    """The figures that were drawn, kept open until the test has seen them."""
+    kept, close = [], plt.close
+    monkeypatch.setattr(plt, "close", kept.append)
+    yield kept
+    for figure in kept:
+        close(figure)
+
+
+def crowd(n_others):
+    """The built-in methods and others of hostile names; the first of these only for more drones."""
+    sheet = Sheet()
+    for n in (3, 12):
+        sheet.add_upper(-40.0, team_size=n)
+        for entry in BUILT_IN:
+            sheet.add(*entry[:2], team_size=n, rewards=around(-50.0))
+        for i in range(n_others):
+            if i or n == 12:
+                sheet.add(f"other{i:02d}$\\bad$", team_size=n, rewards=around(-60.0 - i))
+    return sheet.tables()
+
+
+def legend_of(figure):
+    """What the legend says, and the colour and marker of each line."""
+    (legend,) = figure.legends
+    names = [text.get_text() for text in legend.get_texts()]
+    lines = [line for line in legend.findobj(Line2D) if line.get_marker().lower() != "none"]
+    looks = [(to_hex(line.get_color()).upper(), line.get_marker()) for line in lines]
+    return dict(zip(names, looks, strict=True))
+
+
+@WRITERS
+def test_a_picture_has_points_in_the_methods_colours(tmp_path, write):
+    path = tmp_path / "figure.png"
+    assert write(typical(), path)
+    pixels = matplotlib.image.imread(path)[..., :3]
+    assert min(pixels.shape[:2]) > 200
+    for color in (COLORS[0], COLORS[BUILT_IN.index(HYBRID)]):
+        rgb = np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+        assert np.all(np.abs(pixels - rgb) < 0.01, axis=-1).sum() > 30
+
+
+@WRITERS
+def test_nothing_is_drawn_where_there_is_nothing_to_draw(tmp_path, write):
+    assert not write(empty(), tmp_path / "figure.png")
+    assert not write(Sheet().add(status="failed").tables(), tmp_path / "figure.png")
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_the_upper_reference_only_the_scores_are_not_drawn(tmp_path):
+    tables = Sheet().add(rewards=(-50.0, -51.0)).tables()
+    assert not write_cost(tables, tmp_path / "cost.png")
+    assert write_summary(tables, tmp_path / "summary.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["summary.png"]
+
+
+@WRITERS
+def test_the_legend_names_who_competes_and_not_the_upper_reference(tmp_path, write, figures):
+    write(typical(), tmp_path / "figure.png")
+    names = ["LF baseline", "HF scratch", "hot start", "Hybrid (affine)", "Hybrid"]
+    # One seed has no place beside its cost.
+    names += [] if write is write_cost else ["<script>alert(1)</script>|x"]
+    assert list(legend_of(figures[0])) == names
+
+
+@WRITERS
+def test_more_methods_than_colours_differ_in_colour_or_marker(tmp_path, write, figures):
+    n_others = len(COLORS) - len(BUILT_IN) + 5
+    assert write(crowd(n_others), tmp_path / "figure.png")
+    legend = legend_of(figures[0])
+    assert len(legend) == len(BUILT_IN) + n_others
+    assert len(set(legend.values())) == len(legend)
+    # As long as there are colours nobody shares one.
+    colors = [color for color, _ in legend.values()]
+    assert colors[: len(COLORS)] == list(COLORS)
+
+
+@WRITERS
+def test_a_method_of_larger_teams_alone_is_in_the_legend(tmp_path, write, figures):
+    write(crowd(2), tmp_path / "figure.png")
+    assert r"other00\$\bad\$" in legend_of(figures[0])
+
+
+def test_both_figures_give_a_method_the_same_look(tmp_path, figures):
+    tables = crowd(3)
+    write_cost(tables, tmp_path / "cost.png")
+    write_summary(tables, tmp_path / "summary.png")
+    cost, summary = map(legend_of, figures)
+    assert cost == summary
+
+
+def test_the_cost_figure_puts_scores_over_minutes_by_team_size(tmp_path, figures):
+    sheet = Sheet()
+    for n, minutes in ((3, 40.0), (12, 130.0)):
+        for task in ("spread", "circle"):
+            sheet.add_upper(100.0, task=task, team_size=n)
+        sheet.add("hybrid", "mlp", rewards=(-400.0, -420.0), fleet_minutes=minutes, team_size=n)
+        shared = {"task": "circle", "team_size": n, "fleet_minutes": minutes}
+        sheet.add("hybrid", "mlp", rewards=(-600.0, -620.0), **shared)
+    write_cost(sheet.tables(), tmp_path / "cost.png")
+    for panel, title, minutes in zip(
+        figures[0].axes, ("N = 3", "N = 12"), (40.0, 130.0), strict=True
+    ):
+        (bars,) = panel.containers
+        # Scores over 1000: 0.49 and 0.29, and a standard deviation of 0.02 / sqrt(2) in each task.
+        assert bars.lines[0].get_xydata() == pytest.approx(np.array([[minutes, 0.39]]))
+        (ends,) = bars.lines[2][0].get_segments()
+        assert ends[:, 1] == pytest.approx([0.39 - 0.02 / 2**0.5, 0.39 + 0.02 / 2**0.5])
+        assert panel.get_title() == title
+        assert panel.get_xlim()[1] > 130.0
+
+
+def test_the_summary_has_a_column_a_task_and_a_row_a_metric(tmp_path, figures, full_tables):
+    write_summary(full_tables, tmp_path / "summary.png")
+    grid = np.array(figures[0].axes).reshape(3, 4)
+    assert {panel.get_title() for panel in grid[0]} == {
+        "spread",
+        "circle",
+        "figure8",
+        "pitchandexpand",
+    }
+    labels = [row[0].get_ylabel().split("\n")[0] for row in grid]
+    assert labels == ["settled reward", "HF flight", "share of training"]
+    for panel in grid[1]:
+        assert panel.get_ylim()[0] < 0.0
+        assert panel.get_ylim()[1] > 320.0 * 18
+
+
+def means_of(panel):
+    """The means that a panel shows, by x: the points of its lines."""
+    drawn = [line for line in panel.get_lines() if line.get_marker() not in ("None", "")]
+    return [dict(line.get_xydata().round(6).tolist()) for line in drawn if len(line.get_xdata())]
+
+
+def test_few_flights_are_shown_by_what_they_lose_beside_the_same_seeds(tmp_path, figures):
+    sheet = Sheet().add(rewards=(-150.0, -160.0)).add_upper()
+    sheet.add("hybrid", "mlp", rewards=(-100.0, -100.0, -400.0))
+    sheet.add("hybrid", "mlp", variant="flights=8", rewards=(-110.0, -130.0))
+    sheet.add("hybrid", "mlp", variant="flights=8, x=1", rewards=(-900.0, -900.0))
+    sheet.add("hybrid", "sindy", variant="flights=8", rewards=(-900.0, -900.0))
+    assert write_flights(sheet.tables(), tmp_path / "flights.png")
+    (panel,) = figures[0].axes
+    assert means_of(panel) == [{0.0: 55.0, 8.0: 20.0}]
+    assert panel.get_title() == "N = 3"
+
+
+def test_a_world_has_a_row_and_methods_look_as_elsewhere(tmp_path, figures, full_tables):
+    write_worlds(full_tables, tmp_path / "worlds.png")
+    write_summary(full_tables, tmp_path / "summary.png")
+    worlds, summary = figures
+    titles = {panel.get_title() for panel in worlds.axes}
+    assert titles == {f"{task}, {world}" for task in ("circle", "figure8") for world in WORLDS}
+    looks, elsewhere = legend_of(worlds), legend_of(summary)
+    assert list(looks) == [
+        "LF baseline",
+        "Hybrid",
+        "recalibrated",
+        "Hybrid on the nominal drone",
+        "PD tracking",
+    ]
+    assert looks["LF baseline"] == elsewhere["LF baseline"]
+    assert looks["Hybrid"] == elsewhere["Hybrid"]
+    hybrid = {3.0: -120.0, 7.0: round(-100.0 - 60.0 / 7.0, 6), 12.0: -100.2}
+    assert hybrid in means_of(worlds.axes[0])
+
+
+@pytest.mark.parametrize("write", [write_flights, write_worlds])
+def test_what_was_not_studied_is_not_drawn(tmp_path, write):
+    assert not write(typical(), tmp_path / "figure.png")
+    assert not write(empty(), tmp_path / "figure.png")
+    assert not list(tmp_path.iterdir())
+
+
+def test_variants_and_other_worlds_are_not_drawn(tmp_path, figures):
+    sheet = Sheet().add(rewards=(-50.0, -51.0)).add_upper()
+    sheet.add("hybrid", "mlp", variant="x=1", rewards=(-1.0, -2.0))
+    before = len(sheet.results)
+    sheet.add("hf_scratch", rewards=(-1.0, -2.0)).add_upper()
+    for row in sheet.results[before:]:
+        row["deployed_effects"] = "wind(x=1.5)"
+    tables = sheet.tables()
+    write_cost(tables, tmp_path / "cost.png")
+    write_summary(tables, tmp_path / "summary.png")
+    (container,) = figures[0].axes[0].containers
+    assert container.get_label() == "LF baseline"
+    drawn = [line for line in figures[1].axes[0].get_lines() if len(line.get_xdata())]
+    assert {tuple(line.get_ydata()) for line in drawn} == {(-50.5,)}
+
+
+def test_single_seeds_have_no_error_bars(tmp_path, figures):
+    sheet = Sheet().add(rewards=(-50.0, -51.0)).add_upper()
+    lost = [r for r in sheet.results if r["seed"] == 1 and r["metric"] == "spawn_settled_reward"]
+    sheet.results = [row for row in sheet.results if row not in lost]
+    assert write_cost(sheet.tables(), tmp_path / "cost.png")
+    (container,) = figures[0].axes[0].containers
+    assert not container.has_yerr
+
+
+def test_a_picture_can_stand_in_a_page_that_has_no_files(tmp_path):
+    (tmp_path / "figure.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    assert data_uri(tmp_path / "figure.png") == "data:image/png;base64,iVBORw0KGgo="

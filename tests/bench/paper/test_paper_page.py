@@ -1,0 +1,307 @@
+"""The page of claims: what stands in it, and that it is a function of the tables."""
+
+import re
+from pathlib import Path
+
+import pytest
+from browser import needs_chromium, tab
+from paper_tables import add_off_spec
+from tables_for_tests import Sheet, empty, typical
+
+from bench.errors import UsageError
+from bench.paper import claims
+from bench.paper.claims import CLAIMS
+from bench.paper.page import HOW, TITLE, WHOLE, variants, write_claims
+from bench.tables import Tables
+
+ROOT = Path(__file__).parents[3]
+HOSTILE = "<script>alert(1)</script>|x` $\\bad$ ![](http://example.org/x.png)"
+"""A name that would be a script, a cell, a formula and a picture if it were not escaped."""
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory, full_tables):
+    """The folder in which the page of all 24 cells was written, notes included."""
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "notes.md").write_text("## Why\n\nBecause of *lag*.\n", encoding="utf-8")
+    write_claims(full_tables, folder / "out" / "paper.md", folder / "notes.md")
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def text(full):
+    return (full / "paper.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def html(full):
+    return (full / "paper.html").read_text(encoding="utf-8")
+
+
+def written(tables, tmp_path):
+    """The Markdown of a page."""
+    write_claims(tables, tmp_path / "page.md")
+    return (tmp_path / "page.md").read_text(encoding="utf-8")
+
+
+def lines_of(text, start):
+    return [line for line in text.splitlines() if line.startswith(start)]
+
+
+def test_markdown_html_and_all_figures_are_written(full):
+    assert sorted(path.name for path in full.iterdir()) == [
+        "paper.html",
+        "paper.md",
+        "paper_cost.png",
+        "paper_flights.png",
+        "paper_summary.png",
+        "paper_worlds.png",
+    ]
+
+
+def test_sections_come_in_order(text):
+    assert [line.removeprefix("## ") for line in lines_of(text, "## ")] == [
+        "What holds",
+        "Whom to choose",
+        claims.PAPER,
+        claims.BUDGET,
+        claims.OFF_SPEC,
+        claims.OWN,
+        "In detail",
+        "Settings that differ from the default",
+        "Why",
+    ]
+
+
+def test_every_claim_has_a_line_with_both_verdicts(text):
+    for claim in CLAIMS:
+        (line,) = lines_of(text, f"| {claim.title} | {claim.stated} | ")
+        assert line.endswith("| supported | supported |")
+    assert f"- **Supported** ({len(CLAIMS)}): {CLAIMS[0].title}; " in text
+
+
+def test_what_decides_stands_over_the_table_that_shows_it(text):
+    for claim in CLAIMS:
+        if f"### {claim.title}\n" in text:
+            assert f"### {claim.title}\n\nSupported if {claim.rule.text}.\n\n| " in text
+    assert text.count("\n### ") == len(CLAIMS) - 4  # those of one number have no table
+
+
+def test_figures_stand_in_the_markdown_by_name_and_in_the_html_whole(text, html):
+    names = ["paper_cost.png", "paper_summary.png", "paper_flights.png", "paper_worlds.png"]
+    assert re.findall(r"!\[.*\]\((.*)\)", text) == names
+    assert html.count('<img src="data:image/png;base64,iVBOR') == len(names)
+    assert "paper_cost.png" not in html
+
+
+def test_notes_come_last(text, html):
+    assert text.endswith("## Why\n\nBecause of *lag*.\n")
+    assert "<em>lag</em>" in html
+
+
+def test_programs_that_made_the_rows_are_named(text, full_tables):
+    n = len(full_tables.runs)
+    (first,) = lines_of(text, f"{n} runs")
+    assert first == f"{n} runs: {n} ok. Rows made: {n} of {n} at 0123abcd on a processor."
+
+
+def test_whom_to_choose_is_told_by_team_size_and_budget(text):
+    tasks = "circle, figure8, pitchandexpand, spread"
+    lines = lines_of(text, f"| N = 12 | {tasks} | from ")
+    score = (900.0 - 95.0) / (900.0 - 90.0)
+    assert lines == [
+        f"| N = 12 | {tasks} | from 0 | **domain randomization** | 0.938 | 0 | - |",
+        f"| N = 12 | {tasks} | from 0.5 | **grey box** | {score:.3f} | 0.5 | - |",
+    ]
+
+
+def test_the_upper_reference_is_nowhere_among_the_methods(text):
+    assert "upper_reference" not in text
+    assert "-90.0" not in text
+
+
+def test_ties_are_listed_beside_the_choice(tmp_path):
+    sheet = Sheet().add_upper().add(rewards=(-50.0, -51.0, -52.0))
+    sheet.add("hf_scratch", rewards=(-50.9, -50.2, -52.8))
+    assert "| **LF baseline** | " in (found := written(sheet.tables(), tmp_path))
+    assert lines_of(found, "| N = 3 | spread | from 0 |")[0].endswith("| HF scratch |")
+
+
+def test_refuted_is_bold_and_settled_before_whole(tmp_path):
+    sheet = Sheet()
+    for seed, hybrid in enumerate((-50.0, -51.0, -52.5)):
+        sheet.add("hybrid", "mlp", rewards=(hybrid,), first_seed=seed, reward=hybrid - 90.0)
+        sheet.add(rewards=(-60.0,), first_seed=seed)
+    found = written(sheet.tables(), tmp_path)
+    (line,) = lines_of(found, f"| {CLAIMS[0].title} |")
+    assert line.endswith(" (run: 1 of 24) | undecided | **refuted** |")
+    assert "| claim | paper | ours, settled reward | verdict | by the whole return |" in found
+    assert f"\n{HOW}\n" in found
+
+
+def test_tables_of_the_first_protocol_say_that_they_have_the_whole_return_only(tmp_path):
+    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0)).add(rewards=(-60.0, -60.5))
+    sheet.results = [row for row in sheet.results if row["metric"] != "settled_reward"]
+    found = written(sheet.tables(), tmp_path)
+    assert "| claim | paper | ours, whole return | verdict | by the whole return |" in found
+    assert f"{HOW} {WHOLE}" in found
+
+
+def test_sections_without_anything_tested_are_left_out(tmp_path):
+    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
+    found = written(sheet.tables(), tmp_path)
+    assert [line.removeprefix("## ") for line in lines_of(found, "## ")] == [
+        "What holds",
+        claims.PAPER,
+        "In detail",
+    ]
+    assert "- **Not tested** (" in found
+
+
+def test_a_page_of_no_rows_is_complete_and_has_no_figures(tmp_path):
+    found = written(empty(), tmp_path)
+    assert found.startswith(f"# {TITLE}\n\n0 runs.\n\n## What holds\n\n- **Not tested** (")
+    n_paper = sum(claim.section == claims.PAPER for claim in CLAIMS)
+    assert found.count("| - | not tested | not tested |") == n_paper
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["page.html", "page.md"]
+
+
+def test_the_same_tables_make_the_same_bytes(tmp_path):
+    for folder in ("first", "second"):
+        write_claims(typical(), tmp_path / folder / "page.md")
+    first, second = (
+        {path.name: path.read_bytes() for path in (tmp_path / folder).iterdir()}
+        for folder in ("first", "second")
+    )
+    assert len(first) == 4
+    assert first == second
+
+
+def test_rows_in_another_order_make_the_same_page(tmp_path):
+    tables = typical()
+    turned = {
+        name: getattr(tables, name).iloc[::-1].reset_index(drop=True)
+        for name in ("results", "curves", "trajectories", "runs")
+    }
+    assert written(Tables(**turned), tmp_path) == written(tables, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory):
+    """A page of tables in which every name is hostile."""
+    path = tmp_path_factory.mktemp("hostile") / "page.md"
+    sheet = Sheet()
+    for method, residual in ((HOSTILE, ""), ("hybrid", "mlp"), ("lf_baseline", "")):
+        cell = {"task": HOSTILE, "rewards": (-50.0, -51.0)}
+        sheet.add(method, residual, **cell)
+        sheet.add(method, residual, variant=HOSTILE, **cell)
+    sheet.add("hybrid", "mlp", variant="flights=32", **cell)
+    sheet.add_upper(task=HOSTILE)
+    world = {"recalibrated": -55.0, "lf": -80.0, "tracked": -90.0, "effects": HOSTILE}
+    add_off_spec(sheet, {"task": HOSTILE}, **world)
+    for row in sheet.runs:
+        row.update(commit=HOSTILE, machine=HOSTILE)
+    write_claims(sheet.tables(), path)
+    return path
+
+
+def test_hostile_names_stay_text(hostile):
+    found = hostile.read_text(encoding="utf-8")
+    html = hostile.with_suffix(".html").read_text(encoding="utf-8")
+    body = html[html.index("<main") : html.index("</main>")]
+    assert "<script" not in body
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in body
+    assert re.findall(r'<img src="([^"]{10})', body) == ["data:image"] * 4
+    for table in re.findall(r"(?:^\|.*\n)+", found, re.MULTILINE):
+        bars = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
+        assert len(bars) == 1, table
+
+
+@needs_chromium
+def test_a_hostile_page_opens_without_a_complaint_or_a_request(hostile, tmp_path):
+    path = hostile.with_suffix(".html")
+    with tab(tmp_path / "profile") as opened:
+        opened.open(path)
+        assert "alert(1)" in opened.run("document.body.textContent")
+        drawn = "[...document.images].map((image) => image.naturalWidth)"
+        assert len(opened.run(drawn)) == 4
+        assert min(opened.run(drawn)) > 100
+        assert opened.complaints == []
+        assert all(url.startswith(("file:", "data:")) for url in opened.requests)
+
+
+def test_notes_that_cannot_be_read_are_named_before_anything_is_written(tmp_path):
+    (tmp_path / "notes.md").write_bytes(b"\xff\xfe\xff")
+    for notes in ("notes.md", "nowhere.md"):
+        with pytest.raises(UsageError, match=rf"notes in .*{notes} cannot be read"):
+            write_claims(empty(), tmp_path / "out" / "page.md", tmp_path / notes)
+    with pytest.raises(UsageError, match="HTML beside it"):
+        write_claims(empty(), tmp_path / "out" / "page.html")
+    assert not (tmp_path / "out").exists()
+
+
+def test_variants_stand_beside_their_default():
+    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
+    sheet.add("hybrid", "mlp", variant="x=1", rewards=(-40.0, -41.5))
+    headings, lines = variants(sheet.tables())
+    assert headings[2:5] == ("default", "variant", "difference")
+    assert lines == [
+        (
+            "spread, N = 3",
+            "hybrid (mlp), x=1",
+            "-50.5 ± 0.7 (n = 2)",
+            "-40.8 ± 1.1 (n = 2)",
+            "9.8",
+            "6.6 to 12.9",
+            "better",
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rewards", "word"),
+    [
+        ((-40.0, -41.5), "better"),
+        ((-60.0, -61.5), "worse"),
+        ((-50.0, -51.0), "tied"),
+        ((-45.0, -56.0), "tied"),
+        ((-40.0,), "one seed: no order"),
+    ],
+)
+def test_a_variant_is_better_worse_or_tied(rewards, word):
+    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
+    sheet.add("hybrid", "mlp", variant="x=1", rewards=rewards)
+    assert variants(sheet.tables())[1][0][6] == word
+
+
+def test_a_variant_is_compared_over_the_seeds_that_both_have():
+    sheet = Sheet().add("hybrid", "mlp", rewards=(-90.0, -50.0, -51.0))
+    sheet.add("hybrid", "mlp", variant="x=1", rewards=(-40.0, -41.5), first_seed=1)
+    line = variants(sheet.tables())[1][0]
+    assert line[2:5] == ("-50.5 ± 0.7 (n = 2)", "-40.8 ± 1.1 (n = 2)", "9.8")
+
+
+def test_a_variant_without_default_is_shown_alone_unless_it_was_made_for_another_world():
+    sheet = Sheet().add("hybrid", "mlp", variant="y=2", rewards=(-40.0,))
+    before = len(sheet.results)
+    sheet.add("hybrid", "mlp", variant="deployed_in=crazyflow+wind(x=1.5)", task="circle")
+    for row in sheet.results[before:]:
+        row["deployed_effects"] = "wind(x=1.5)"
+    sheet.add_upper(variant="z=3")
+    (line,) = variants(sheet.tables())[1]
+    assert line[1:] == ("hybrid (mlp), y=2", "-", "-40.0 (n = 1)", "-", "-", "one seed: no order")
+
+
+def test_the_committed_pages_are_those_of_the_committed_tables(tmp_path):
+    found = [
+        path
+        for path in sorted((ROOT / "reports").glob("*.md"))
+        if path.read_text(encoding="utf-8").startswith(f"# {TITLE}\n")
+    ]
+    assert found
+    for path in found:
+        notes = path.with_name(f"{path.stem}_notes.md")
+        tables = Tables.load(ROOT / "results" / path.stem)
+        write_claims(tables, tmp_path / path.name, notes if notes.exists() else None)
+        own = (tmp_path / path.name).read_text(encoding="utf-8")
+        assert own == path.read_text(encoding="utf-8")

@@ -1,0 +1,53 @@
+"""The committed evidence: keys that are today's, documents that regenerate byte for byte."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bench.paper.page import write_claims
+from bench.plan import PROTOCOL, expand
+from bench.suite import load_suite
+from bench.tables import Tables
+from bench.tuning import write_tuning
+
+HOUSE = Path(__file__).parents[2]
+CURRENT = ("paper", "tuning")
+"""Suites whose committed rows are of this protocol."""
+
+
+@pytest.fixture(scope="module", params=CURRENT)
+def suite(request):
+    return request.param
+
+
+def test_every_committed_row_has_the_key_that_its_run_has_today(suite):
+    """A key that moves in silence makes committed evidence worthless: raise PROTOCOL instead.
+
+    A field that came later and changes nothing at its default says so (`NEUTRAL`).
+    """
+    tables = Tables.load(HOUSE / "results" / suite)
+    keys = {run.name: run.key for run in expand(load_suite(suite)).runs}
+    committed = dict(zip(tables.runs["run"], tables.runs["key"], strict=True))
+    assert committed, "there is nothing to pin"
+    moved = {run for run, key in committed.items() if keys.get(run) != key}
+    assert not moved, f"{len(moved)} keys moved, e.g. {sorted(moved)[0]}; PROTOCOL is {PROTOCOL}"
+
+
+def test_every_committed_row_says_where_it_comes_from(suite):
+    runs = Tables.load(HOUSE / "results" / suite).runs
+    for column in ("key", "commit", "program", "machine", "device", "committed"):
+        assert runs[column].ne("").all(), column
+    assert not runs["dirty"].any()
+    assert all(json.loads(text)["jax"] for text in runs["versions"])
+
+
+def test_the_page_of_the_paper_regenerates_byte_for_byte(tmp_path):
+    write_claims(Tables.load(HOUSE / "results" / "paper"), tmp_path / "paper.md")
+    kept = (HOUSE / "reports" / "paper.md").read_bytes()
+    assert (tmp_path / "paper.md").read_bytes() == kept
+
+
+def test_the_page_of_the_tuning_regenerates_byte_for_byte(tmp_path):
+    write_tuning(Tables.load(HOUSE / "results" / "tuning"), tmp_path / "tuning.md")
+    assert (tmp_path / "tuning.md").read_bytes() == (HOUSE / "reports" / "tuning.md").read_bytes()

@@ -1,0 +1,217 @@
+"""Verdicts from paired differences, against hand-made samples and another program's numbers."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bench import verdicts
+from bench.statistics import estimate
+from bench.verdicts import Test, Verdict, above, below, by_cell, every, holm, in_cell, over_cells
+
+SUPPORTED, REFUTED = Verdict.SUPPORTED, Verdict.REFUTED
+UNDECIDED, UNTESTED = Verdict.UNDECIDED, Verdict.UNTESTED
+
+
+def seeds(*values, first=0):
+    return dict(enumerate(values, first))
+
+
+def test_holm_multiplies_the_smallest_by_the_most_and_never_turns_the_order():
+    assert holm([0.04, 0.01, 0.03]) == pytest.approx([0.06, 0.03, 0.06])
+    assert holm([0.5, 0.9]) == pytest.approx([1.0, 1.0])
+
+
+def test_holm_treats_equal_p_values_alike_and_leaves_what_it_is_given():
+    given = [0.01, 0.5, 0.01]
+    assert holm(given) == pytest.approx([0.03, 0.5, 0.03])
+    assert given == [0.01, 0.5, 0.01]
+    assert holm([0.04]) == [0.04]
+    assert holm([]) == []
+
+
+def test_holm_falsely_decides_in_no_more_than_5_percent_of_families():
+    """Eight cells without any difference; uncorrected, a third of the families has a verdict."""
+    rng = np.random.default_rng(8)
+    families = stats.ttest_1samp(rng.normal(size=(5, 2000, 8)), 0.0).pvalue
+    corrected = np.asarray([holm(family) for family in families.tolist()])
+    assert (families.min(axis=1) < 0.05).mean() > 0.3
+    assert (corrected.min(axis=1) < 0.05).mean() == pytest.approx(0.05, abs=0.012)
+
+
+def test_what_has_no_p_value_counts_for_nothing_in_the_correction():
+    corrected = holm([0.03, math.nan, 0.02])
+    assert math.isnan(corrected[1])
+    assert [corrected[0], corrected[2]] == pytest.approx([0.04, 0.04])
+
+
+def test_a_paired_test_is_students():
+    a, b = np.array([-50.0, -52.0, -51.0, -58.0]), np.array([-55.0, -56.0, -59.0, -60.0])
+    test = in_cell(seeds(*a), seeds(*b))
+    expected = stats.ttest_rel(a, b)
+    assert test.p == pytest.approx(float(expected.pvalue))
+    interval = expected.confidence_interval(0.95)
+    assert (test.low, test.high) == pytest.approx((float(interval.low), float(interval.high)))
+    assert test.n == 4
+
+
+@pytest.mark.parametrize(("n", "shift"), [(2, 1.0), (3, 0.0), (5, -2.0), (12, 0.3)])
+def test_a_paired_test_is_students_for_any_number_of_common_seeds(n, shift):
+    """One side lost its first seed, the other has two more."""
+    rng = np.random.default_rng(n)
+    a, b = rng.normal(shift, 1.0, n + 2), rng.normal(0.0, 2.0, n + 1)
+    expected = stats.ttest_rel(a[1 : n + 1], b[1:])
+    found = in_cell(seeds(*a[1:], first=1), seeds(*b))
+    assert found.p == pytest.approx(expected.pvalue, rel=1e-9)
+    assert (found.low, found.high) == pytest.approx(tuple(expected.confidence_interval(0.95)))
+    assert (found.mean, found.n) == (pytest.approx(np.mean(a[1 : n + 1] - b[1:])), n)
+
+
+def test_a_verdict_is_given_exactly_where_the_interval_excludes_0():
+    rng = np.random.default_rng(7)
+    decided = []
+    for _ in range(200):
+        found = in_cell(seeds(*rng.normal(0.7, 1.0, 5)), seeds(*rng.normal(0.0, 1.0, 5)))
+        expected = {found.low > 0.0: SUPPORTED, found.high < 0.0: REFUTED}.get(True, UNDECIDED)
+        assert found.verdict is expected
+        decided.append(expected is not UNDECIDED)
+    assert 20 < sum(decided) < 180
+
+
+def test_samples_of_other_seeds_are_tested_by_welch():
+    a, b = [-50.0, -52.0, -51.0], [-60.0, -56.0, -59.0, -70.0]
+    test = in_cell(seeds(*a), seeds(*b, first=10))
+    expected = stats.ttest_ind(a, b, equal_var=False)
+    assert test.p == pytest.approx(float(expected.pvalue))
+    assert (test.low, test.high) == pytest.approx(tuple(expected.confidence_interval(0.95)))
+    assert test.n == 3
+
+
+def test_one_cell_is_tested_alike_alone_and_among_cells():
+    a, b = seeds(-50.0, -52.0, -51.0), seeds(-55.0, -56.0, -59.0)
+    assert over_cells([(a, b)]) == pytest.approx(in_cell(a, b))
+
+
+def test_cells_weigh_alike_however_many_seeds_they_have():
+    few = (seeds(1.0, 3.0), seeds(0.0, 0.0))
+    many = (seeds(10.0, 12.0, 14.0, 8.0), seeds(0.0, 0.0, 0.0, 0.0))
+    test = over_cells([few, many])
+    # Means 2 and 11; variances of the means 1 and 5 / 3, with one and three degrees of freedom.
+    error, freedom = math.sqrt(8.0 / 3.0) / 2.0, (8.0 / 3.0) ** 2 / (1.0 + (5.0 / 3.0) ** 2 / 3.0)
+    half = float(stats.t.ppf(0.975, freedom)) * error
+    assert (test.mean, test.n) == (6.5, 6)
+    assert (test.low, test.high) == pytest.approx((6.5 - half, 6.5 + half))
+    assert test.p == pytest.approx(2.0 * float(stats.t.sf(6.5 / error, freedom)))
+
+
+def direct(differences):
+    """Mean, interval and p-value over cells as the formula has it, from differences by cell."""
+    n = np.asarray([len(d) for d in differences])
+    v = np.asarray([np.var(d, ddof=1) for d in differences]) / n
+    mean, error = np.mean([np.mean(d) for d in differences]), np.sqrt(v.sum()) / len(n)
+    student = stats.t(v.sum() ** 2 / np.sum(v**2 / (n - 1)), mean, error)
+    return mean, *student.interval(0.95), 2.0 * min(student.cdf(0.0), student.sf(0.0))
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_many_cells_are_tested_with_satterthwaites_degrees_of_freedom(lost):
+    """Of the seeds that both have, whatever the order in which they stand."""
+    rng = np.random.default_rng(9)
+    apart = [rng.normal(0.5, scale, n) for n, scale in ((5, 0.1), (3, 2.0), (4, 1.0))]
+    pairs = []
+    for d in apart:
+        b = rng.normal(size=len(d))
+        a = seeds(*(b + d)) if not lost else seeds(*(b + d)[1:], first=1)
+        pairs.append((dict(sorted(a.items(), reverse=True)), seeds(*b)))
+    found = over_cells(pairs)
+    assert found[:4] == pytest.approx(direct([d[lost:] for d in apart]))
+    assert found.n == 12 - 3 * lost
+
+
+def test_intervals_over_cells_cover_what_they_promise():
+    """Four cells of five seeds, one of which varies ten times as much as another."""
+    rng = np.random.default_rng(10)
+    scales, shifts = np.asarray([0.2, 0.5, 1.0, 2.0]), np.asarray([1.0, -1.0, 0.5, -0.5])
+    still, trials, covered = seeds(*np.zeros(5)), 1500, 0
+    for drawn in rng.normal(size=(trials, 4, 5)):
+        found = over_cells((seeds(*x), still) for x in shifts[:, None] + scales[:, None] * drawn)
+        covered += found.low <= 0.0 <= found.high
+        assert (found.verdict is UNDECIDED) == (found.low <= 0.0 <= found.high)
+    assert covered / trials == pytest.approx(0.95, abs=0.015)
+
+
+def test_cells_without_two_common_seeds_are_left_out_of_many():
+    whole = (seeds(1.0, 3.0, 2.0), seeds(0.0, 0.0, 0.5))
+    single = (seeds(9.0), seeds(0.0))
+    foreign = (seeds(9.0, 8.0), seeds(0.0, 0.0, first=5))
+    assert over_cells([whole, single, foreign]) == over_cells([whole])
+    assert over_cells([single, foreign]).verdict is UNTESTED
+
+
+@pytest.mark.parametrize(
+    ("apart", "verdict"),
+    [(1.0, SUPPORTED), (-1.0, REFUTED), (0.0, UNDECIDED)],
+)
+def test_differences_without_scatter_decide_unless_they_are_zero(apart, verdict):
+    pair = (seeds(apart, apart), seeds(0.0, 0.0))
+    assert in_cell(*pair).verdict is verdict
+    assert over_cells([pair]).verdict is verdict
+
+
+def test_constant_differences_of_opposite_cells_are_a_tie():
+    pair = (seeds(2.0, 3.0), seeds(1.0, 2.0))
+    assert over_cells([pair, pair]) == Test(1.0, 1.0, 1.0, 0.0, 4)
+    assert over_cells([pair, pair[::-1]]) == Test(0.0, 0.0, 0.0, 1.0, 4)
+
+
+def test_a_tie_is_undecided_and_not_won():
+    tie = over_cells([(seeds(1.0, -1.0, 0.1), seeds(0.0, 0.0, 0.0))])
+    assert tie.mean > 0.0
+    assert tie.verdict is above(tie, tie.p) is UNDECIDED
+    found = Test(1.0, math.nan, math.nan, 0.001, 5)
+    for p, verdict in ((0.051, UNDECIDED), (0.049, SUPPORTED), (math.nan, UNTESTED)):
+        assert above(found, p) is verdict
+    assert above(found._replace(mean=-1.0), 0.049) is REFUTED
+
+
+@pytest.mark.parametrize(
+    ("found", "verdict"),
+    [
+        ([SUPPORTED, SUPPORTED], SUPPORTED),
+        ([SUPPORTED, UNTESTED], UNDECIDED),
+        ([SUPPORTED, UNDECIDED], UNDECIDED),
+        ([UNDECIDED, UNTESTED], UNDECIDED),
+        ([SUPPORTED, SUPPORTED, REFUTED], REFUTED),
+        ([UNDECIDED, REFUTED, UNTESTED], REFUTED),
+        ([UNTESTED, UNTESTED], UNTESTED),
+        ([], UNTESTED),
+    ],
+)
+def test_every_cell_must_support_and_one_refutes(found, verdict):
+    assert every(found) is every(reversed(found)) is verdict
+
+
+def test_the_correction_changes_a_verdict_and_not_its_direction():
+    tests = [Test(mean, 0.0, 0.0, 0.02, 3) for mean in (1.0, -1.0)]
+    assert by_cell(tests) == [SUPPORTED, REFUTED]
+    assert by_cell([*tests, tests[0]]) == [UNDECIDED] * 3
+
+
+def test_a_single_seed_has_no_verdict():
+    assert verdicts.test_of(estimate([3.0])).verdict is UNTESTED
+    assert in_cell(seeds(1.0), seeds(0.0)).verdict is UNTESTED
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "verdict"),
+    [
+        (0.0, 1.0, SUPPORTED),
+        (0.5, 1.1, UNDECIDED),
+        (1.0, 1.1, UNDECIDED),
+        (1.01, 1.1, REFUTED),
+        (math.nan, 1.1, UNTESTED),
+    ],
+)
+def test_a_bound_is_judged_by_the_whole_interval(low, high, verdict):
+    assert below(1.0, low, high) is verdict
