@@ -10,12 +10,15 @@ export TF_CPP_MIN_LOG_LEVEL ?= 3
 ISAS ?= AVX2 SSE4_2
 TRAINING := $(addprefix tests/methods/test_,bptt.py methods.py together.py checkpoint.py)
 
-.PHONY: help run test test-isa lint bench clean
+GOLDEN ?=
+
+.PHONY: help run test test-isa golden lint bench clean
 
 help:
 	@echo "make run       install, then train and compare everything in the quick suite"
 	@echo "make test      install, then run the tests in JOBS=$(JOBS) processes"
 	@echo "make test-isa  install, then run the tests that train as on processors with $(ISAS)"
+	@echo "make golden    install, then make answers again that a change of structure must not move"
 	@echo "make lint      install, then check style, types and layers"
 	@echo "make bench     install, then measure the speed of what is slow"
 	@echo "make clean     remove .venv, caches and the results of the quick suite"
@@ -34,6 +37,10 @@ test-isa: $(READY)
 		XLA_FLAGS="$$XLA_FLAGS --xla_cpu_max_isa=$$isa" $(BIN)/python -m pytest \
 			-n $(JOBS) --dist loadfile -p no:benchmark $(TRAINING) || exit 1; \
 	done
+
+golden: $(READY)
+	@echo "Comparing diagnoses, keys, rows and documents with the kept ones (GOLDEN=--write keeps)."
+	@$(BIN)/python -m tests.golden --jobs $(JOBS) $(GOLDEN)
 
 lint: $(READY)
 	@echo "Checking style, types and layers."

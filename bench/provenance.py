@@ -38,7 +38,7 @@ def provenance() -> Provenance:
     return Provenance(
         commit=_git("rev-parse", "HEAD"),
         dirty=bool(changes),
-        machine=_processor(),
+        machine=processor(),
         device=f"{device.platform} {device.device_kind}",
     )
 
@@ -61,7 +61,7 @@ def _git(*arguments: str) -> str:
     return said.stdout.strip()
 
 
-def _processor() -> str:
+def processor() -> str:
     """The processor's name, as far as the system tells."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
