@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from bench.environment import xla_flags
+from bench.execution.environment import xla_flags
 
 CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 if CORES:  # before JAX counts them

@@ -9,7 +9,7 @@ from pathlib import Path
 from flights_for_tests import fly
 
 from diagnosis.diagnose import STEPS, diagnose
-from diagnosis.logs import VehicleFile, load_flights, write_flights
+from diagnosis.logs.flights import VehicleFile, load_flights, write_flights
 from simulators.contract import with_effects
 from simulators.effects.drag import Drag
 from simulators.point_mass import PointMass

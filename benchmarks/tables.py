@@ -16,9 +16,9 @@ import pandas as pd
 import seaborn
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from bench.blind.canvas import saved
-from bench.figures import COLORS
 from bench.paper.figures import STYLE
+from bench.report.figures import COLORS
+from blind.report.canvas import saved
 
 TABLE = Path("results/performance/benchmarks.csv")
 FIGURE = Path("reports/performance/scale.png")

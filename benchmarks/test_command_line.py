@@ -40,15 +40,15 @@ def test_help_appears(benchmark):
 @pytest.fixture
 def plugins_loaded():
     """Plug-ins are imported once a process, whatever is planned: not what is measured here."""
-    from bench.plan import expand
-    from bench.suite import load_suite
+    from bench.plan.expansion import expand
+    from bench.plan.suite import load_suite
 
     expand(load_suite("quick"))
 
 
 def test_paper_suite_is_planned(benchmark, plugins_loaded):
-    from bench.plan import expand
-    from bench.suite import load_suite
+    from bench.plan.expansion import expand
+    from bench.plan.suite import load_suite
 
     plan = benchmark.pedantic(
         lambda: [run.key for run in expand(load_suite("paper")).runs], rounds=3
@@ -59,9 +59,9 @@ def test_paper_suite_is_planned(benchmark, plugins_loaded):
 def test_paper_suite_is_forecast(benchmark, plugins_loaded, tmp_path):
     from rich.console import Console
 
-    from bench.outlook import show_plan
-    from bench.plan import expand
-    from bench.suite import load_suite
+    from bench.execution.outlook import show_plan
+    from bench.plan.expansion import expand
+    from bench.plan.suite import load_suite
 
     plan = expand(load_suite("paper"))
     with Path("/dev/null").open("w") as nowhere:

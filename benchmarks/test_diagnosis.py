@@ -14,9 +14,9 @@ from flights_for_tests import SIGMA, flight_set, fly
 from log_tables import folder, table
 
 from diagnosis.diagnose import STEPS, diagnose, make_likelihood
-from diagnosis.library import make_library
-from diagnosis.logs import load_flights
-from diagnosis.replay import make_replay
+from diagnosis.logs.flights import load_flights
+from diagnosis.replay.library import make_library
+from diagnosis.replay.replay import make_replay
 from simulators import registry
 from simulators.contract import with_effects
 from simulators.effects.drag import Drag

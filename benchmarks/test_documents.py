@@ -3,8 +3,8 @@
 import numpy as np
 from tables_for_tests import Sheet
 
-from bench.leaderboard import write_leaderboard
-from bench.pooled import pools
+from bench.report.leaderboard import write_leaderboard
+from bench.stats.pooled import pools
 
 
 def paper_sheet():

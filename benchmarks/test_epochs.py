@@ -1,8 +1,8 @@
 """How long one training epoch takes, and how near it is to its limit. `make bench` runs it.
 
 The limit is the time that the matrix products of the policy and of a frozen residual need at the
-rate of the policy's (`methods/profile.py`), measured in the same process; beside it stand the time
-over that of the forward part and the memory.
+rate of the policy's (`methods/training/profile.py`), measured in the same process; beside it stand
+the time over that of the forward part and the memory.
 """
 
 import contextlib
@@ -15,13 +15,13 @@ import jax.numpy as jnp
 import pytest
 
 from benchmarks.training import epoch_of
-from methods.bptt import BPTT
 from methods.contract import Setup, silent
-from methods.evaluate import fly
 from methods.hybrid import Hybrid
 from methods.policy import PolicyController, make_policy
-from methods.profile import profile, trained_in
-from methods.together import Team
+from methods.training.bptt import BPTT
+from methods.training.evaluate import fly
+from methods.training.profile import profile, trained_in
+from methods.training.together import Team
 from simulators import registry
 from tasks.circle import Circle
 from tasks.rollout import start

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from bench.executor import Ended
-from bench.pool import LocalExecutor
+from bench.execution.executor import Ended
+from bench.execution.pool import LocalExecutor
 
 EPOCHS = 150
 """Of low-fidelity training, in each of four tasks."""
@@ -16,8 +16,8 @@ def train(seed, report):
     """Wall time of a training, its compilation not counted [s]."""
     import jax
 
-    from methods.bptt import BPTT
     from methods.policy import make_policy
+    from methods.training.bptt import BPTT
     from simulators.point_mass import PointMass
     from tasks.circle import Circle
 

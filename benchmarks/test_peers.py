@@ -2,9 +2,10 @@
 
 An epoch is the same work everywhere: as many worlds, drones and steps, the same policy,
 observation, reward and optimiser. What differs is the simulator (our point mass, or crazyflow's
-fitted `so_rpy` stepped once a control step) and who differentiates it: `methods/adjoint.py`,
-`jax.value_and_grad` of a scan written the obvious way, or PyTorch, where it is installed, in the
-style of DiffPhysDrone (Zhang et al., 2024: a point mass stepped in eager mode, gradients decayed).
+fitted `so_rpy` stepped once a control step) and who differentiates it:
+`methods/training/adjoint.py`, `jax.value_and_grad` of a scan written the obvious way, or PyTorch,
+where it is installed, in the style of DiffPhysDrone (Zhang et al., 2024: a point mass stepped in
+eager mode, gradients decayed).
 """
 
 import equinox as eqx
@@ -18,8 +19,8 @@ from crazyflow.dynamics.so_rpy import dynamics
 from jaxtyping import Array, Float
 
 from benchmarks.training import epoch_of
-from methods.bptt import BPTT, optimizer
 from methods.policy import make_policy
+from methods.training.bptt import BPTT, optimizer
 from simulators.flight import Flight
 from simulators.point_mass import PointMass
 from simulators.vehicle import CONTROL_DT, VEHICLES, ActionSpace

@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from bench.report import write_report
-from bench.tables import UNITS, Tables, table
+from bench.report.page import write_report
+from bench.store.tables import UNITS, Tables, table
 
 METHODS = [("lf_baseline", ""), ("hf_scratch", ""), ("hf_hotstart", ""), ("grey_box", "")]
 METHODS += [("hybrid", residual) for residual in ("affine", "sindy", "mlp")] + [("mine", "")]

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import pytest
 
 from benchmarks.training import epoch_of
-from methods.bptt import BPTT
-from methods.evaluate import fly
 from methods.policy import PolicyController, make_policy
+from methods.training.bptt import BPTT
+from methods.training.evaluate import fly
 from simulators import registry
 from tasks.contact import MANY
 from tasks.spread import Spread

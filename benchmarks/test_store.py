@@ -6,10 +6,10 @@ import os
 
 import pytest
 
-from bench.plan import expand
-from bench.record import Outcome
-from bench.store import Store
-from bench.suite import Row, Suite
+from bench.plan.expansion import expand
+from bench.plan.suite import Row, Suite
+from bench.store.record import Outcome
+from bench.store.store import Store
 
 N_RUNS = 10_000
 

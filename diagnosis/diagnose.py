@@ -8,24 +8,24 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis import shrinkage
-from diagnosis.content import content
-from diagnosis.equations import dispersion
-from diagnosis.fit import Fit
-from diagnosis.inputs import Inputs, choose_inputs, on_ground
-from diagnosis.library import make_library, with_aliases
-from diagnosis.likelihood import Likelihood
-from diagnosis.logs import FlightLog, FlightSet, LogError
-from diagnosis.noise import UNSEEN, estimate_noise
-from diagnosis.outliers import beyond, upsets
-from diagnosis.programs import remembered
-from diagnosis.reference import Reference, beside, fit_reference
-from diagnosis.replay import Replay, make_replay
-from diagnosis.search import Problem
-from diagnosis.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut, uncounted
-from diagnosis.study import Study
-from diagnosis.support import judged
-from diagnosis.verdict import FOLLOWED
+from diagnosis.decide.reference import Reference, beside, fit_reference
+from diagnosis.decide.study import Study
+from diagnosis.decide.support import judged
+from diagnosis.decide.verdict import FOLLOWED
+from diagnosis.fit import shrinkage
+from diagnosis.fit.equations import dispersion
+from diagnosis.fit.fit import Fit
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.fit.outliers import beyond, upsets
+from diagnosis.fit.search import Problem
+from diagnosis.logs.flights import FlightLog, FlightSet, LogError
+from diagnosis.logs.inputs import Inputs, choose_inputs, on_ground
+from diagnosis.logs.noise import UNSEEN, estimate_noise
+from diagnosis.logs.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut, uncounted
+from diagnosis.replay.library import make_library, with_aliases
+from diagnosis.replay.programs import remembered
+from diagnosis.replay.replay import Replay, make_replay
+from diagnosis.result import content
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.vehicle import GRAVITY, VEHICLES

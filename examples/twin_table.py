@@ -14,11 +14,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from simulators.algebra.rotation import quat_to_rpy
 from simulators.contract import AbstractSimulator
 from simulators.crazyflow import Crazyflow
 from simulators.flight import Flight
 from simulators.point_mass import PointMass
-from simulators.rotation import quat_to_rpy
 from simulators.vehicle import GRAVITY
 
 DT = 0.002

@@ -22,11 +22,11 @@ import equinox as eqx
 import jax
 from jaxtyping import PRNGKeyArray
 
-from methods.bptt import BPTT
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.low_fidelity import train_in_point_mass
 from methods.policy import Policy, make_policy
-from methods.varied import vary
+from methods.training.bptt import BPTT
+from methods.training.low_fidelity import train_in_point_mass
+from methods.training.varied import vary
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.effects.delay import Delay
 from simulators.effects.drag import Drag

@@ -1,15 +1,15 @@
 """Grey box: trained in the point mass with the named effects that three flights show it lacks.
 
-No policy is flown in the high-fidelity simulator. The paths of the calibration flights depend on
-no task or team size (`methods/identification.py`): every seed has flights of its own, and what they
-show serves all its cells. Each run is billed for the flights in full all the same.
+No policy is flown in the high-fidelity simulator. The paths of the calibration flights depend on no
+task or team size (`methods/calibration/identification.py`): every seed has flights of its own, and
+what they show serves all its cells. Each run is billed for the flights in full all the same.
 
 The point mass is stepped in halves of a control step. At 0.02 s its semi-implicit Euler turns a
 policy's idea of "along the path" by half a step (1 m/s around 1 m: 10 mrad, 0.5 % of the speed at
 every step of the episode), and the drag that fits it is 3 % off.
 
 Every training episode draws its own lags and delays around the identified ones, so that a policy
-does not live on the last degree of phase margin (`methods/varied.py`).
+does not live on the last degree of phase margin (`methods/training/varied.py`).
 
 With a residual, a frozen black box on top corrects what the named effects leave: it is fitted to
 the same flights, features and targets as Hybrid's but with the corrected point mass in the place
@@ -29,15 +29,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from methods.bptt import BPTT
+from methods.calibration.identification import Identification, along, identify, standing
+from methods.calibration.residual_effect import ResidualEffect, features
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.identification import Identification, along, identify, standing
-from methods.low_fidelity import train_in_point_mass
 from methods.policy import Policy, make_policy
-from methods.residual_effect import ResidualEffect, features
 from methods.residuals.contract import AbstractResidualModel, Transitions
-from methods.together import in_turn
-from methods.varied import vary_times
+from methods.training.bptt import BPTT
+from methods.training.low_fidelity import train_in_point_mass
+from methods.training.together import in_turn
+from methods.training.varied import vary_times
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.vehicle import CONTROL_DT

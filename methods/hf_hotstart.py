@@ -5,10 +5,10 @@ from typing import ClassVar
 import equinox as eqx
 from jaxtyping import PRNGKeyArray
 
-from methods.bptt import BPTT
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.high_fidelity import train_in_reality
 from methods.policy import Policy
+from methods.training.bptt import BPTT
+from methods.training.high_fidelity import train_in_reality
 
 
 class HFHotStart(AbstractMethod):

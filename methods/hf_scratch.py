@@ -7,10 +7,10 @@ import equinox as eqx
 import jax
 from jaxtyping import PRNGKeyArray
 
-from methods.bptt import BPTT
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.high_fidelity import train_in_reality
 from methods.policy import Policy, make_policy
+from methods.training.bptt import BPTT
+from methods.training.high_fidelity import train_in_reality
 
 
 class HFScratch(AbstractMethod):

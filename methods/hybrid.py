@@ -11,14 +11,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from methods.bptt import BPTT
-from methods.calibration import Attitude, Calibration, calibrate, pool_size
+from methods.calibration.pool import Attitude, Calibration, calibrate, pool_size
+from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.low_fidelity import train_in_point_mass
 from methods.policy import Policy, make_policy
-from methods.residual_effect import ResidualEffect
 from methods.residuals.contract import AbstractResidual, AbstractResidualModel, Transitions
-from methods.together import in_turn
+from methods.training.bptt import BPTT
+from methods.training.low_fidelity import train_in_point_mass
+from methods.training.together import in_turn
 from simulators import registry
 from simulators.contract import with_effects
 
@@ -33,7 +33,7 @@ class Hybrid(AbstractMethod):
     residual: str = eqx.field(static=True, default="mlp")
     """Registered class of residual: `affine`, `sindy`, `mlp` or a plug-in's."""
     attitude: Attitude = eqx.field(static=True, default="filtered")
-    """Which attitude the residual is fitted on; `methods/calibration.py` explains the two."""
+    """Which attitude the residual is fitted on; `methods/calibration/pool.py` explains the two."""
     flights: int | None = eqx.field(static=True, default=None)
     """Calibration flights; None: the paper's pool of 60 (N + 1)."""
     hover_weight: float = eqx.field(static=True, default=4.0)

@@ -12,11 +12,11 @@ import equinox as eqx
 import jax
 from jaxtyping import PRNGKeyArray
 
-from methods.bptt import BPTT
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.hybrid import trained_under
 from methods.policy import Policy, make_policy
 from methods.residuals.contract import AbstractResidualModel
+from methods.training.bptt import BPTT
 
 
 class HybridOnce(AbstractMethod):

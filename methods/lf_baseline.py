@@ -6,10 +6,10 @@ import equinox as eqx
 import jax
 from jaxtyping import PRNGKeyArray
 
-from methods.bptt import BPTT
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.low_fidelity import train_in_point_mass
 from methods.policy import Policy, make_policy
+from methods.training.bptt import BPTT
+from methods.training.low_fidelity import train_in_point_mass
 
 
 class LFBaseline(AbstractMethod):

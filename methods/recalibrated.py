@@ -11,12 +11,12 @@ from typing import ClassVar
 import equinox as eqx
 from jaxtyping import PRNGKeyArray
 
-from methods.bptt import BPTT
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.hybrid import Hybrid, trained_under
 from methods.policy import Policy
 from methods.residuals.contract import AbstractResidualModel
 from methods.residuals.mlp import MLPEnsemble, MLPModel
+from methods.training.bptt import BPTT
 
 
 class Recalibrated(AbstractMethod):

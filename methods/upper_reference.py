@@ -1,6 +1,7 @@
 """Upper reference: what a score of 1 means. Hot start with four times the epochs; no competitor.
 
-Its settled reward, of one seed a cell, is the upper end of the cell's scores (`bench/scores.py`).
+Its settled reward, of one seed a cell, is the upper end of the cell's scores
+(`bench/stats/scores.py`).
 """
 
 from typing import ClassVar
@@ -8,10 +9,10 @@ from typing import ClassVar
 import equinox as eqx
 from jaxtyping import PRNGKeyArray
 
-from methods.bptt import BPTT
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.high_fidelity import train_in_reality
 from methods.policy import Policy
+from methods.training.bptt import BPTT
+from methods.training.high_fidelity import train_in_reality
 
 
 class UpperReference(AbstractMethod):

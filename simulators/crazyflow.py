@@ -36,6 +36,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from simulators.algebra.products import written_out
+from simulators.algebra.rotation import rotate
 from simulators.contract import AbstractSimulator
 from simulators.crazyflow_params import (
     SimData,
@@ -56,8 +58,6 @@ from simulators.effects.contract import (
     WrenchEffect,
 )
 from simulators.flight import Flight
-from simulators.products import written_out
-from simulators.rotation import rotate
 from simulators.vehicle import (
     CONTROL_DT,
     VEHICLES,

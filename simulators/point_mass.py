@@ -29,6 +29,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
+from simulators.algebra.rotation import quat_to_rpy, rotate, rotate_back, rpy_to_quat
 from simulators.contract import AbstractSimulator
 from simulators.effects import chain
 from simulators.effects.contract import (
@@ -39,7 +40,6 @@ from simulators.effects.contract import (
     StateEffect,
 )
 from simulators.flight import Flight
-from simulators.rotation import quat_to_rpy, rotate, rotate_back, rpy_to_quat
 from simulators.vehicle import CONTROL_DT, GRAVITY, VEHICLES, ActionSpace, VehicleSpec
 
 

@@ -9,6 +9,7 @@ import functools
 import importlib.metadata
 import warnings
 from collections.abc import Iterable
+from typing import Any
 
 GROUPS = {
     "method": "bench.methods",
@@ -16,6 +17,7 @@ GROUPS = {
     "simulator": "bench.simulators",
     "residual": "bench.residuals",
     "effect": "bench.effects",
+    "command": "bench.commands",
 }
 """Entry-point group of each kind of plug-in."""
 
@@ -53,8 +55,8 @@ def distribution(kind: str, name: str) -> str:
 
 
 @functools.cache
-def load(kind: str, name: str) -> type:
-    """The class registered as `name`.
+def load(kind: str, name: str) -> Any:
+    """The class, or a command's function, registered as `name`.
 
     Raises:
         UnknownPluginError: Nobody registered that name.
@@ -72,7 +74,7 @@ def load(kind: str, name: str) -> type:
         ) from error
 
 
-def load_all(kind: str) -> dict[str, type]:
+def load_all(kind: str) -> dict[str, Any]:
     """Every plug-in of a kind that imports; each other one is named in a warning."""
     found = {}
     for name in names(kind):

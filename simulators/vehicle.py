@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from simulators.rotation import rotate
+from simulators.algebra.rotation import rotate
 
 GRAVITY = 9.81
 """Gravitational acceleration [m/s^2], crazyflow's value."""

@@ -34,8 +34,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from simulators.algebra.rotation import quat_to_rpy
 from simulators.flight import Flight
-from simulators.rotation import quat_to_rpy
 from tasks import contact
 
 SPAWN_SPACING = 0.8

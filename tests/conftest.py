@@ -4,7 +4,7 @@ import os
 import socket
 from pathlib import Path
 
-from bench.environment import xla_flags
+from bench.execution.environment import xla_flags
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ["XLA_FLAGS"] = xla_flags()
@@ -12,8 +12,8 @@ os.environ.setdefault("SCIPY_ARRAY_API", "1")  # crazyflow wants it before SciPy
 
 import jaxtyping
 
-CHECKED = ["simulators", "tasks", "diagnosis", "methods"]
-ARRAYS = ["bootstrap", "conformance", "diagnosis.figures", "flown"]
+CHECKED = ["simulators", "tasks", "diagnosis", "methods", "blind.draw", "blind.fly", "blind.score"]
+ARRAYS = ["stats.bootstrap", "conformance", "diagnosis_report.figures", "report.flown"]
 """Modules of `bench` that take arrays; tests give the others stand-ins."""
 jaxtyping.install_import_hook([*CHECKED, *(f"bench.{m}" for m in ARRAYS)], "beartype.beartype")
 

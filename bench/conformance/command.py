@@ -13,10 +13,10 @@ from rich.text import Text
 
 from bench.conformance import effects, methods, residuals, simulators, tasks
 from bench.conformance.suite import Check, Finding, execute
-from bench.errors import UsageError
-from bench.plan import REALITY
-from bench.say import say
-from bench.settings import Setting, build
+from bench.plan.expansion import REALITY
+from bench.plan.settings import Setting, build
+from bench.text.errors import UsageError
+from bench.text.say import say
 from methods.contract import AbstractMethod
 from methods.residuals.contract import AbstractResidual
 from simulators import registry

@@ -15,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from bench.conformance.suite import Check, declaration_checks, demand, equal, finite
-from bench.settings import Setting, build
-from bench.tables import SCHEMAS, STATUSES, UNITS
-from methods.bptt import BPTT
+from bench.plan.settings import Setting, build
+from bench.store.tables import SCHEMAS, STATUSES, UNITS
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import Policy, make_policy
+from methods.training.bptt import BPTT
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.point_mass import PointMass

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bench.settings import SettingsError, build, describe_fields
+from bench.plan.settings import SettingsError, build, describe_fields
 
 
 class Violation(Exception):  # noqa: N818 - it is what the author did, not what failed here

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Array, PRNGKeyArray
 
 from bench.conformance.suite import Check, close, declaration_checks, demand, equal, finite
+from simulators.algebra.rotation import rpy_to_quat
 from simulators.flight import Flight
 from simulators.point_mass import PointMass
-from simulators.rotation import rpy_to_quat
 from simulators.vehicle import COLLISION_RADIUS
 from tasks.contract import AbstractTask, TaskState
 from tasks.rollout import episode

@@ -2,16 +2,17 @@
 
 At a team size, a method is affordable if its mean bill over tasks and seeds is at most the budget.
 Of the affordable ones the best has the highest mean score over the tasks that all of them were run
-on; whoever is not shown to be below it (`bench/verdicts.py`, all tasks pooled) is tied with it.
+on; whoever is not shown to be below it (`bench/stats/verdicts.py`, all tasks pooled) is tied with
+it.
 """
 
 from typing import NamedTuple
 
 from bench.paper.values import NAMES, undisturbed
-from bench.scores import UPPER, scored
-from bench.statistics import FEWEST, Cell, Entry, Values, estimate, seed_values
-from bench.tables import Tables
-from bench.verdicts import Verdict, over_cells
+from bench.stats.scores import UPPER, scored
+from bench.stats.statistics import FEWEST, Cell, Entry, Values, estimate, seed_values
+from bench.stats.verdicts import Verdict, over_cells
+from bench.store.tables import Tables
 
 BUDGETS = (0.0, 0.5, 5.0, 50.0, 500.0, 5000.0)
 """Fleet-minutes that are asked about."""

@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 import seaborn
 
-from bench.figures import BUILT_IN, COLORS
 from bench.paper.budget import minutes_of, name_of
 from bench.paper.rule import relative
 from bench.paper.values import HYBRID, LF, NAMES, off_spec, undisturbed
-from bench.scores import UPPER, primary, scored
-from bench.statistics import COUNTED, Entry, entry_of, estimate, matched, records, seed_values
-from bench.tables import Tables
+from bench.report.figures import BUILT_IN, COLORS
+from bench.stats.scores import UPPER, primary, scored
+from bench.stats.statistics import COUNTED, Entry, entry_of, estimate, matched, records, seed_values
+from bench.store.tables import Tables
 
 ROWS = {
     "settled_reward": "settled reward",

@@ -5,13 +5,13 @@ import itertools
 import math
 from collections.abc import Mapping
 
-from bench import markdown
-from bench.numbers import MISSING, significant
 from bench.paper.rule import UNTESTED, AbstractRule, Finding, counts_text, range_text, summary
 from bench.paper.values import NAMES, of_size, sizes, undisturbed
-from bench.statistics import Cell, Entry, difference, estimate
-from bench.tables import Tables
-from bench.verdicts import Verdict, by_cell, every, in_cell, test_of
+from bench.stats.statistics import Cell, Entry, difference, estimate
+from bench.stats.verdicts import Verdict, by_cell, every, in_cell, test_of
+from bench.store.tables import Tables
+from bench.text import markdown
+from bench.text.numbers import MISSING, significant
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,20 +5,20 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench import markdown
-from bench.errors import UsageError
-from bench.leaderboard import made_by_text
-from bench.numbers import MISSING, mean_std, number, significant, span
-from bench.pages import read_notes
 from bench.paper.budget import choices, name_of
 from bench.paper.claims import BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
 from bench.paper.figures import data_uri, write_cost, write_flights, write_summary, write_worlds
 from bench.paper.rule import Finding
-from bench.report import write_page
-from bench.scores import PRIMARY, UPPER, primary
-from bench.statistics import difference, estimate, matched, seed_values
-from bench.tables import Tables
-from bench.verdicts import Verdict, in_cell
+from bench.report.leaderboard import made_by_text
+from bench.report.page import write_page
+from bench.stats.scores import PRIMARY, UPPER, primary
+from bench.stats.statistics import difference, estimate, matched, seed_values
+from bench.stats.verdicts import Verdict, in_cell
+from bench.store.tables import Tables
+from bench.text import markdown
+from bench.text.errors import UsageError
+from bench.text.numbers import MISSING, mean_std, number, significant, span
+from bench.text.pages import read_notes
 
 TITLE = "How to train a drone team: the paper's claims beside ours"
 COST = (

@@ -5,8 +5,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from bench import markdown
-from bench.numbers import number, span
 from bench.paper.rule import (
     UNTESTED,
     AbstractRule,
@@ -18,10 +16,12 @@ from bench.paper.rule import (
     summary,
 )
 from bench.paper.values import HYBRID, NAMES, Source, undisturbed
-from bench.scores import scored
-from bench.statistics import Cell, Entry, Values, difference, estimate, matched, seed_values
-from bench.tables import Tables
-from bench.verdicts import Test, Verdict, below, by_cell, every, in_cell, over_cells, test_of
+from bench.stats.scores import scored
+from bench.stats.statistics import Cell, Entry, Values, difference, estimate, matched, seed_values
+from bench.stats.verdicts import Test, Verdict, below, by_cell, every, in_cell, over_cells, test_of
+from bench.store.tables import Tables
+from bench.text import markdown
+from bench.text.numbers import number, span
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """What a rule is by which a claim is judged, and what rules share.
 
 A rule is asked once for the metric that counts first and once for the whole return. It says what
-our tables have, and supported, refuted or undecided (`bench/verdicts.py`); what decides stands in
-`text`, and the cells in a table.
+our tables have, and supported, refuted or undecided (`bench/stats/verdicts.py`); what decides
+stands in `text`, and the cells in a table.
 """
 
 import abc
@@ -11,10 +11,10 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 
-from bench.numbers import MISSING, mean_std, significant
-from bench.statistics import estimate
-from bench.tables import Tables
-from bench.verdicts import Verdict
+from bench.stats.statistics import estimate
+from bench.stats.verdicts import Verdict
+from bench.store.tables import Tables
+from bench.text.numbers import MISSING, mean_std, significant
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
-from bench.scores import UPPER
-from bench.statistics import Cell, Entry, Values, seed_values
-from bench.tables import Tables
+from bench.stats.scores import UPPER
+from bench.stats.statistics import Cell, Entry, Values, seed_values
+from bench.store.tables import Tables
 
 LF = Entry("lf_baseline")
 SCRATCH = Entry("hf_scratch")

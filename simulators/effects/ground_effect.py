@@ -11,9 +11,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.algebra.rotation import body_z
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
-from simulators.rotation import body_z
 from simulators.vehicle import Vehicle
 
 ROTOR_RADIUS = 0.0231

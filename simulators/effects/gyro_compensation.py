@@ -10,9 +10,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.algebra.rotation import rotate
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
-from simulators.rotation import rotate
 from simulators.vehicle import Vehicle
 
 Memory = tuple[Float[Array, "drones 3"], Float[Array, ""]]

@@ -21,9 +21,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.algebra.rotation import along, body_z, rotate
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
-from simulators.rotation import along, body_z, rotate
 from simulators.vehicle import GRAVITY, Vehicle
 
 _SOURCE = "1.77 along and 0.75 across the axis in RotorPy's Crazyflie Brushless; rotors do not push"

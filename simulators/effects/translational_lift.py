@@ -14,9 +14,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.algebra.rotation import along, body_z, rotate
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
-from simulators.rotation import along, body_z, rotate
 from simulators.vehicle import Vehicle
 
 

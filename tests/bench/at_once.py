@@ -4,11 +4,11 @@ import math
 
 from outcomes import make_template, outcome
 
-from bench import sweep
-from bench.executor import AbstractExecutor, Ended
-from bench.record import Outcome
-from bench.store import Store
-from bench.worker import Done
+from bench.execution import sweep
+from bench.execution.executor import AbstractExecutor, Ended
+from bench.execution.worker import Done
+from bench.store.record import Outcome
+from bench.store.store import Store
 
 
 class AtOnce(AbstractExecutor):

@@ -10,11 +10,11 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from bench import checkpoints
-from methods.bptt import BPTT
+from bench.store import checkpoints
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.high_fidelity import train_in_reality
 from methods.policy import make_policy
+from methods.training.bptt import BPTT
+from methods.training.high_fidelity import train_in_reality
 
 
 class Inner(eqx.Module):

@@ -9,11 +9,11 @@ import jax
 import numpy as np
 import pandas as pd
 
-from bench.disk import Disk
-from bench.plan import expand
-from bench.record import Outcome
-from bench.suite import Row, Suite
-from bench.tables import table
+from bench.plan.expansion import expand
+from bench.plan.suite import Row, Suite
+from bench.store.disk import Disk
+from bench.store.record import Outcome
+from bench.store.tables import table
 from methods.contract import Ledger, Trained
 from methods.policy import make_policy
 from simulators.point_mass import PointMass

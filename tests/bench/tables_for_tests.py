@@ -2,7 +2,7 @@
 
 import json
 
-from bench.tables import UNITS, Tables, table
+from bench.store.tables import UNITS, Tables, table
 
 SPAWN_SETTLED, SPAWN = -900.0, -1120.0
 """Settled and whole return of a team that stays at its spawn."""

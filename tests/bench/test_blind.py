@@ -10,17 +10,18 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from bench.blind import command as blind
-from bench.blind import report, sections
-from bench.blind.answering import STATUS, answer_all, missing, read_answers
-from bench.blind.children import scrubbed
-from bench.blind.failures import failed
-from bench.blind.folders import Folders, write_json
-from bench.blind.report import write_report
-from bench.blind.tables import OURS, Tables, make_tables
-from bench.cli import main
-from diagnosis.blind.cases import Case, read_labels, write_labels
-from diagnosis.blind.catalogue import Withheld
+from bench.cli.app import main
+from blind.draw.cases import Case, read_labels, write_labels
+from blind.draw.catalogue import Withheld
+from blind.draw.folders import Folders, write_json
+from blind.report import page as report
+from blind.report import sections
+from blind.report.failures import failed
+from blind.report.page import write_report
+from blind.report.tables import OURS, Tables, make_tables
+from blind.run import command as blind
+from blind.run.answering import STATUS, answer_all, missing, read_answers
+from blind.run.children import scrubbed
 
 STUB = """
 import json, os, pathlib, sys

@@ -2,8 +2,8 @@
 
 import pytest
 
-from bench.blind.folders import DEFAULT_COUNTS, Folders, scaled_counts, write_json
-from bench.errors import UsageError
+from bench.text.errors import UsageError
+from blind.draw.folders import DEFAULT_COUNTS, Folders, scaled_counts, write_json
 
 
 def test_counts_keep_proportions_and_every_kind():

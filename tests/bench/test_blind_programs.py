@@ -6,11 +6,12 @@ import types
 
 import pytest
 
-from bench.blind import baselines, generate, measuring, one
-from bench.blind.folders import Folders, write_json
-from diagnosis.blind.cases import Case, draw_cases, read_labels, write_labels
-from diagnosis.blind.catalogue import Withheld
-from diagnosis.logs import LogError
+from blind.draw.cases import Case, draw_cases, read_labels, write_labels
+from blind.draw.catalogue import Withheld
+from blind.draw.folders import Folders, write_json
+from blind.run import answer_baselines as baselines
+from blind.run import generate, measuring, one
+from diagnosis.logs.flights import LogError
 
 COUNTS = {"single": 3, "pair": 1, "clean": 2}
 
@@ -122,7 +123,7 @@ def test_a_measure_is_a_file_a_case_and_a_failure_costs_no_other(monkeypatch, tm
             raise ValueError("no flights")
         return {"decidable": True, "of": case.id}
 
-    monkeypatch.setattr("diagnosis.blind.measures.measure", measure)
+    monkeypatch.setattr("blind.score.measures.measure", measure)
     assert measuring._measure(folders, [CLEAN.id, MASS.id]) == 1
     assert "no flights" in capsys.readouterr().err
     found = measuring.read_measures(folders, read_labels(folders.labels))
@@ -148,9 +149,9 @@ def test_baselines_are_calibrated_on_undisturbed_flights(monkeypatch, tmp_path):
     def answer(finding, limit, seconds):
         return {"strength": finding.strength, "limit": limit, "seconds": seconds}
 
-    monkeypatch.setattr("diagnosis.blind.baselines.BASELINES", {"simple": find})
-    monkeypatch.setattr("diagnosis.blind.baselines.answer", answer)
-    monkeypatch.setattr("diagnosis.logs.load_flights", lambda path: path.name)
+    monkeypatch.setattr("blind.score.baselines.BASELINES", {"simple": find})
+    monkeypatch.setattr("blind.score.baselines.answer", answer)
+    monkeypatch.setattr("diagnosis.logs.flights.load_flights", lambda path: path.name)
     found = baselines._answers(folders)
     assert 1.0 < found["thresholds"]["simple"] <= 2.0
     limit = found["thresholds"]["simple"]

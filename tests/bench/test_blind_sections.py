@@ -2,8 +2,8 @@
 
 import pandas as pd
 
-from bench.blind import sections
-from diagnosis.blind.scoring import clopper_pearson
+from blind.report import sections
+from blind.score.scoring import clopper_pearson
 
 
 def test_coverage_is_resampled_by_case():

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench import bootstrap
-from bench.bootstrap import (
+from bench.stats import bootstrap
+from bench.stats.bootstrap import (
     Differences,
     differences,
     iqm,

@@ -10,7 +10,7 @@ from filelock import FileLock, Timeout
 CHILD = """
 import sys, time
 from filelock import FileLock
-from bench.blind.children import leave_with_parent
+from blind.run.children import leave_with_parent
 leave_with_parent()
 with FileLock(sys.argv[1]), open(sys.argv[2], "w"):
     time.sleep(600.0)
@@ -18,7 +18,7 @@ with FileLock(sys.argv[1]), open(sys.argv[2], "w"):
 PARENT = """
 import sys
 from pathlib import Path
-from bench.blind.children import Task, python, run_tasks
+from blind.run.children import Task, python, run_tasks
 here = Path(sys.argv[1])
 command = python(*(str(here / name) for name in ("child.py", "lock", "there")))
 run_tasks([lambda: Task("one", command, here, here)], 1, print)

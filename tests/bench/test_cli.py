@@ -3,10 +3,10 @@ import sys
 
 import pytest
 
-from bench import listing
-from bench.cli import documents_of, main
-from bench.plan import PlanError
-from bench.progress import _clock
+from bench.cli.app import documents_of, main
+from bench.execution.progress import _clock
+from bench.plan import listing
+from bench.plan.expansion import PlanError
 
 
 def complaint(capsys, *arguments):
@@ -20,7 +20,7 @@ def complaint(capsys, *arguments):
 
 def test_help_imports_neither_jax_nor_pandas():
     script = (
-        "import sys; from bench.cli import main; status = main(['run', '--help']); "
+        "import sys; from bench.cli.app import main; status = main(['run', '--help']); "
         "heavy = {'jax', 'pandas', 'equinox', 'numpy'} & set(sys.modules); "
         "sys.exit(f'imports {heavy}' if heavy else status)"
     )

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from bench.paper.page import write_claims
-from bench.plan import PROTOCOL, expand
-from bench.suite import load_suite
-from bench.tables import Tables
-from bench.tuning import write_tuning
+from bench.paper.tuning import write_tuning
+from bench.plan.expansion import PROTOCOL, expand
+from bench.plan.suite import load_suite
+from bench.store.tables import Tables
 
 HOUSE = Path(__file__).parents[2]
 CURRENT = ("paper", "tuning")

@@ -10,13 +10,13 @@ import pandas as pd
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet
 
-from bench.cli import main
-from bench.compare import Side, Verdict, compare, load_side
-from bench.errors import UsageError
-from bench.leaderboard import write_leaderboard
-from bench.pooled import pools
-from bench.statistics import Entry
-from bench.tables import Tables
+from bench.cli.app import main
+from bench.report.leaderboard import write_leaderboard
+from bench.stats.compare import Side, Verdict, compare, load_side
+from bench.stats.pooled import pools
+from bench.stats.statistics import Entry
+from bench.store.tables import Tables
+from bench.text.errors import UsageError
 
 GOOD, BAD = (-50.0, -51.0, -52.5), (-60.0, -61.5, -62.0)
 

@@ -6,7 +6,7 @@ import broken_plugins as broken
 import jaxtyping
 import pytest
 
-from bench.cli import main
+from bench.cli.app import main
 from bench.conformance.command import behaviour, declarations, find, findings, parse
 from bench.conformance.suite import execute
 from simulators.point_mass import PointMass
@@ -115,7 +115,10 @@ def test_the_number_of_checks_and_the_exit_status_are_those_of_the_suite(capsys,
         (["drga"], "Did you mean 'drag'?"),
         (["effect:drga"], "Did you mean 'drag'?"),
         (["no_such_module:Thing"], "cannot be imported: ModuleNotFoundError"),
-        (["bench.store:Store"], "is no plug-in: it must be a subclass of one of AbstractMethod"),
+        (
+            ["bench.store.store:Store"],
+            "is no plug-in: it must be a subclass of one of AbstractMethod",
+        ),
         (
             ["drag", "--setting", "c=1"],
             "`--setting` is for methods, and 'drag' is of another kind: effect.",

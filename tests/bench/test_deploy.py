@@ -5,12 +5,12 @@ import json
 import pytest
 from rich.console import Console
 
-from bench.cli import main
-from bench.diagnosis import deploy as module
-from bench.diagnosis.deploy import deploy, parse_reality
-from bench.errors import UsageError
-from methods.bptt import BPTT
+from bench.cli.app import main
+from bench.diagnosis_report import deploy as module
+from bench.diagnosis_report.deploy import deploy, parse_reality
+from bench.text.errors import UsageError
 from methods.lf_baseline import LFBaseline
+from methods.training.bptt import BPTT
 from simulators.registry import UnknownPluginError
 
 

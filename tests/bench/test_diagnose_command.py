@@ -8,9 +8,9 @@ import diagnoses_for_tests
 import numpy as np
 import pytest
 
-from bench.cli import main
-from bench.diagnosis.documents import NAMES
-from diagnosis.logs import DroneLog, FlightLog, VehicleFile, write_flights
+from bench.cli.app import main
+from bench.diagnosis_report.documents import NAMES
+from diagnosis.logs.flights import DroneLog, FlightLog, VehicleFile, write_flights
 
 
 @pytest.fixture
@@ -26,10 +26,10 @@ def engine(monkeypatch):
     fake = types.ModuleType("diagnosis.diagnose")
     fake.diagnose = diagnose
     monkeypatch.setitem(sys.modules, "diagnosis.diagnose", fake)
-    monkeypatch.delitem(sys.modules, "bench.diagnosis.command", raising=False)
-    importlib.import_module("bench.diagnosis.command")
+    monkeypatch.delitem(sys.modules, "bench.diagnosis_report.command", raising=False)
+    importlib.import_module("bench.diagnosis_report.command")
     yield asked
-    sys.modules.pop("bench.diagnosis.command", None)
+    sys.modules.pop("bench.diagnosis_report.command", None)
 
 
 @pytest.fixture

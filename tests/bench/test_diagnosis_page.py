@@ -12,18 +12,18 @@ import pytest
 from diagnoses_for_tests import HOSTILE
 from rich.console import Console
 
-from bench.diagnosis import figures, tables
-from bench.diagnosis.documents import NAMES, write_documents
-from bench.diagnosis.page import diagnosis_page
-from bench.diagnosis.sentences import (
+from bench.diagnosis_report import figures, tables
+from bench.diagnosis_report.documents import NAMES, write_documents
+from bench.diagnosis_report.page import diagnosis_page
+from bench.diagnosis_report.sentences import (
     Request,
     remarks,
     shrink_sentence,
     verdict,
 )
-from bench.diagnosis.terminal import Display, show_summary
-from bench.diagnosis.text import diagnosis_text
-from bench.report import render_markdown
+from bench.diagnosis_report.terminal import Display, show_summary
+from bench.diagnosis_report.text import diagnosis_text
+from bench.report.page import render_markdown
 
 REQUEST = Request(HOSTILE)
 AGAINST = Request("changed", reference="plain")

@@ -6,9 +6,9 @@ import diagnoses_for_tests
 import pytest
 from diagnoses_for_tests import HOSTILE
 
-from bench.diagnosis.effect_words import EFFECTS, PARAMETERS
-from bench.diagnosis.numbers import clean, estimate, number, probability, quantity
-from bench.diagnosis.sentences import (
+from bench.diagnosis_report.effect_words import EFFECTS, PARAMETERS
+from bench.diagnosis_report.numbers import clean, estimate, number, probability, quantity
+from bench.diagnosis_report.sentences import (
     Request,
     effect_phrase,
     remarks,

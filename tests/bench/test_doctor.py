@@ -4,10 +4,11 @@ import dataclasses
 
 import pytest
 
-from bench import doctor
-from bench.cli import main
-from bench.known_bad import Facts, problems
-from simulators import film, registry
+from bench.cli.app import main
+from bench.conformance import doctor
+from bench.conformance.known_bad import Facts, problems
+from bench.report import film
+from simulators import registry
 
 GOOD = Facts(
     versions={

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.environment import OPTIONS, xla_flags
+from bench.execution.environment import OPTIONS, xla_flags
 
 
 @pytest.mark.parametrize("name", sorted(OPTIONS))

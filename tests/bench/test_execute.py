@@ -14,14 +14,14 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from bench.cli import main
-from bench.execute import _Schedule
-from bench.plan import expand
-from bench.progress import Display
-from bench.store import Store
-from bench.suite import Row, Suite
-from bench.tables import UNITS, Tables
-from bench.worker import train_and_evaluate
+from bench.cli.app import main
+from bench.execution.execute import _Schedule
+from bench.execution.progress import Display
+from bench.execution.worker import train_and_evaluate
+from bench.plan.expansion import expand
+from bench.plan.suite import Row, Suite
+from bench.store.store import Store
+from bench.store.tables import UNITS, Tables
 from methods.contract import Ledger, silent
 
 WAIT = 120.0
@@ -132,7 +132,7 @@ def test_an_interruption_keeps_finished_runs_and_running_again_resumes(
     )
     # Tests run in the background ignore Ctrl-C, and so would what they start.
     attentive = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    code = f"{attentive}; import sys; from bench.cli import main; sys.exit(main())"
+    code = f"{attentive}; import sys; from bench.cli.app import main; sys.exit(main())"
     command = [sys.executable, "-c", code]
     arguments = ["run", str(suite), "--out", str(out), "--jobs", "1"]
     with subprocess.Popen(

@@ -7,14 +7,14 @@ import pytest
 from outcomes import FailingDisk
 from rich.console import Console
 
-from bench.execute import execute
-from bench.executor import AbstractExecutor, Ended
-from bench.plan import expand
-from bench.progress import Display
-from bench.record import Outcome
-from bench.store import Store
-from bench.suite import Row, Suite
-from bench.worker import do_run
+from bench.execution.execute import execute
+from bench.execution.executor import AbstractExecutor, Ended
+from bench.execution.progress import Display
+from bench.execution.worker import do_run
+from bench.plan.expansion import expand
+from bench.plan.suite import Row, Suite
+from bench.store.record import Outcome
+from bench.store.store import Store
 
 
 class Idle(AbstractExecutor):

@@ -15,12 +15,12 @@ import chores
 import pytest
 from chores import task
 
-from bench import pool
-from bench.cluster import RayExecutor, gpu_share
-from bench.environment import accelerated, environment, seeds_together
-from bench.errors import UsageError
-from bench.executor import Ended, Message, make_executor
-from bench.pool import LocalExecutor, share_of_cores
+from bench.execution import pool
+from bench.execution.cluster import RayExecutor, gpu_share
+from bench.execution.environment import accelerated, environment, seeds_together
+from bench.execution.executor import Ended, Message, make_executor
+from bench.execution.pool import LocalExecutor, share_of_cores
+from bench.text.errors import UsageError
 
 WAIT = 300.0
 """Longest time for which a test waits for an executor [s]."""
@@ -192,7 +192,7 @@ def test_workers_do_not_outlive_a_killed_parent(tmp_path):
         from pathlib import Path
         sys.path.insert(0, {str(HERE)!r})
         import chores
-        from bench.pool import LocalExecutor
+        from bench.execution.pool import LocalExecutor
         place = Path({str(tmp_path)!r})
         executor = LocalExecutor(1, place)
         executor.start(0, chores.task(chores.wait_for, place / "begun", place / "never"))
@@ -227,7 +227,9 @@ def test_without_ray_the_error_says_what_to_install(monkeypatch):
 
 
 def test_ray_is_imported_only_when_asked_for():
-    code = "import sys, bench.cluster, bench.sweep; sys.exit('ray' in sys.modules)"
+    code = (
+        "import sys, bench.execution.cluster, bench.execution.sweep; sys.exit('ray' in sys.modules)"
+    )
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
@@ -237,7 +239,7 @@ NODE_KILLED = """
     sys.path.insert(0, sys.argv[2])
     import chores
     from ray.cluster_utils import Cluster
-    from bench.executor import Ended, make_executor
+    from bench.execution.executor import Ended, make_executor
 
     place = Path(sys.argv[1])
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})

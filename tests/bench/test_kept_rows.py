@@ -13,15 +13,15 @@ import at_once
 import pandas as pd
 import pytest
 
-import bench.plan
-import bench.resume
-from bench import provenance as origins
-from bench.cli import main
-from bench.plan import expand
-from bench.resume import REPRODUCED, make_standing, reproduces
-from bench.store import Store
-from bench.suite import load_suite
-from bench.tables import IDENTITY, Tables
+import bench.plan.expansion
+import bench.store.resume
+from bench.cli.app import main
+from bench.plan import provenance as origins
+from bench.plan.expansion import expand
+from bench.plan.suite import load_suite
+from bench.store.resume import REPRODUCED, make_standing, reproduces
+from bench.store.store import Store
+from bench.store.tables import IDENTITY, Tables
 
 ROOT = Path(__file__).parents[2]
 
@@ -102,7 +102,7 @@ def bump(monkeypatch, *methods, version="2"):
 
 def edit(monkeypatch):
     """Another source under the same versions."""
-    monkeypatch.setattr(bench.plan, "own_source", lambda cls: f"new {cls.__name__}")
+    monkeypatch.setattr(bench.plan.expansion, "own_source", lambda cls: f"new {cls.__name__}")
 
 
 def test_a_filtered_run_in_a_clone_adds_rows_and_keeps_all_others(sweep, trainer, out):
@@ -264,7 +264,7 @@ def test_replace_trains_again_what_another_source_or_machine_made(
     kept = [*(out / "runs" / ".quarantine").glob("instant-*.reason.txt")] if not clone else []
     assert len(kept) == 2 * (not clone)
     here = origins.provenance() | {"machine": "another one"}
-    monkeypatch.setattr(bench.resume, "provenance", lambda: here)
+    monkeypatch.setattr(bench.store.resume, "provenance", lambda: here)
     assert sweep("--method", "instant", "--replace")[1].startswith("2 rows of")
 
 
@@ -390,7 +390,7 @@ def test_a_real_training_reproduces_its_row(plugins, write_suite, tmp_path, monk
     def do(slot, task):
         return at_once.Ended(slot, task(lambda *_: None))
 
-    monkeypatch.setattr("bench.sweep.make_executor", lambda *_: at_once.AtOnce(do))
+    monkeypatch.setattr("bench.execution.sweep.make_executor", lambda *_: at_once.AtOnce(do))
     assert main(["run", str(suite), "--out", str(out), "--method", "instant"]) == 0
     before = lines(out)
     forget(out)
@@ -429,10 +429,10 @@ def test_a_grandparent_that_is_lost_is_trained_again_too(plugins, write_suite):
     identities = [dict(zip(IDENTITY, run.identity, strict=True)) for run in plan.runs]
     texts = dict.fromkeys(("cause", "settings", "versions"), "")
     made = [
-        {"run": run.name, "status": "ok", **identity, **texts, **bench.tables.UNKNOWN}
+        {"run": run.name, "status": "ok", **identity, **texts, **bench.store.tables.UNKNOWN}
         for run, identity in zip(plan.runs, identities, strict=True)
     ]
-    recorded = dataclasses.replace(recorded, runs=bench.tables.table("runs", made))
+    recorded = dataclasses.replace(recorded, runs=bench.store.tables.table("runs", made))
     standing = make_standing(whole, {}, recorded)
     assert standing.missing == [grand]
     assert standing.done == [parent, child]

@@ -10,12 +10,12 @@ import tables_for_tests
 from markdown_it import MarkdownIt
 from tables_for_tests import Sheet
 
-from bench import markdown
-from bench.endings import endings
-from bench.leaderboard import COLUMNS, leaderboard_rows, made_by_text, write_leaderboard
-from bench.numbers import number, seconds, significant
-from bench.rows import AXES
-from bench.standings import axis_lines, standings
+from bench.report.leaderboard import COLUMNS, leaderboard_rows, made_by_text, write_leaderboard
+from bench.stats.endings import endings
+from bench.stats.leaderboard_rows import AXES
+from bench.stats.standings import axis_lines, standings
+from bench.text import markdown
+from bench.text.numbers import number, seconds, significant
 
 KEPT = Path(__file__).parent / "kept" / "leaderboard.md"
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from pandera.config import config_context
 from tables_for_tests import Sheet
 
-from bench.leaderboard import write_leaderboard
-from bench.tables import IDENTITY, SCHEMAS, UNKNOWN, TableError, Tables
+from bench.report.leaderboard import write_leaderboard
+from bench.store.tables import IDENTITY, SCHEMAS, UNKNOWN, TableError, Tables
 
 RESULTS = Path(__file__).parents[2] / "results"
 NEW = [*UNKNOWN]

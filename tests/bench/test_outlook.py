@@ -9,14 +9,14 @@ import pytest
 from rich.console import Console
 from tables_for_tests import Sheet
 
-from bench.cli import main
-from bench.forecast import Guess, Past, guess, longest_chain, past_of_states, past_of_tables
-from bench.missing import State, states
-from bench.outlook import expectations, past_rows, show_plan
-from bench.plan import Plan, expand
-from bench.store import Outcome, Store
-from bench.suite import Row, Suite
-from bench.tables import Tables, table
+from bench.cli.app import main
+from bench.execution.outlook import expectations, past_rows, show_plan
+from bench.plan.expansion import Plan, expand
+from bench.plan.suite import Row, Suite
+from bench.stats.forecast import Guess, Past, guess, longest_chain, past_of_states, past_of_tables
+from bench.store.missing import State, states
+from bench.store.store import Outcome, Store
+from bench.store.tables import Tables, table
 from methods.contract import Ledger, Trained
 from methods.policy import make_policy
 from simulators.point_mass import PointMass

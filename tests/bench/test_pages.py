@@ -9,10 +9,10 @@ import pytest
 import tables_for_tests
 from browser import needs_chromium, tab
 
-from bench.diagnosis.page import diagnosis_page
-from bench.diagnosis.sentences import Request
-from bench.replay import write_replay
-from bench.report import write_report
+from bench.diagnosis_report.page import diagnosis_page
+from bench.diagnosis_report.sentences import Request
+from bench.report.page import write_report
+from bench.report.replay import write_replay
 
 pytestmark = needs_chromium
 HOSTILE = "<script>alert(1)</script>|x"

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from outcomes import outcome
 
-from bench.errors import UsageError
-from bench.plan import PlanError, expand
-from bench.realities import parse_reality
-from bench.settings import SettingsError, describe
-from bench.store import Store
-from bench.suite import Row, Suite
-from bench.worker import _parents, _trained_in
+from bench.execution.worker import _parents, _trained_in
+from bench.plan.expansion import PlanError, expand
+from bench.plan.realities import parse_reality
+from bench.plan.settings import SettingsError, describe
+from bench.plan.suite import Row, Suite
+from bench.store.store import Store
+from bench.text.errors import UsageError
 from methods.contract import AbstractMethod
 from methods.hybrid import Hybrid
 from methods.hybrid_once import HybridOnce

@@ -6,11 +6,11 @@ import pytest
 from outcomes import make_template, outcome, plan
 from rich.console import Console
 
-from bench.errors import UsageError
-from bench.policies import deploy, keep, kept_policy, load_kept, path_of
-from bench.store import Store
-from methods.evaluate import evaluate
+from bench.execution.policies import deploy, keep, kept_policy, load_kept, path_of
+from bench.store.store import Store
+from bench.text.errors import UsageError
 from methods.policy import PolicyController
+from methods.training.evaluate import evaluate
 from simulators.crazyflow import Crazyflow
 from tasks.spread import Spread
 

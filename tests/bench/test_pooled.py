@@ -8,16 +8,16 @@ import pytest
 from markdown_it import MarkdownIt
 from tables_for_tests import SPAWN_SETTLED, Sheet
 
-from bench.figures import styles
-from bench.leaderboard import write_leaderboard
-from bench.pooled import pools
-from bench.pooled_figures import pooled_drawings
-from bench.pooled_text import improvement_lines, pool_lines, pool_remarks
-from bench.report import write_report
-from bench.scores import PRIMARY, primary, scored, upper_returns
-from bench.statistics import Cell, Entry
-from bench.tables import Tables
-from methods.evaluate import standing_rewards, takeoff_steps
+from bench.report.figures import styles
+from bench.report.leaderboard import write_leaderboard
+from bench.report.page import write_report
+from bench.report.pooled_figures import pooled_drawings
+from bench.report.pooled_text import improvement_lines, pool_lines, pool_remarks
+from bench.stats.pooled import pools
+from bench.stats.scores import PRIMARY, primary, scored, upper_returns
+from bench.stats.statistics import Cell, Entry
+from bench.store.tables import Tables
+from methods.training.evaluate import standing_rewards, takeoff_steps
 from tasks.circle import Circle
 
 

@@ -6,13 +6,14 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from bench.cli import main
-from methods.bptt import BPTT
+from bench.cli.app import main
+from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Setup
 from methods.hf_hotstart import HFHotStart
 from methods.hybrid import Hybrid
 from methods.policy import Policy, make_policy
-from methods.profile import (
+from methods.training.bptt import BPTT
+from methods.training.profile import (
     NoTrainerError,
     attainable,
     frozen_weights,
@@ -20,8 +21,7 @@ from methods.profile import (
     shortest,
     trained_in,
 )
-from methods.residual_effect import ResidualEffect
-from methods.varied import Varied, vary_times
+from methods.training.varied import Varied, vary_times
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects.delay import Delay
@@ -52,7 +52,7 @@ def test_parts_are_what_each_program_takes_longer_than_the_one_before(monkeypatc
         results.append(call())
         return next(lasting)
 
-    monkeypatch.setattr("methods.profile.shortest", timed)
+    monkeypatch.setattr("methods.training.profile.shortest", timed)
     found = profile(TASK, PointMass(), BPTT(n_worlds=2))
     parts = {"physics": 1.0, "task": 0.5, "policy": 1.0, "backward": 3.5}
     assert found.seconds == parts | {"epoch": 6.0}
@@ -102,7 +102,7 @@ def test_a_method_without_a_trainer_is_refused():
 def test_the_shortest_of_several_calls_counts(monkeypatch):
     clock = [0.0]
     monkeypatch.setattr(
-        "methods.profile.time", types.SimpleNamespace(perf_counter=lambda: clock[0])
+        "methods.training.profile.time", types.SimpleNamespace(perf_counter=lambda: clock[0])
     )
     lasting = iter([0.5, 3.0, 1.0, 2.0, *[4.0] * 100])  # the first one may compile
 

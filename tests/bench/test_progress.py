@@ -4,9 +4,9 @@ import io
 
 from rich.console import Console
 
-from bench.plan import expand
-from bench.progress import Display
-from bench.suite import Row, Suite
+from bench.execution.progress import Display
+from bench.plan.expansion import expand
+from bench.plan.suite import Row, Suite
 
 
 def test_what_a_plugin_says_is_shown_as_it_is(plugins):

@@ -11,12 +11,12 @@ import tables_for_tests
 from PIL import Image
 from tables_for_tests import Sheet
 
-from bench.cli import main
-from bench.flown import GAP, playable, playable_all, positions
-from bench.pages import environment, file_name, json_text
-from bench.replay import write_replay
-from bench.tables import table
-from simulators import film
+from bench.cli.app import main
+from bench.report import film
+from bench.report.flown import GAP, playable, playable_all, positions
+from bench.report.replay import write_replay
+from bench.store.tables import table
+from bench.text.pages import environment, file_name, json_text
 
 
 def frame(pos, t=None):
@@ -53,7 +53,7 @@ def test_gaps_and_lost_drones_are_gaps_and_far_flights_keep_their_shape():
 
 
 def test_many_flights_are_thinned_alike_and_keep_their_end(monkeypatch):
-    monkeypatch.setattr("bench.flown.MAX_SAMPLES", 100)
+    monkeypatch.setattr("bench.report.flown.MAX_SAMPLES", 100)
     flights = {name: frame(np.zeros((50, 2, 3))) for name in "ab"}
     thinned = playable_all(flights)
     assert {len(flight["t"]) for flight in thinned.values()} == {26}

@@ -10,11 +10,11 @@ import pytest
 import tables_for_tests
 from tables_for_tests import TAKEOFF, Sheet
 
-from bench.figures import BUILT_IN, curve_drawings, styles, summary_drawings
-from bench.report import render_markdown, write_report
-from bench.run_details import curve, run_lines
-from bench.statistics import Entry
-from bench.top_view import trajectory_drawings
+from bench.report.figures import BUILT_IN, curve_drawings, styles, summary_drawings
+from bench.report.page import render_markdown, write_report
+from bench.report.run_details import curve, run_lines
+from bench.report.top_view import trajectory_drawings
+from bench.stats.statistics import Entry
 
 
 class Page(html.parser.HTMLParser):

@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from bench import sources
-from bench.sources import own_source, shared_sources
+from bench.plan import sources
+from bench.plan.sources import own_source, shared_sources
 
 
 def test_words_change_no_hash_and_code_does(tmp_path, monkeypatch):

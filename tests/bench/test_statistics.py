@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from bench.errors import UsageError
-from bench.realities import parse_reality, written
-from bench.statistics import (
+from bench.plan.realities import parse_reality, written
+from bench.stats.statistics import (
     Cell,
     Entry,
     cells_meant,
@@ -18,7 +17,8 @@ from bench.statistics import (
     ranks,
     seed_values,
 )
-from bench.tables import table
+from bench.store.tables import table
+from bench.text.errors import UsageError
 from simulators.effects import chain
 
 A, B, C, D = (Entry(name) for name in "abcd")

@@ -15,12 +15,12 @@ import pandas as pd
 import pytest
 from outcomes import FailingDisk, make_template, outcome, plan
 
-from bench.plan import expand
-from bench.record import FILES, Outcome, UnreadableRunError, load_arrays, run_files
-from bench.resume import make_standing, stale_lines
-from bench.store import ClaimedError, Store
-from bench.suite import Row, Suite
-from bench.tables import TableError, Tables
+from bench.plan.expansion import expand
+from bench.plan.suite import Row, Suite
+from bench.store.record import FILES, Outcome, UnreadableRunError, load_arrays, run_files
+from bench.store.resume import make_standing, stale_lines
+from bench.store.store import ClaimedError, Store
+from bench.store.tables import TableError, Tables
 from methods.residuals.contract import Transitions, blank
 from simulators import registry
 from tasks.spread import Spread
@@ -92,7 +92,7 @@ def test_a_finished_run_is_never_replaced(store, planned):
 KILLED_EVERYWHERE = """
     import os, sys
     from pathlib import Path
-    import bench.store as module
+    import bench.store.store as module
     from outcomes import MortalDisk, outcome, plan
 
     runs = plan().runs
@@ -210,7 +210,7 @@ def test_a_stale_lock_and_a_stale_claim_hold_nobody_up(store, planned):
     """They are files whose process is gone; the system has let go of its locks."""
     script = f"""
         import os, signal
-        from bench.store import Store
+        from bench.store.store import Store
         store = Store({str(store.directory)!r})
         with store.lock(lambda: None), store.claim("x"):
             os.kill(os.getpid(), signal.SIGKILL)
@@ -371,10 +371,12 @@ def test_a_changed_source_under_an_unchanged_version_is_named(store, planned, mo
     tables = store.tables(sound, ())
     assert stale_lines(planned, tables, sound) == []
     assert stale_lines(planned, tables, {}) == []  # nor by the rows, where folders are gone
-    import bench.plan
+    import bench.plan.expansion
 
-    monkeypatch.setattr(bench.plan, "own_source", lambda cls: cls.__name__)
-    monkeypatch.setattr(bench.plan, "shared_sources", lambda classes: {"tasks.contract": "new"})
+    monkeypatch.setattr(bench.plan.expansion, "own_source", lambda cls: cls.__name__)
+    monkeypatch.setattr(
+        bench.plan.expansion, "shared_sources", lambda classes: {"tasks.contract": "new"}
+    )
     (line,) = stale_lines(plan().runs, tables, {})
     assert line == "2 rows were made by other source code under the same versions."
     lines = stale_lines(plan().runs, tables, sound)

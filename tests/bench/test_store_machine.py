@@ -16,10 +16,10 @@ from hypothesis.stateful import (
 )
 from outcomes import FailingDisk, MortalDisk, make_template, outcome, plan
 
-from bench.record import FILES, Outcome
-from bench.resume import make_standing
-from bench.store import Store
-from bench.tables import Tables
+from bench.store.record import FILES, Outcome
+from bench.store.resume import make_standing
+from bench.store.store import Store
+from bench.store.tables import Tables
 
 N_RUNS = 3
 SEEDS = st.integers(0, N_RUNS - 1)

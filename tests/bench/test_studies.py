@@ -5,12 +5,14 @@ import pytest
 from rich.console import Console
 from test_blind import tables
 
-from bench.blind import limits, next_flight, studies
-from bench.blind.folders import Folders
-from bench.blind.report import write_report
-from bench.blind.studies import Study, run_study
-from bench.blind.tables import Tables
-from bench.cli import main
+from bench.cli.app import main
+from blind.draw.folders import Folders
+from blind.report import limits_section as limits
+from blind.report import next_flight_section as next_flight
+from blind.report.page import write_report
+from blind.report.tables import Tables
+from blind.run import studies
+from blind.run.studies import Study, run_study
 
 
 def measured(out, broken=()):

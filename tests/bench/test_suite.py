@@ -3,8 +3,8 @@ import re
 
 import pytest
 
-from bench.suite import Row, Suite, SuiteError, built_in, load_suite
-from methods.evaluate import TUNING_SEEDS
+from bench.plan.suite import Row, Suite, SuiteError, built_in, load_suite
+from methods.training.evaluate import TUNING_SEEDS
 from simulators.registry import UnknownPluginError
 
 GOOD = """

@@ -26,13 +26,13 @@ from hypothesis.stateful import (
 )
 from pandera.config import config_context
 
-import bench.plan
-from bench.errors import UsageError
-from bench.plan import expand
-from bench.store import Store
-from bench.suite import Row, Suite
-from bench.sweep import recorded_tables, sweep
-from bench.tables import IDENTITY, SCHEMAS
+import bench.plan.expansion
+from bench.execution.sweep import recorded_tables, sweep
+from bench.plan.expansion import expand
+from bench.plan.suite import Row, Suite
+from bench.store.store import Store
+from bench.store.tables import IDENTITY, SCHEMAS
+from bench.text.errors import UsageError
 
 METHODS = ("instant", "child", "failing")
 VERSIONED = {"instant": fakes.Instant, "child": fakes.Child, "failing": fakes.Failing}
@@ -238,8 +238,8 @@ class SweepMachine(RuleBasedStateMachine):
 @pytest.fixture
 def make_machine(plugins, monkeypatch):
     trainer, sources = at_once.install(monkeypatch, documents=False), {}
-    own = bench.plan.own_source
-    monkeypatch.setattr(bench.plan, "own_source", lambda cls: sources.get(cls, own(cls)))
+    own = bench.plan.expansion.own_source
+    monkeypatch.setattr(bench.plan.expansion, "own_source", lambda cls: sources.get(cls, own(cls)))
     with config_context(validation_enabled=False):
         yield lambda: SweepMachine(trainer, sources)
 

@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 from tables_for_tests import SPAWN, TAKEOFF, Sheet
 
-from bench.leaderboard import COLUMNS
-from bench.rows import leaderboard_rows
-from bench.statistics import Cell, Entry
-from bench.tables import Tables
-from bench.target import SMOOTHING, costs_to_target
+from bench.report.leaderboard import COLUMNS
+from bench.stats.leaderboard_rows import leaderboard_rows
+from bench.stats.statistics import Cell, Entry
+from bench.stats.target import SMOOTHING, costs_to_target
+from bench.store.tables import Tables
 
 CELL = Cell("spread", 3)
 TOLERATED = -0.01 * SPAWN

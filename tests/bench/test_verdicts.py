@@ -6,9 +6,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench import verdicts
-from bench.statistics import estimate
-from bench.verdicts import Test, Verdict, above, below, by_cell, every, holm, in_cell, over_cells
+from bench.stats import verdicts
+from bench.stats.statistics import estimate
+from bench.stats.verdicts import (
+    Test,
+    Verdict,
+    above,
+    below,
+    by_cell,
+    every,
+    holm,
+    in_cell,
+    over_cells,
+)
 
 SUPPORTED, REFUTED = Verdict.SUPPORTED, Verdict.REFUTED
 UNDECIDED, UNTESTED = Verdict.UNDECIDED, Verdict.UNTESTED

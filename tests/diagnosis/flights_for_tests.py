@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from diagnosis.logs import DroneLog, FlightLog, FlightSet, VehicleFile
+from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile
+from simulators.algebra.rotation import quat_to_rpy
 from simulators.contract import with_effects
 from simulators.flight import Flight
 from simulators.point_mass import PointMass
-from simulators.rotation import quat_to_rpy
 from simulators.tracking import PDTracker
 from simulators.vehicle import CONTROL_DT, GRAVITY
 

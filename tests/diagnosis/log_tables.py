@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from diagnosis.columns import GROUPS
-from diagnosis.logs import load_flights
+from diagnosis.logs.columns import GROUPS
+from diagnosis.logs.flights import load_flights
 from simulators.vehicle import GRAVITY
 
 MASS = 0.032

@@ -2,9 +2,9 @@
 
 import pytest
 
-from diagnosis.advice import MANOEUVRES, REGIMES, next_flight
-from diagnosis.content import _largest_regime
-from diagnosis.library import FAMILIES
+from diagnosis.decide.advice import MANOEUVRES, REGIMES, next_flight
+from diagnosis.replay.library import FAMILIES
+from diagnosis.result import _largest_regime
 from simulators import registry
 
 

@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
-from diagnosis.diagnose import attribute, diagnose, make_likelihood
-from diagnosis.equations import dispersion
-from diagnosis.library import make_library, with_aliases
-from diagnosis.outliers import beyond
-from diagnosis.reference import fit_reference
-from diagnosis.replay import make_replay
-from diagnosis.search import Problem
-from diagnosis.verdict import (
+from diagnosis.decide.reference import fit_reference
+from diagnosis.decide.verdict import (
     DOUBTED,
     SLIGHT,
     TRUE,
@@ -24,6 +18,12 @@ from diagnosis.verdict import (
     limits,
     structure,
 )
+from diagnosis.diagnose import attribute, diagnose, make_likelihood
+from diagnosis.fit.equations import dispersion
+from diagnosis.fit.outliers import beyond
+from diagnosis.fit.search import Problem
+from diagnosis.replay.library import make_library, with_aliases
+from diagnosis.replay.replay import make_replay
 from simulators.contract import with_effects
 from simulators.effects.attitude_gain import AttitudeGain
 from simulators.effects.contract import WrenchEffect

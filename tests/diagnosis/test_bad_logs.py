@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from log_tables import changed, folder, put, save, scaled, table, why_left_out
 
-from diagnosis.columns import GROUPS, KNOWN
-from diagnosis.logs import load_flights
+from diagnosis.logs.columns import GROUPS, KNOWN
+from diagnosis.logs.flights import load_flights
 from simulators.vehicle import GRAVITY
 
 MANY = settings(

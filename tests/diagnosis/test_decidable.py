@@ -5,14 +5,21 @@ import types
 import numpy as np
 import pytest
 
-from diagnosis import decidable
-from diagnosis.blind.catalogue import Withheld
-from diagnosis.blind.efficiency import over_bound
-from diagnosis.blind.identifiable import compare
-from diagnosis.decidable import contains, cramer_rao, decidability, rivals, truth_fit, unexplained
-from diagnosis.library import Slot
-from diagnosis.likelihood import Likelihood, Normal
-from diagnosis.search import Problem
+from blind.draw.catalogue import Withheld
+from blind.score.efficiency import over_bound
+from blind.score.identifiable import compare
+from diagnosis.decide import decidable
+from diagnosis.decide.decidable import (
+    contains,
+    cramer_rao,
+    decidability,
+    rivals,
+    truth_fit,
+    unexplained,
+)
+from diagnosis.fit.likelihood import Likelihood, Normal
+from diagnosis.fit.search import Problem
+from diagnosis.replay.library import Slot
 
 NAMES = ("drag", "mass", "trim", "wind")
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
-from diagnosis import gap, shrinkage
 from diagnosis.diagnose import diagnose, make_likelihood
-from diagnosis.library import make_library
-from diagnosis.logs import LeftOut, LogError
-from diagnosis.replay import make_replay
+from diagnosis.fit import gap, shrinkage
+from diagnosis.logs.flights import LeftOut, LogError
+from diagnosis.replay.library import make_library
+from diagnosis.replay.replay import make_replay
 from simulators import registry
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from diagnosis.equations import Switched, dispersion, loosened, moved, spread_between
-from diagnosis.likelihood import Normal
-from diagnosis.whitening import shaken
+from diagnosis.fit.equations import Switched, dispersion, loosened, moved, spread_between
+from diagnosis.fit.likelihood import Normal
+from diagnosis.replay.whitening import shaken
 
 N_PARAMS, N_WINDOWS = 3, 10
 

@@ -7,11 +7,11 @@ import pytest
 from flights_for_tests import SIGMA, flight_set, fly, rotor_speeds
 
 from diagnosis.diagnose import STEPS, diagnose, make_likelihood, noise_of
-from diagnosis.gap import drifts, rms
-from diagnosis.inputs import VOLTS, choose_inputs, on_ground, thrust_of_pwm, thrust_of_rotors
-from diagnosis.library import make_library
-from diagnosis.logs import LogError
-from diagnosis.replay import make_replay
+from diagnosis.fit.gap import drifts, rms
+from diagnosis.logs.flights import LogError
+from diagnosis.logs.inputs import VOLTS, choose_inputs, on_ground, thrust_of_pwm, thrust_of_rotors
+from diagnosis.replay.library import make_library
+from diagnosis.replay.replay import make_replay
 from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
 from simulators.vehicle import GRAVITY, VEHICLES

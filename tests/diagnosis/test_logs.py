@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from log_tables import changed, folder, put, table
 
-from diagnosis.columns import GROUPS, KNOWN
-from diagnosis.logs import (
+from diagnosis.logs.columns import GROUPS, KNOWN
+from diagnosis.logs.flights import (
     DroneLog,
     FlightLog,
     LogError,

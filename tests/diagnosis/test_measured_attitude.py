@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from flights_for_tests import flight_set, point_mass_set
 
+from diagnosis.decide.study import Study
+from diagnosis.decide.verdict import Structure
 from diagnosis.diagnose import diagnose, nominal_simulator, reference_of
-from diagnosis.inputs import PRESCRIBED, choose_inputs
-from diagnosis.library import make_library
-from diagnosis.replay import make_replay
-from diagnosis.study import Study
-from diagnosis.verdict import Structure
+from diagnosis.logs.inputs import PRESCRIBED, choose_inputs
+from diagnosis.replay.library import make_library
+from diagnosis.replay.replay import make_replay
 from simulators.effects.thrust_gain import ThrustGain
 from simulators.effects.thrust_lag import ThrustLag
 from simulators.effects.wind import Wind

@@ -5,8 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from diagnosis.library import make_library
-from diagnosis.programs import _files, _key, remembered
+from diagnosis.replay.library import make_library
+from diagnosis.replay.programs import _files, _key, remembered
 from simulators.point_mass import PointMass
 
 

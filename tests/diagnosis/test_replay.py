@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, fly
 
-from diagnosis import replay
 from diagnosis.diagnose import STEPS, make_likelihood
-from diagnosis.library import make_library
+from diagnosis.replay import replay
+from diagnosis.replay.library import make_library
 from simulators import registry
 
 

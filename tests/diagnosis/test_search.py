@@ -8,18 +8,18 @@ from flights_for_tests import SIGMA, point_mass_set
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from diagnosis.decide.reference import pinned
+from diagnosis.decide.verdict import SLIGHT, Floor, Structure, intervals, judge, structure
 from diagnosis.diagnose import attribute, make_likelihood
-from diagnosis.equations import bounded_step
-from diagnosis.library import Slot, make_library
-from diagnosis.likelihood import NARROW, Likelihood
-from diagnosis.outliers import beyond
-from diagnosis.reduced import bounds
-from diagnosis.reference import pinned
-from diagnosis.replay import TURNS, make_replay
-from diagnosis.search import Problem
-from diagnosis.segments import WINDOW, cut
-from diagnosis.verdict import SLIGHT, Floor, Structure, intervals, judge, structure
-from diagnosis.whitening import shown
+from diagnosis.fit.equations import bounded_step
+from diagnosis.fit.likelihood import NARROW, Likelihood
+from diagnosis.fit.outliers import beyond
+from diagnosis.fit.reduced import bounds
+from diagnosis.fit.search import Problem
+from diagnosis.logs.segments import WINDOW, cut
+from diagnosis.replay.library import Slot, make_library
+from diagnosis.replay.replay import TURNS, make_replay
+from diagnosis.replay.whitening import shown
 from simulators.crazyflow import Crazyflow
 from simulators.effects.drag import Drag
 from simulators.effects.gust import Gust

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, point_mass_set
 
-from diagnosis.logs import FlightLog
-from diagnosis.noise import estimate_noise
-from diagnosis.segments import FORGET, N_WINDOWS, NODE_DT, WINDOW, body_rate, cut, filled
+from diagnosis.logs.flights import FlightLog
+from diagnosis.logs.noise import estimate_noise
+from diagnosis.logs.segments import FORGET, N_WINDOWS, NODE_DT, WINDOW, body_rate, cut, filled
 from simulators.effects.wind import Wind
 
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, point_mass_set
 
-from diagnosis import shrinkage
+from diagnosis.decide.support import judged, support
+from diagnosis.decide.verdict import Floor, intervals
 from diagnosis.diagnose import diagnose, make_likelihood
-from diagnosis.library import make_library
-from diagnosis.replay import make_replay
-from diagnosis.search import Problem
-from diagnosis.shrinkage import Drift, left_out, shrink
-from diagnosis.support import judged, support
-from diagnosis.verdict import Floor, intervals
+from diagnosis.fit import shrinkage
+from diagnosis.fit.search import Problem
+from diagnosis.fit.shrinkage import Drift, left_out, shrink
+from diagnosis.replay.library import make_library
+from diagnosis.replay.replay import make_replay
 from simulators.effects.drag import Drag
 from simulators.effects.wind import Wind
 from simulators.point_mass import PointMass

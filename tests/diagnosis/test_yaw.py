@@ -10,9 +10,9 @@ from flights_for_tests import SIGMA, noisy
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import STEPS, make_likelihood
-from diagnosis.library import make_library
-from diagnosis.logs import FlightLog
-from diagnosis.replay import make_replay
+from diagnosis.logs.flights import FlightLog
+from diagnosis.replay.library import make_library
+from diagnosis.replay.replay import make_replay
 from simulators import registry
 from simulators.vehicle import CONTROL_DT, GRAVITY
 

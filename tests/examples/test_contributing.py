@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from methods.bptt import BPTT
 from methods.contract import Setup
 from methods.residuals.contract import Transitions
+from methods.training.bptt import BPTT
 from simulators import registry
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow

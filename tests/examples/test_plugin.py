@@ -13,12 +13,12 @@ import pandas as pd
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from bench.cli import main
-from bench.plan import expand
-from bench.suite import load_suite
+from bench.cli.app import main
+from bench.plan.expansion import expand
+from bench.plan.suite import load_suite
 from methods.contract import Setup
-from methods.evaluate import evaluate
 from methods.policy import PolicyController, make_policy
+from methods.training.evaluate import evaluate
 from simulators import registry
 from simulators.point_mass import PointMass
 from tasks.circle import Circle
@@ -74,7 +74,7 @@ def method(installed):
 
 def bench(site, *arguments):
     """What the command line says and does in a process that has the folder on its path."""
-    script = "import sys; from bench.cli import main; sys.exit(main())"
+    script = "import sys; from bench.cli.app import main; sys.exit(main())"
     paths = os.pathsep.join((str(site), str(ROOT)))
     return subprocess.run(
         [sys.executable, "-c", script, *arguments],

@@ -13,7 +13,7 @@ import os
 import sys
 from pathlib import Path
 
-from bench.environment import environment
+from bench.execution.environment import environment
 from tests.golden.compare import differences
 
 KEPT = Path(__file__).parent / "kept"

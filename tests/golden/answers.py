@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from bench.paper.page import write_claims
-from bench.plan import expand
-from bench.provenance import processor
-from bench.suite import load_suite
-from bench.tables import Tables
-from bench.tuning import write_tuning
-from diagnosis.blind.cases import Case, draw_cases, fly_case, make_case, write_flights
+from bench.paper.tuning import write_tuning
+from bench.plan.expansion import expand
+from bench.plan.provenance import processor
+from bench.plan.suite import load_suite
+from bench.store.tables import Tables
+from blind.draw.cases import Case, draw_cases, fly_case, make_case, write_flights
 from diagnosis.diagnose import diagnose
-from diagnosis.logs import load_flights
+from diagnosis.logs.flights import load_flights
 
 HOUSE = Path(__file__).parents[2]
 REAL = HOUSE.parent / "shared" / "flights"

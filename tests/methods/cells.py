@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from methods.bptt import BPTT
 from methods.contract import Ledger, Setup, Trained, silent
 from methods.policy import Policy, make_policy
 from methods.residuals.contract import AbstractResidualModel
+from methods.training.bptt import BPTT
 from simulators import registry
 from simulators.point_mass import PointMass
 from simulators.vehicle import VEHICLES, ActionSpace

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from flying import SIMULATORS, attached, x64
 
-from methods.adjoint import LARGEST, buffers, gradient
-from methods.bptt import BPTT
+from methods.calibration.residual_effect import ResidualEffect
 from methods.domain_randomization import randomized
 from methods.policy import PolicyController, make_policy
-from methods.residual_effect import ResidualEffect
 from methods.residuals.contract import AbstractResidualModel
+from methods.training.adjoint import LARGEST, buffers, gradient
+from methods.training.bptt import BPTT
 from simulators.contract import with_effects
 from tasks.circle import Circle
 from tasks.figure8 import Figure8

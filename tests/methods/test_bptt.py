@@ -11,12 +11,12 @@ import pytest
 from cells import SPEC, TINY, Hold, fresh, same, setup
 from scipy.optimize import linprog
 
-from methods import bptt
-from methods.bptt import BPTT, Training
 from methods.contract import silent
 from methods.hf_hotstart import HFHotStart
 from methods.lf_baseline import LFBaseline
 from methods.policy import PolicyController
+from methods.training import bptt
+from methods.training.bptt import BPTT, Training
 from simulators.contract import with_effects
 from simulators.effects.contract import WrenchEffect
 from simulators.point_mass import PointMass

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cells import SPEC, Hold, fresh, leaning
 
-from methods.calibration import (
+from methods.calibration.pool import (
     DITHER_STEPS,
     HOVER_SPEED,
     calibrate,
@@ -15,8 +15,8 @@ from methods.calibration import (
     pool_size,
     track,
 )
+from methods.calibration.residual_effect import ResidualEffect
 from methods.policy import PolicyController
-from methods.residual_effect import ResidualEffect
 from methods.residuals.contract import AbstractResidualModel
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from cells import Hold, fresh, same, setup
 
-from methods import bptt
-from methods.bptt import BPTT
-from methods.checkpoint import AbstractKeeper, kept_by
 from methods.hf_hotstart import HFHotStart
+from methods.training import bptt
+from methods.training.bptt import BPTT
+from methods.training.checkpoint import AbstractKeeper, kept_by
 from simulators.point_mass import PointMass
 
 KEY = jax.random.key(5)

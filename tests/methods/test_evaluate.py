@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from cells import SPEC, Hold, OpenLoop, fresh, leaning, lift
 
-from methods.evaluate import (
+from methods.calibration.reference_paths import Followers
+from methods.policy import PolicyController
+from methods.training.evaluate import (
     evaluate,
     evaluation_keys,
     fly,
@@ -15,8 +17,6 @@ from methods.evaluate import (
     standing_rewards,
     takeoff_steps,
 )
-from methods.policy import PolicyController
-from methods.reference_paths import Followers
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects.floor import Floor

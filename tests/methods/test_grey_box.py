@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from cells import METHODS, TINY, Hold, same
 
-from methods import grey_box, identification
-from methods.bptt import BPTT
+from methods import grey_box
+from methods.calibration import identification
+from methods.calibration.identification import NOISE_VEL, along, identify
 from methods.contract import Setup
-from methods.evaluate import evaluation_keys, fly
-from methods.identification import NOISE_VEL, along, identify
 from methods.policy import PolicyController, make_policy
+from methods.training.bptt import BPTT
+from methods.training.evaluate import evaluation_keys, fly
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects import chain

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from cells import same
 
-from diagnosis.fit import Fit
-from diagnosis.likelihood import Likelihood, Normal
-from methods import identification
-from methods.identification import (
+from diagnosis.fit.fit import Fit
+from diagnosis.fit.likelihood import Likelihood, Normal
+from methods.calibration import identification
+from methods.calibration.identification import (
     DITHER,
     HELD,
     NOISE_ATTITUDE,
@@ -18,9 +18,9 @@ from methods.identification import (
     logged,
     standing,
 )
+from simulators.algebra.rotation import quat_to_rpy
 from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
-from simulators.rotation import quat_to_rpy
 
 KEY = jax.random.key(3)
 SIZES = {"pos": NOISE_POS, "vel": NOISE_VEL, "rpy": NOISE_ATTITUDE}

@@ -24,14 +24,14 @@ from cells import (
 from jaxtyping import TypeCheckError
 
 from methods import grey_box
-from methods.bptt import BPTT
+from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import Ledger, Setup, silent
 from methods.domain_randomization import DomainRandomization, randomized
-from methods.evaluate import evaluate, fly
 from methods.hf_hotstart import HFHotStart
 from methods.hf_scratch import HFScratch
 from methods.policy import PolicyController, make_policy
-from methods.residual_effect import ResidualEffect
+from methods.training.bptt import BPTT
+from methods.training.evaluate import evaluate, fly
 from methods.upper_reference import UpperReference
 from simulators import registry
 from simulators.contract import with_effects

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from cells import CLIMB, RESIDUALS, SPEC, Hold, climb_gradient, fresh, lift
 
+from methods.calibration.residual_effect import ResidualEffect, features
 from methods.policy import PolicyController
-from methods.residual_effect import ResidualEffect, features
 from methods.residuals.contract import AbstractResidualModel, Transitions
 from simulators.contract import with_effects
 from simulators.effects.contract import WrenchEffect

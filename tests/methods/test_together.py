@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from cells import TINY, Hold, fresh, setup, small
 
-from methods import together
 from methods.contract import silent
-from methods.together import Team, current_team
+from methods.training import together
+from methods.training.together import Team, current_team
 from simulators.contract import with_effects
 from simulators.effects.drag import Drag
 from simulators.point_mass import PointMass

@@ -11,7 +11,8 @@ from flying import HOVER, fly, hold, hover_flight, positions, random_cmds
 from scipy.stats import kstest
 
 from methods.domain_randomization import RANGES, randomized
-from methods.varied import vary, vary_times
+from methods.training.varied import vary, vary_times
+from simulators.algebra.rotation import quat_to_rpy
 from simulators.contract import with_effects
 from simulators.effects.attitude_loop import AttitudeLoop
 from simulators.effects.delay import LONGEST, Delay
@@ -19,7 +20,6 @@ from simulators.effects.drag import Drag
 from simulators.effects.thrust_gain import ThrustGain
 from simulators.effects.thrust_lag import ThrustLag
 from simulators.point_mass import PointMass
-from simulators.rotation import quat_to_rpy
 
 NOMINAL = PointMass(dt=0.01)
 POS = positions(2)

@@ -25,9 +25,9 @@ from flying import (
     x64,
 )
 
+from simulators.algebra.rotation import body_z, rpy_to_quat
 from simulators.crazyflow import _template
 from simulators.crazyflow_params import hover_rotor_vel
-from simulators.rotation import body_z, rpy_to_quat
 
 STEPS, H, G = 50, 0.02, 9.81
 T = H * np.arange(1, STEPS + 1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flying import SIMULATORS, hovering, positions
 
-from simulators.products import written_out
+from simulators.algebra.products import written_out
 
 
 def count(function, *args):

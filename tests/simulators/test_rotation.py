@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simulators.rotation import body_z, quat_to_rpy, rotate, rotate_back, rpy_to_quat
+from simulators.algebra.rotation import body_z, quat_to_rpy, rotate, rotate_back, rpy_to_quat
 
 RPY = np.random.default_rng(0).uniform([-3, -1.5, -3], [3, 1.5, 3], (50, 3))
 VECTOR = np.random.default_rng(1).normal(size=(50, 3))

@@ -19,9 +19,9 @@ from flying import (
     restore,
 )
 
+from simulators.algebra.rotation import rotate, rpy_to_quat
 from simulators.effects.rotor_drag import RotorDrag
 from simulators.effects.translational_lift import TranslationalLift
-from simulators.rotation import rotate, rpy_to_quat
 from simulators.vehicle import GRAVITY
 
 STEPS = 50

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from flying import HOVER, SIMULATORS, SPEC, attached, fly, hold, hovering, positions
 
+from simulators.algebra.rotation import quat_to_rpy
 from simulators.effects.gyro_compensation import GyroCompensation
-from simulators.rotation import quat_to_rpy
 
 LEVEL = hold([0.0, 0.0, 0.0, HOVER], 1)
 

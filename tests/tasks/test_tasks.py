@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from flying import KEY, SIMULATORS, TASKS, fly, hovering, positions, random_cmds, restore
 
+from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
 from simulators.flight import Flight
-from simulators.rotation import quat_to_rpy, rpy_to_quat
 from tasks.contact import in_contact
 from tasks.contract import TaskState
 

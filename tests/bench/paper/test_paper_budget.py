@@ -5,8 +5,8 @@ from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
 from bench.paper.budget import BUDGETS, choices, minutes_of, name_of
 from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH
-from bench.scores import UPPER
-from bench.statistics import Entry
+from bench.stats.scores import UPPER
+from bench.stats.statistics import Entry
 
 CLOSE = (0.0, 0.001, 0.002)
 """Scatter over seeds by which no two methods here are mistaken for each other."""

@@ -9,10 +9,10 @@ from tables_for_tests import SPAWN_SETTLED, TAKEOFF, Sheet, empty
 
 from bench.paper.claims import BUDGET, CLAIMS, OFF_SPEC, OWN, PAPER
 from bench.paper.page import judged
-from bench.plan import expand
-from bench.realities import parse_reality
-from bench.suite import load_suite
-from bench.verdicts import Verdict
+from bench.plan.expansion import expand
+from bench.plan.realities import parse_reality
+from bench.plan.suite import load_suite
+from bench.stats.verdicts import Verdict
 from simulators.effects.chain import canonical
 
 TITLES = [claim.title for claim in CLAIMS]

@@ -9,7 +9,6 @@ from matplotlib.lines import Line2D
 from paper_tables import WORLDS, around
 from tables_for_tests import Sheet, empty, typical
 
-from bench.figures import BUILT_IN, COLORS
 from bench.paper.figures import (
     data_uri,
     write_cost,
@@ -18,6 +17,7 @@ from bench.paper.figures import (
     write_worlds,
 )
 from bench.paper.values import HYBRID
+from bench.report.figures import BUILT_IN, COLORS
 
 WRITERS = pytest.mark.parametrize("write", [write_cost, write_summary])
 

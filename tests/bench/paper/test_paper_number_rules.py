@@ -7,9 +7,9 @@ from tables_for_tests import Sheet
 
 from bench.paper.number_rules import AtMost, Cheaper, Grows, OnlyOneHolds
 from bench.paper.values import AFFINE, HOTSTART, HYBRID, LF, SCRATCH, SINDY
-from bench.scores import UPPER
-from bench.statistics import Entry
-from bench.verdicts import Verdict
+from bench.stats.scores import UPPER
+from bench.stats.statistics import Entry
+from bench.stats.verdicts import Verdict
 
 SUPPORTED, REFUTED = Verdict.SUPPORTED, Verdict.REFUTED
 UNDECIDED, UNTESTED = Verdict.UNDECIDED, Verdict.UNTESTED

@@ -7,8 +7,8 @@ from tables_for_tests import Sheet
 from bench.paper.claims import CLAIMS, OFF_SPEC
 from bench.paper.page import write_claims
 from bench.paper.values import CLEAN, HYBRID, LF, RECALIBRATED, TRACKED, off_spec
-from bench.statistics import Cell
-from bench.verdicts import Verdict
+from bench.stats.statistics import Cell
+from bench.stats.verdicts import Verdict
 
 CELL = {"task": "figure8", "team_size": 3}
 WORLD = Cell("figure8", 3, deployed_effects=EFFECTS)

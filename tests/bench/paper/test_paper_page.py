@@ -8,11 +8,11 @@ from browser import needs_chromium, tab
 from paper_tables import add_off_spec
 from tables_for_tests import Sheet, empty, typical
 
-from bench.errors import UsageError
 from bench.paper import claims
 from bench.paper.claims import CLAIMS
 from bench.paper.page import HOW, TITLE, WHOLE, variants, write_claims
-from bench.tables import Tables
+from bench.store.tables import Tables
+from bench.text.errors import UsageError
 
 ROOT = Path(__file__).parents[3]
 HOSTILE = "<script>alert(1)</script>|x` $\\bad$ ![](http://example.org/x.png)"

@@ -6,9 +6,9 @@ from tables_for_tests import SPAWN_SETTLED, Sheet
 from bench.paper.claims import PAPER_LOSSES
 from bench.paper.return_rules import Above, EnoughFlights, GapAtMost, GapNarrows, Shortfall
 from bench.paper.values import HOTSTART, HYBRID, LF
-from bench.scores import UPPER
-from bench.statistics import Entry
-from bench.verdicts import Verdict
+from bench.stats.scores import UPPER
+from bench.stats.statistics import Entry
+from bench.stats.verdicts import Verdict
 
 SUPPORTED, REFUTED = Verdict.SUPPORTED, Verdict.REFUTED
 UNDECIDED, UNTESTED = Verdict.UNDECIDED, Verdict.UNTESTED

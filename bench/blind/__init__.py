@@ -1,1 +1,0 @@
-"""`bench blind`: flights whose cause is withheld are made, diagnosed, scored and reported."""

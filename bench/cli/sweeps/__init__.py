@@ -1,0 +1,1 @@
+"""Commands that run a suite, or show what there is to run."""

@@ -1,0 +1,24 @@
+"""`bench compare`: whether one method is better than another."""
+
+from pathlib import Path
+
+
+def compare(a: str, b: str, /, *, results: Path | None = None) -> int:
+    """Say whether A is better than B, in words and by exit status.
+
+    0: better. 3: worse. 4: no difference can be shown. 5: not comparable.
+
+    Parameters
+    ----------
+    a
+        A method of --results, such as hybrid-mlp; FOLDER:METHOD; or FOLDER, for all its methods.
+    b
+        What to compare it with, written likewise.
+    results
+        Folder with results.parquet and its companions, such as results/paper.
+    """
+    from rich.console import Console
+
+    from bench.stats.compare import load_side, report
+
+    return report(load_side(a, results), load_side(b, results), Console())

@@ -1,0 +1,24 @@
+"""`bench leaderboard`: the board of a folder of tables."""
+
+from pathlib import Path
+
+from bench.text.pages import documents_of
+
+
+def leaderboard(directory: Path, /, *, out: Path | None = None) -> int:
+    """Rebuild leaderboard.md from the tables in a folder, and show it.
+
+    Parameters
+    ----------
+    directory
+        Folder with results.parquet and its companions, such as results/quick.
+    out
+        Folder to write to; without it, reports/NAME for results/NAME, else DIRECTORY.
+    """
+    from rich.console import Console
+
+    from bench.execution.sweep import rebuild_leaderboard
+    from bench.store.tables import Tables
+
+    rebuild_leaderboard(Tables.load(directory), out or documents_of(directory), Console())
+    return 0

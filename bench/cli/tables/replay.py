@@ -1,0 +1,29 @@
+"""`bench replay`: a page that plays a stored flight."""
+
+from pathlib import Path
+
+
+def replay(
+    run: str,
+    /,
+    *,
+    tables: Path | None = None,
+    out: Path | None = None,
+    video: Path | None = None,
+) -> int:
+    """Write a page that plays the stored flight of a run; it opens offline.
+
+    Parameters
+    ----------
+    run
+        Name of a run as in runs.csv and the report, or its folder.
+    tables
+        Folder with runs.parquet and its companions; without it, those in results/* are searched.
+    out
+        HTML file to write; without it, replays/RUN.html beside the report.
+    video
+        Also render a film with MuJoCo into this file: .gif, .webp or .png (animated).
+    """
+    from bench.report.replay import replay as replay_run
+
+    return replay_run(run, tables, out, video)

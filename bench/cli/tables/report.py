@@ -1,0 +1,24 @@
+"""`bench report`: the page of a folder of tables."""
+
+from pathlib import Path
+
+from bench.text.pages import documents_of
+
+
+def report(directory: Path, /, *, out: Path | None = None) -> int:
+    """Rebuild report.html from the tables in a folder.
+
+    Parameters
+    ----------
+    directory
+        Folder with results.parquet and its companions, such as results/quick.
+    out
+        Folder to write to; without it, reports/NAME for results/NAME, else DIRECTORY.
+    """
+    from rich.console import Console
+
+    from bench.execution.sweep import rebuild_report
+    from bench.store.tables import Tables
+
+    rebuild_report(Tables.load(directory), out or documents_of(directory), Console())
+    return 0

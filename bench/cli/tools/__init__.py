@@ -1,0 +1,1 @@
+"""Commands beside a sweep: diagnosis, plug-ins, speed, machine."""

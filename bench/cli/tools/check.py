@@ -1,0 +1,34 @@
+"""`bench check`: the conformance suite on a plug-in."""
+
+import os
+from typing import Annotated
+
+from bench.cli.options import Repeatable
+
+
+def check(
+    plugin: str,
+    /,
+    *,
+    setting: Annotated[list[str] | None, Repeatable] = None,
+    simulator: Annotated[list[str] | None, Repeatable] = None,
+) -> int:
+    """Run the conformance suite on a plug-in and say what is wrong with it.
+
+    Exit status 1 if a check failed.
+
+    Parameters
+    ----------
+    plugin
+        Registered name, with its kind where names coincide (effect:mass), or module:Class.
+    setting
+        Setting of the plug-in, such as trainer.epochs=3; may be repeated.
+    simulator
+        Only in this simulator (effects: where they are attached; methods: their reality).
+    """
+    from bench.execution.environment import environment
+
+    os.environ.update(environment())
+    from bench.conformance.command import check as check_plugin
+
+    return check_plugin(plugin, setting or (), simulator or ())

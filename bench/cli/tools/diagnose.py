@@ -1,0 +1,75 @@
+"""`bench diagnose`: why a simulator and real flights differ."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+from bench.cli.options import Repeatable
+from bench.text.errors import UsageError
+
+
+def diagnose(
+    flights: Path | None = None,
+    /,
+    *,
+    simulator: str | None = None,
+    reference: Path | None = None,
+    out: Path | None = None,
+    exclude: Annotated[list[str] | None, Repeatable] = None,
+    deploy: str | None = None,
+    reality: str | None = None,
+    team_size: int | None = None,
+    seeds: int | None = None,
+) -> int:
+    """Say why a simulator and real flights differ: where, which effect, how much it explains.
+
+    Writes diagnosis.json, diagnosis.md and diagnosis.html, one page that opens offline; nothing if
+    no flight is usable. With --deploy it says instead what a diagnosis is worth to a team: policies
+    for a task, trained in the nominal and in the corrected simulator, deployed in --reality.
+
+    Parameters
+    ----------
+    flights
+        Folder with vehicle.toml and flights/NAME.parquet or .csv.
+    simulator
+        Which simulator should explain them: crazyflow (the default) or point_mass.
+    reference
+        Folder of flights of the same vehicle before a change; then the answer is what changed.
+    out
+        Folder for the documents; without it, reports/diagnosis/NAME for flights in a folder NAME.
+    exclude
+        Withhold this effect from the candidates, and all that flights can hardly tell from it.
+    deploy
+        Task to train and deploy in --reality; takes no flights.
+    reality
+        Simulated reality for --deploy, such as "crazyflow+mass(e=0.2)+wind(x=1)".
+    team_size
+        Drones of the team for --deploy; 3 without it.
+    seeds
+        Seeds of --deploy; 1 without it.
+    """
+    from bench.execution.environment import environment
+
+    if (flights is None) == (deploy is None) or (deploy is None) != (reality is None):
+        raise UsageError("Give either a folder of flights, or --deploy TASK with --reality.")
+    if deploy is None:
+        word, given = "without", {"--team-size": team_size, "--seeds": seeds}
+    else:
+        word = "with"
+        given = {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
+    needless = [name for name, value in given.items() if value is not None]
+    if needless:
+        raise UsageError(f"Leave out {', '.join(needless)}: no meaning {word} --deploy.")
+    os.environ.update(environment())
+    if flights is not None:
+        from bench.diagnosis_report.command import run_diagnosis
+
+        return run_diagnosis(flights, simulator or "crazyflow", reference, exclude or (), out)
+    from rich.console import Console
+
+    from bench.diagnosis_report.deploy import deploy as deploy_team
+
+    assert deploy is not None and reality is not None  # noqa: PT018 - asked above
+    place = out or Path("reports") / "diagnosis" / f"deploy-{deploy}"
+    team_size, seeds = (3 if team_size is None else team_size), (1 if seeds is None else seeds)
+    return deploy_team(deploy, reality, team_size, seeds, place, Console())

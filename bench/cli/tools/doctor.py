@@ -1,0 +1,13 @@
+"""`bench doctor`: versions, devices, known trouble."""
+
+
+def doctor() -> int:
+    """Show versions, devices and graphics, and name combinations that are known to break.
+
+    Exit status 1 if anything was found that breaks runs.
+    """
+    from bench.conformance.doctor import (
+        doctor as examine,  # before anything imports SciPy, which it looks for
+    )
+
+    return examine()

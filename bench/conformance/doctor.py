@@ -1,0 +1,141 @@
+"""What this installation consists of and whether anything in it is known to break."""
+
+import importlib.metadata
+import os
+import platform
+import sys
+from collections.abc import Iterable
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from bench.conformance.known_bad import Facts, problems
+from bench.execution.executor import cores
+from simulators import registry
+
+OWN = "fidelity-bench"
+"""Name of this distribution."""
+OWNERS = (OWN, "crazyflow", "mujoco-mjx")
+"""Distributions whose requirements are compared with what is installed."""
+OPTIONAL = {
+    "ray": "several machines",
+    "rotorpy": "a second reality for the blind check",
+}
+"""Packages that may be absent, and what they are for."""
+VARIABLES = (
+    "JAX_PLATFORMS",
+    "JAX_ENABLE_X64",
+    "XLA_FLAGS",
+    "SCIPY_ARRAY_API",
+    "MUJOCO_GL",
+    "RAY_ADDRESS",
+)
+"""Variables of the environment that change what happens."""
+
+
+def doctor() -> int:
+    """Prints everything; exit status 1 if a problem was found."""
+    facts = gather()
+    console = Console()
+    _show(console, "Machine", machine())
+    _show(console, "Packages", [(name, facts.versions[name]) for name in _named(facts)])
+    absent = [(name, use) for name, use in OPTIONAL.items() if name not in facts.versions]
+    if absent:
+        _show(console, "Not installed, not needed", absent)
+    variables = [(name, facts.variables[name]) for name in VARIABLES if name in facts.variables]
+    if variables:
+        _show(console, "Environment", variables)
+    found = problems(facts)
+    _show(console, "Plug-ins", plugin_lines(found))
+    _show(console, "Devices", device_lines(found))
+    _show(console, "Films", film_lines())
+    for line in found:
+        console.print(Text(f"Problem: {line}", "bold red"), soft_wrap=True)
+    if not found:
+        console.print("No problem found.")
+    return 1 if found else 0
+
+
+def gather() -> Facts:
+    """The facts of this process and its installation."""
+    modules = frozenset(sys.modules)
+    versions: dict[str, str] = {
+        canonicalize_name(dist.metadata["Name"]): dist.version
+        for dist in importlib.metadata.distributions()
+        if dist.metadata["Name"]
+    }
+    requirements = {
+        owner: tuple(importlib.metadata.requires(owner) or ())
+        for owner in OWNERS
+        if owner in versions
+    }
+    return Facts(versions, requirements, dict(os.environ), modules)
+
+
+def machine() -> list[tuple[str, str]]:
+    """Python, system, cores and memory."""
+    found = [
+        ("python", f"{platform.python_version()} ({sys.executable})"),
+        ("system", f"{platform.system()} {platform.release()} {platform.machine()}"),
+        ("cores", str(cores())),
+    ]
+    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        size = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        found.append(("memory", f"{size / 2**30:.1f} GiB"))
+    return found
+
+
+def plugin_lines(found: list[str]) -> list[tuple[str, str]]:
+    """How many plug-ins of each kind can be imported; what cannot is added to `found`."""
+    lines = []
+    for kind in registry.GROUPS:
+        names, broken = registry.names(kind), 0
+        for name in names:
+            try:
+                registry.load(kind, name)
+            except registry.BrokenPluginError as error:
+                broken += 1
+                found.append(" ".join(str(error).split()))
+        lines.append(
+            (f"{kind}s", f"{len(names)}, of which {broken} broken" * bool(names) or "none")
+        )
+    return lines
+
+
+def device_lines(found: list[str]) -> list[tuple[str, str]]:
+    """What JAX computes on; a JAX that finds nothing is added to `found`."""
+    try:
+        import jax
+
+        devices = jax.devices()
+    except Exception as error:
+        found.append(f"JAX finds no device: {' '.join(str(error).split())}")
+        return [("jax", "none")]
+    return [(f"{device.platform} {device.id}", device.device_kind) for device in devices]
+
+
+def film_lines() -> list[tuple[str, str]]:
+    """Which graphics libraries render films (`bench replay --video`); none of them is needed."""
+    from bench.report import film
+
+    return [(name, answer or "works") for name, answer in film.graphics().items()]
+
+
+def _named(facts: Facts) -> list[str]:
+    """Packages worth showing: what we need ourselves, and what else the rules look at."""
+    own = {Requirement(text) for text in facts.requirements.get(OWN, ())}
+    names = {canonicalize_name(r.name) for r in own if not (r.marker and "extra" in str(r.marker))}
+    return sorted((names | {OWN, "jaxlib", *OPTIONAL}) & set(facts.versions))
+
+
+def _show(console: Console, title: str, lines: Iterable[tuple[str, str]]) -> None:
+    table = Table(title=title, title_justify="left", title_style="bold", box=None)
+    table.show_header = False
+    table.add_column(min_width=14)
+    table.add_column(overflow="fold")
+    for name, value in lines:
+        table.add_row(Text(name), Text(value))
+    console.print(table)

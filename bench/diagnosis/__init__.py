@@ -1,1 +1,0 @@
-"""What the user of `bench diagnose` sees: a page, a Markdown text, JSON, a summary."""

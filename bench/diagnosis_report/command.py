@@ -1,0 +1,58 @@
+"""The command `bench diagnose`: load flights, diagnose them, write and show what was found."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from bench.diagnosis_report.documents import NAMES, check_place, write_documents
+from bench.diagnosis_report.numbers import clean
+from bench.diagnosis_report.sentences import Request
+from bench.diagnosis_report.terminal import Display, show_summary
+from bench.text.errors import UsageError
+from diagnosis.diagnose import diagnose
+from diagnosis.logs.flights import LogError, load_flights
+from simulators import registry
+
+
+def run_diagnosis(
+    flights: Path,
+    simulator: str,
+    reference: Path | None,
+    exclude: Sequence[str],
+    out: Path | None,
+) -> int:
+    """Exit status: 0, or 2 where the logs hold nothing usable, with a line for each reason.
+
+    Raises:
+        UsageError: The request makes no sense.
+    """
+    registry.load("simulator", simulator)
+    for effect in exclude:
+        if effect not in registry.names("effect"):
+            raise UsageError(registry.unknown("effect", effect, registry.names("effect")))
+    name = flights.resolve().name or "flights"
+    out = out or Path("reports") / "diagnosis" / name
+    check_place(out)
+    request = Request(name, None if reference is None else reference.resolve().name, tuple(exclude))
+    try:
+        with Display(Console(stderr=True)) as display:
+            found = diagnose(
+                load_flights(flights),
+                simulator=simulator,
+                reference=None if reference is None else load_flights(reference),
+                exclude=tuple(exclude),
+                progress=display.update,
+            ).to_json()
+            display.update("writing", 1.0)
+            replaced = (out / NAMES[0]).exists()
+            write_documents(found, request, out)
+    except LogError as error:
+        for line in str(error).splitlines():
+            print(f"bench: {clean(line)}", file=sys.stderr)  # noqa: T201
+        return 2
+    show_summary(found, request, out, Console())
+    if replaced:
+        print(f"The diagnosis that was there is replaced: {clean(out)}", file=sys.stderr)  # noqa: T201
+    return 0

@@ -1,0 +1,68 @@
+"""Writes the three documents of a diagnosis: all of them or none."""
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.diagnosis_report.page import diagnosis_page
+from bench.diagnosis_report.sentences import Json, Request
+from bench.diagnosis_report.text import diagnosis_text
+from bench.text.errors import UsageError
+
+NAMES = ("diagnosis.json", "diagnosis.md", "diagnosis.html")
+"""What a folder of a diagnosis holds."""
+
+
+def check_place(out: Path, names: Sequence[str] = NAMES) -> None:
+    """Raises if the documents could not be written to the folder `out`; writes nothing.
+
+    Raises:
+        UsageError: `out` is no folder, cannot be made or written to, or a document's name is taken
+            by a folder.
+    """
+    existing = next(place for place in (out, *out.absolute().parents) if place.exists())
+    if not existing.is_dir():
+        raise UsageError(f"{existing} is not a folder, so nothing can be written there.")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise UsageError(f"The folder {existing} is not writable. Choose another with `--out`.")
+    for name in names:
+        if (out / name).is_dir():
+            raise UsageError(f"{out / name} is a folder, so no file can be written there.")
+
+
+def write_documents(diagnosis: Json, request: Request, out: Path) -> None:
+    """Writes diagnosis.json, diagnosis.md and diagnosis.html to the folder `out`.
+
+    All are finished beside their place before the first takes it. JSON knows no infinity and no
+    NaN; they become null.
+    """
+    texts = (
+        json.dumps(_finite(diagnosis), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        diagnosis_text(diagnosis, request),
+        diagnosis_page(diagnosis, request),
+    )
+    check_place(out)
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".diagnosis-", dir=out) as stage:
+        for name, text in zip(NAMES, texts, strict=True):
+            with (Path(stage) / name).open("w", encoding="utf-8", errors="replace") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+        for name in NAMES:
+            (Path(stage) / name).replace(out / name)
+
+
+def _finite(value: Any) -> Any:
+    """`value` with null for every number that JSON does not know."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return value

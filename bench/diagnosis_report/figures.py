@@ -1,0 +1,230 @@
+"""Pictures of a diagnosis as small SVG panels that stand inside a page.
+
+Each panel is drawn in stand-in colours that are then replaced by the page's CSS variables, so that
+a picture follows the page into dark mode and onto paper. Text stays text.
+"""
+
+import dataclasses
+import io
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from jaxtyping import Float
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bench.diagnosis_report.numbers import clean, is_number, number, scale_of, shorten, with_unit
+from bench.diagnosis_report.sentences import Json
+from bench.diagnosis_report.tables import details
+
+INK, SOFT, LINE, BEFORE, AFTER = "#010101", "#010102", "#010103", "#010104", "#010105"
+VARIABLES = {INK: "ink", SOFT: "soft", LINE: "line", BEFORE: "before", AFTER: "after"}
+"""Stand-in colours and the CSS variables that take their places."""
+
+MOST_FLIGHTS = 6
+"""Flights with a before/after panel."""
+MOST_CHANNELS = 4
+"""Channels with panels, those with the largest share of the gap."""
+MOST_POINTS = 300
+"""Points of a line: what keeps a page small."""
+
+STYLE = {
+    "svg.fonttype": "none",
+    "font.size": 8.0,
+    "text.color": INK,
+    "text.parse_math": False,
+    "axes.labelcolor": SOFT,
+    "axes.edgecolor": LINE,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "savefig.facecolor": "none",
+    "xtick.color": LINE,
+    "ytick.color": LINE,
+    "xtick.labelcolor": SOFT,
+    "ytick.labelcolor": SOFT,
+    "lines.linewidth": 1.4,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Panel:
+    """A picture with the words that stand for it."""
+
+    title: str
+    svg: Markup
+    alt: str
+
+
+def before_after_panels(diagnosis: Json) -> list[Panel]:
+    """Drift along held-out flights, in the simulator as it is and as corrected."""
+    lines = details(diagnosis, "before_after")[:MOST_FLIGHTS]
+    highest = [x for line in lines for key in ("before", "after") for x in line[key]]
+    top = 1.05 * max((x for x in highest if is_number(x)), default=1.0)
+    factor, unit = scale_of("m") if top < 1.0 else (1.0, "m")
+    panels = []
+    for i, line in enumerate(lines):
+        t, before, after = (_numbers(line[key]) for key in ("t", "before", "after"))
+
+        def draw(axes: Axes, t: Any = t, before: Any = before, after: Any = after) -> None:
+            axes.plot(*_thinned(t, factor * before), color=BEFORE, ls=(0, (4, 1.5)))
+            axes.plot(*_thinned(t, factor * after), color=AFTER)
+            axes.set(xlabel="time [s]", ylabel=f"drift [{unit}]", ylim=(0.0, factor * top or 1.0))
+
+        middles = [
+            with_unit(number(factor * _middle(values), 2), unit) for values in (before, after)
+        ]
+        name = clean(line["flight"])
+        alt = f"Drift along {name}: median {middles[0]} before, {middles[1]} after."
+        panels.append(Panel(shorten(name, 40), _svg(draw, f"before-after-{i}"), alt))
+    return panels
+
+
+def time_panels(diagnosis: Json) -> list[Panel]:
+    """The gap against the time since the start, with noise floor and onset."""
+    channels = {c["channel"]: c for c in diagnosis["where"]}
+    lines = [line for line in details(diagnosis, "gap_in_time") if len(line["t"]) > 1]
+    lines.sort(key=lambda line: -_share(channels.get(line["channel"], {})))
+    panels = []
+    for i, line in enumerate(lines[:MOST_CHANNELS]):
+        channel = channels.get(line["channel"], {})
+        factor, unit = scale_of(line["unit"])
+        t, gap = _numbers(line["t"]), factor * _numbers(line["gap"])
+        band = [factor * _numbers(line.get(key) or []) for key in ("low", "high")]
+
+        def draw(
+            axes: Axes,
+            t: Any = t,
+            gap: Any = gap,
+            band: Any = band,
+            channel: Json = channel,
+            factor: float = factor,
+            unit: str = unit,
+        ) -> None:
+            if all(len(end) == len(t) for end in band):
+                axes.fill_between(t, *band, color=BEFORE, alpha=0.2, lw=0.0)
+            axes.plot(t, gap, color=BEFORE)
+            _noise_floor(axes, channel, factor)
+            _onset(axes, channel)
+            axes.set(xlabel="time since start [s]", ylabel=f"gap [{with_unit('', unit).strip()}]")
+            axes.set_ylim(bottom=0.0)
+
+        alt = _range_text(f"Gap of {clean(line['channel'])} in time", gap, unit)
+        panels.append(Panel(clean(line["channel"]), _svg(draw, f"time-{i}"), alt))
+    return panels
+
+
+def regime_panels(diagnosis: Json) -> list[tuple[str, list[Panel]]]:
+    """Per channel: the gap against speed, tilt, thrust and whatever else varied."""
+    channels = sorted(diagnosis["where"], key=lambda c: -_share(c))[:MOST_CHANNELS]
+    found = []
+    for i, channel in enumerate(c for c in channels if _share(c) > 0.0):
+        panels = []
+        for j, regime in enumerate(channel.get("regimes") or []):
+            gap = _numbers(regime["gap"])
+            if np.isfinite(gap).sum() >= 2 and len(regime["edges"]) == len(gap) + 1:
+                panels.append(_regime_panel(channel, regime, f"regime-{i}-{j}"))
+        if panels:
+            found.append((clean(channel["channel"]), panels))
+    return found
+
+
+def _regime_panel(channel: Json, regime: Json, salt: str) -> Panel:
+    factor, unit = scale_of(channel["unit"])
+    gap = factor * _numbers(regime["gap"])
+    scale, shown = scale_of(regime["unit"]) if regime["unit"] == "rad" else (1.0, regime["unit"])
+    edges = scale * _numbers(regime["edges"])
+    variable = clean(regime["variable"])
+
+    def draw(axes: Axes) -> None:
+        axes.bar(edges[:-1], gap, np.diff(edges), align="edge", color=BEFORE, alpha=0.35, ec=BEFORE)
+        _noise_floor(axes, channel, factor)
+        axes.set(xlabel=_axis(variable, shown), ylabel=_axis("gap", unit))
+
+    alt = _range_text(f"Gap of {clean(channel['channel'])} by {variable}", gap, unit)
+    return Panel(f"by {variable}", _svg(draw, salt), alt)
+
+
+def _axis(name: str, unit: str) -> str:
+    shown = with_unit("", clean(unit)).strip()
+    return f"{name} [{shown}]" if shown else name
+
+
+def _noise_floor(axes: Axes, channel: Json, factor: float) -> None:
+    if is_number(channel.get("noise_floor")):
+        axes.axhline(factor * channel["noise_floor"], color=SOFT, lw=1.0, ls=(0, (2, 2)))
+
+
+def _onset(axes: Axes, channel: Json) -> None:
+    onset = channel.get("onset_s")
+    if not is_number(onset):
+        return
+    axes.axvline(onset, color=INK, lw=1.0, ls=":")
+    late = onset > np.mean(axes.get_xlim())
+    axes.annotate(
+        f" sets in at {number(onset, 2)} s ",
+        (onset, 1.0),
+        xycoords=("data", "axes fraction"),
+        va="bottom",
+        ha="right" if late else "left",
+        color=INK,
+    )
+
+
+def _range_text(what: str, gap: Float[np.ndarray, " time"], unit: str) -> str:
+    seen = gap[np.isfinite(gap)]
+    if not len(seen):
+        return f"{what}: no data."
+    ends = (with_unit(number(end, 2), unit) for end in (seen[0], seen[-1], seen.max()))
+    return "{}: {} at the left end, {} at the right, {} at most.".format(what, *ends)
+
+
+def _numbers(values: Sequence[Any]) -> Float[np.ndarray, " time"]:
+    """The values as an array; NaN for what is no number."""
+    return np.array([x if is_number(x) else np.nan for x in values], dtype=np.float64)
+
+
+def _thinned(
+    t: Float[np.ndarray, " time"], values: Float[np.ndarray, " time"]
+) -> tuple[Float[np.ndarray, " shown"], Float[np.ndarray, " shown"]]:
+    """At most MOST_POINTS of the points, and a break wherever time jumps."""
+    step = max(1, -(-len(t) // MOST_POINTS))
+    t, values = t[::step], values[::step]
+    if len(t) < 3:
+        return t, values
+    jumps = np.flatnonzero(np.diff(t) > 5.0 * np.nanmedian(np.diff(t))) + 1
+    return np.insert(t, jumps, np.nan), np.insert(values, jumps, np.nan)
+
+
+def _middle(values: Float[np.ndarray, " time"]) -> float:
+    return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
+
+
+def _share(channel: Json) -> float:
+    share = channel.get("share")
+    return share if is_number(share) else 0.0
+
+
+def _svg(draw: Callable[[Axes], None], salt: str) -> Markup:
+    """A panel as SVG for the inside of a page; `salt` keeps its ids apart from other panels'."""
+    style: Any = {**STYLE, "svg.hashsalt": salt}
+    with matplotlib.rc_context(style):
+        figure = Figure(figsize=(3.5, 2.1), layout="constrained")
+        draw(figure.subplots())
+        text = io.StringIO()
+        empty = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        figure.savefig(text, format="svg", metadata=empty)
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'<g id="[^"]*"', "<g", svg)
+    svg = re.sub(r'(<svg)[^>]*?( viewBox="[^"]*")[^>]*', r'\1\2 aria-hidden="true"', svg, count=1)
+    for color, variable in VARIABLES.items():
+        svg = re.sub(rf"{color}(?![0-9a-f])", f"var(--{variable})", svg)
+    return Markup(svg)  # matplotlib escapes every text

@@ -1,0 +1,110 @@
+"""A diagnosis on the terminal: progress while it works, then a short summary."""
+
+from pathlib import Path
+from types import TracebackType
+
+from rich.console import Console, Group
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.rule import Rule
+from rich.table import Table
+from rich.text import Text
+
+from bench.diagnosis_report import tables
+from bench.diagnosis_report.numbers import clean, number, probability
+from bench.diagnosis_report.sentences import Json, Request, chosen_set, remarks, set_label, verdict
+
+STYLES = {"effect": "bold cyan", "none": "bold green", "unexplained": "bold yellow"}
+"""Colour of each verdict."""
+MOST_LINES = 4
+"""Channels and candidates in the summary."""
+
+
+class Display:
+    """A context whose `update` shows what the diagnosis is doing.
+
+    A bar on a terminal; elsewhere one line as each stage begins.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self.console = console
+        self._stage = ""
+        self._bar = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(bar_width=30),
+            TextColumn("{task.percentage:>3.0f} %", markup=False),
+            TimeElapsedColumn(),
+            console=console,
+            transient=True,
+        )
+        self._task = self._bar.add_task("loading flights", total=1.0)
+
+    def __enter__(self) -> "Display":
+        if self.console.is_terminal:
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.console.is_terminal:
+            self._bar.stop()
+
+    def update(self, stage: str, fraction: float) -> None:
+        """The diagnosis is at `stage`, and `fraction` of all its work is done."""
+        stage = clean(stage)
+        self._bar.update(self._task, description=stage, completed=min(1.0, max(0.0, fraction)))
+        if stage != self._stage and not self.console.is_terminal:
+            self.console.print(Text(stage), soft_wrap=True)
+        self._stage = stage
+
+
+def show_summary(diagnosis: Json, request: Request, out: Path, console: Console) -> None:
+    """Prints the verdict, where the gap lies, the best candidates and what to fly next."""
+    style = STYLES[diagnosis["verdict"]]
+    console.print(Rule(Text(f"Diagnosis of {clean(request.flights)}"), align="left", style=style))
+    console.print(Text(verdict(diagnosis, request), style))
+    for line in remarks(diagnosis, request):
+        console.print(Text(line, "yellow"))
+    console.print(Group(_where(diagnosis), _candidates(diagnosis)))
+    if diagnosis.get("next_flight"):
+        console.print(Text.assemble(("Fly next: ", "bold"), clean(diagnosis["next_flight"])))
+    place = Text.assemble("Page: ", (clean(out / "diagnosis.html"), "bold"))
+    console.print(place, soft_wrap=True)
+
+
+def _where(diagnosis: Json) -> Table:
+    shown = tables.where_table(diagnosis)
+    table = _grid("Where the gap lies")
+    for row in shown.rows[:MOST_LINES]:
+        channel, share, gap, interval, floor = row[:5]
+        within = "" if interval == tables.MISSING else f"(95 %: {interval})"
+        table.add_row(
+            channel, Text(share, "bold"), f"{gap} {within}", Text(f"noise {floor}", "dim")
+        )
+    return table
+
+
+def _candidates(diagnosis: Json) -> Table:
+    chosen = chosen_set(diagnosis)
+    candidates = diagnosis.get("candidates") or []
+    candidates = sorted(candidates, key=lambda c: -(c["probability"] or 0.0))
+    table = _grid("Candidates, posterior, evidence" if candidates else "")
+    for candidate in candidates[:MOST_LINES]:
+        style = "bold" if set(candidate["effects"]) == chosen else "dim"
+        table.add_row(
+            Text(set_label(candidate["effects"]), style),
+            Text(probability(candidate["probability"]), style),
+            Text(f"{number(candidate['evidence'], 2)} nats", style),
+        )
+    return table
+
+
+def _grid(title: str) -> Table:
+    table = Table(title=title or None, title_justify="left", title_style="bold", box=None)
+    table.show_header = False
+    for _ in range(4):
+        table.add_column(overflow="fold")
+    return table

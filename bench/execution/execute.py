@@ -1,0 +1,209 @@
+"""Executes planned runs, parents before children, longest chains first, on any executor."""
+
+import datetime
+import functools
+import heapq
+import time
+from collections.abc import Callable, Iterable, Sequence
+
+from bench.execution.executor import AbstractExecutor, Ended
+from bench.execution.progress import Display
+from bench.execution.worker import Done, do_runs
+from bench.plan.expansion import Run
+from bench.store.record import Outcome
+from bench.store.resume import was_interrupted
+from bench.store.store import Store
+
+
+def execute(
+    runs: Sequence[Run],
+    store: Store,
+    executor: AbstractExecutor,
+    display: Display,
+    done: Iterable[str] = (),
+    failed: Iterable[str] = (),
+    *,
+    check: Callable[[Run], str] = lambda run: "",
+    together: int = 1,
+    fail_fast: bool = False,
+) -> dict[str, str]:
+    """Status of each of `runs` that ended, by name; all of them but for `fail_fast`.
+
+    A run that fails, or whose worker dies, is stored as failed with its cause, its children too;
+    the others go on. Whatever ends this function, committed runs stay; what is still under way ends
+    with the executor.
+
+    Args:
+        runs: What to run, parents before their children.
+        store: Where finished runs go and parents' policies come from.
+        executor: Does them.
+        display: Told what happens.
+        done: Names of parents that are in the store already.
+        failed: Names of parents that are there as failed and are not tried again.
+        check: Why a run that ended well may not stand; empty if it may. It is put in quarantine.
+        together: Most runs, alike but for their seed, that a worker does at once.
+        fail_fast: Whether the first failure ends everything.
+    """
+    settings = (check, together, fail_fast)
+    return _Execution(runs, store, executor, display, done, failed, *settings).result()
+
+
+class _Execution:
+    """What is where, while runs are executed."""
+
+    def __init__(
+        self,
+        runs: Sequence[Run],
+        store: Store,
+        executor: AbstractExecutor,
+        display: Display,
+        done: Iterable[str],
+        failed: Iterable[str],
+        check: Callable[[Run], str],
+        together: int,
+        fail_fast: bool,
+    ) -> None:
+        self._schedule = _Schedule(runs, done)
+        self._store = store
+        self._executor = executor
+        self._display = display
+        self._failed = list(failed)
+        self._check = check
+        self._together = together
+        self._fail_fast = fail_fast
+        self._blocked: set[str] = set()
+        self._slots: dict[int, list[Run]] = {slot: [] for slot in range(executor.slots)}
+
+    def result(self) -> dict[str, str]:
+        """Executes; the statuses."""
+        for parent in self._failed:
+            self._fail_children(parent, "failed")
+        self._blocked = {*self._schedule.status}
+        while not self._over():
+            for slot, runs in self._slots.items():
+                if not runs and (given := self._schedule.next(self._together)):
+                    self._start(slot, given)
+            if not any(self._slots.values()):
+                break
+            for event in self._executor.events(timeout=1.0):
+                if isinstance(event, Ended):
+                    self._end(event)
+                else:
+                    self._display.progress(event.slot, *event.content)
+        return {name: s for name, s in self._schedule.status.items() if name not in self._failed}
+
+    def _over(self) -> bool:
+        """Whether the first failure, of those that are new, ends everything."""
+        status = self._schedule.status
+        return self._fail_fast and any(
+            status[name] == "failed" for name in status.keys() - self._blocked
+        )
+
+    def _start(self, slot: int, runs: list[Run]) -> None:
+        self._slots[slot] = runs
+        task = functools.partial(do_runs, runs, self._store.directory)
+        self._executor.start(slot, task)
+        self._display.started(slot, runs)
+
+    def _end(self, event: Ended) -> None:
+        runs, self._slots[event.slot] = self._slots[event.slot], []
+        lost = [Done("", "", event.error)] * len(runs)
+        for run, done in zip(runs, lost if event.error else event.value, strict=True):
+            if not done.error:
+                self._finish(run, done.status, done.cause)
+            elif (status := self._store.status(run.name)) not in ("", "failed"):
+                self._finish(run, status, "")  # it died after it had committed
+            elif status == "failed" and (cause := self._own_failure(run)):
+                self._finish(run, status, cause)  # by itself, before the others died
+            else:
+                self._fail(run, done.error, interrupted=True)
+
+    def _own_failure(self, run: Run) -> str:
+        """Why a run failed by itself since it was started; empty if it did not."""
+        content = self._store.read(run.name)
+        begun = datetime.datetime.fromtimestamp(self._schedule.clock[run.name], datetime.UTC)
+        late = datetime.datetime.fromisoformat(content["committed"]) >= begun
+        return content["cause"] if late and not was_interrupted(content) else ""
+
+    def _fail(self, run: Run, cause: str, interrupted: bool) -> None:
+        """Stores that a run failed for a reason that is not its own."""
+        try:
+            self._store.commit(run, Outcome("failed", cause=cause, interrupted=interrupted))
+        except OSError as error:
+            cause = f"{cause}; and this could not be stored: {error.strerror}"
+        self._finish(run, "failed", cause)
+
+    def _finish(self, run: Run, status: str, cause: str) -> None:
+        """Notes the end of a run; a failed one takes its children along."""
+        reason = self._check(run) if status != "failed" else ""
+        if reason:
+            self._store.quarantine(run.name, reason)
+            status, cause = "failed", reason
+        seconds = time.monotonic() - self._schedule.started.get(run.name, time.monotonic())
+        self._display.finished(run, status, cause, seconds)
+        self._fail_children(run.name, status, reason)
+
+    def _fail_children(self, parent: str, status: str, reason: str = "") -> None:
+        """Notes the end of a run; `reason`: why it failed, where no row will say so."""
+        cause = f"parent {parent} failed" + (f": {reason}" if reason else "")
+        for child in self._schedule.end(parent, status):
+            if child.name not in self._schedule.status:  # not by way of another child
+                self._fail(child, cause, interrupted=True)
+
+
+class _Schedule:
+    """Which run is next; what is waiting for what."""
+
+    def __init__(self, runs: Iterable[Run], done: Iterable[str]) -> None:
+        self.status: dict[str, str] = {}
+        self.started: dict[str, float] = {}
+        self.clock: dict[str, float] = {}
+        """When each was started, as the calendar counts [s]."""
+        self._runs = {run.name: run for run in runs}
+        self._done = set(done)
+        self._children: dict[str, list[str]] = {}
+        for run in self._runs.values():
+            for parent in run.parents.values():
+                self._children.setdefault(parent, []).append(run.name)
+        self._chain: dict[str, float] = {}
+        for run in reversed(self._runs.values()):  # children come after their parents
+            after = [self._chain[child] for child in self._children.get(run.name, ())]
+            self._chain[run.name] = run.cost + max(after, default=0.0)
+        self._ready: list[tuple[float, int, str]] = []
+        self._order = {name: index for index, name in enumerate(self._runs)}
+        for name in self._runs:
+            self._offer(name)
+
+    def _offer(self, name: str) -> None:
+        """Makes a run ready if all its parents are there."""
+        if set(self._runs[name].parents.values()) <= self._done:
+            heapq.heappush(self._ready, (-self._chain[name], self._order[name], name))
+
+    def next(self, most: int = 1) -> list[Run]:
+        """The ready run with the longest chain of work behind it, and others of its kind.
+
+        Those are ready, too, and differ in their seed only; none at all if nothing is ready.
+        """
+        chosen: list[Run] = []
+        kept = []
+        while self._ready and len(chosen) < most:
+            entry = heapq.heappop(self._ready)
+            run = self._runs[entry[-1]]
+            alike = not chosen or run.kind == chosen[0].kind
+            (chosen.append(run) if alike else kept.append(entry))
+        for entry in kept:
+            heapq.heappush(self._ready, entry)
+        for run in chosen:
+            self.started[run.name], self.clock[run.name] = time.monotonic(), time.time()
+        return chosen
+
+    def end(self, name: str, status: str) -> list[Run]:
+        """Notes how a run ended; the children that can never start because it failed."""
+        self.status[name] = status
+        children = self._children.get(name, [])
+        if status == "failed":
+            return [self._runs[child] for child in children if child not in self.status]
+        self._done.add(name)
+        for child in children:
+            self._offer(child)
+        return []

@@ -1,0 +1,122 @@
+"""Who does tasks elsewhere: processes on this machine, or the machines of a Ray cluster.
+
+An executor has numbered slots, each for one task at a time. A task is a function that can be sent
+to another process; it is called with a function that sends messages back. How it ends is an event:
+its value, its error, or that its process was killed, which concerns no other slot. Messages of a
+task come in their order, and all before its end, unless it was killed.
+"""
+
+import abc
+import dataclasses
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+from bench.execution.environment import accelerated
+
+Report = Callable[..., None]
+"""Sends its arguments to whoever started the task."""
+Task = Callable[[Report], Any]
+"""What a slot does."""
+Name = Literal["local", "ray"]
+"""The executors."""
+TASKS_PER_PROCESS = 24
+"""Tasks after which a process is replaced, so that compiled programs do not pile up in memory."""
+PROCESSES = 4
+"""Processes that share an accelerator, so that it works while one of them compiles; a guess."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Message:
+    """What a task reported."""
+
+    slot: int
+    """Where it runs."""
+    content: tuple
+    """The arguments of `report`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Ended:
+    """How a task ended."""
+
+    slot: int
+    """Where it ran; the slot is free again."""
+    value: Any = None
+    """What it returned."""
+    error: str = ""
+    """One line on what it raised or what happened to its process; empty if it returned."""
+
+
+class AbstractExecutor(abc.ABC):
+    """Does tasks in slots; a context that stops them at its end."""
+
+    @property
+    @abc.abstractmethod
+    def slots(self) -> int:
+        """Number of tasks at a time."""
+
+    @abc.abstractmethod
+    def start(self, slot: int, task: Task) -> None:
+        """Starts a task in a free slot and returns at once."""
+
+    @abc.abstractmethod
+    def events(self, timeout: float) -> list[Message | Ended]:
+        """What happened since the last call; waits at most `timeout` seconds for something."""
+
+    @abc.abstractmethod
+    def stop(self) -> None:
+        """Ends all processes, whatever they are doing; once more does nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+
+def make_executor(name: Name, jobs: int | None, most: int, logs: Path) -> AbstractExecutor:
+    """An executor with `jobs` slots, but no more than `most`.
+
+    Args:
+        name: Which one.
+        jobs: Number of slots; None: one per core, of the machine or of the cluster, and few on a
+            machine with an accelerator.
+        most: Tasks that there will be.
+        logs: Folder for what processes of this machine print.
+
+    Raises:
+        UsageError: It cannot be started.
+    """
+    if name == "ray":
+        from bench.execution.cluster import RayExecutor
+
+        return RayExecutor(jobs, most)
+    from bench.execution.pool import LocalExecutor
+
+    return LocalExecutor(max(1, min(jobs or usual_jobs(), most)), logs)
+
+
+def usual_jobs() -> int:
+    """Processes on this machine if nobody says: one per core, few where they share a device."""
+    return min(PROCESSES, cores()) if accelerated() else cores()
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS
+
+
+def one_line(error: BaseException) -> str:
+    """What was raised, e.g. "ValueError: `n` must be at least 1, got 0."."""
+    words = " ".join(str(error).split())
+    return f"{type(error).__name__}: {words}" if words else type(error).__name__

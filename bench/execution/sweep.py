@@ -1,0 +1,222 @@
+"""A sweep from beginning to end: execute what is missing, then tables and documents."""
+
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from bench.execution.environment import seeds_together
+from bench.execution.execute import execute
+from bench.execution.executor import Name, make_executor
+from bench.execution.progress import Display
+from bench.plan.expansion import Plan
+from bench.report.leaderboard import COLUMNS, leaderboard_rows, write_leaderboard
+from bench.report.page import write_report
+from bench.store.resume import Standing, make_standing, reproduces, stale_lines
+from bench.store.store import Store
+from bench.store.tables import Tables
+from bench.text.errors import UsageError
+from bench.text.say import say
+
+WIDE = 150
+"""Width of a terminal that has room for the whole leaderboard [characters]."""
+NARROW = {
+    "method": "method",
+    "settled reward (n)": "settled reward (n)",
+    "position error [m]": "error [m]",
+    "crashes per episode": "crashes",
+    "HF fleet-minutes": "HF fleet min",
+    "HF training crashes": "HF train crashes",
+    "runs": "runs",
+}
+"""Columns that a narrower terminal shows, with the headings there."""
+
+
+def sweep(
+    plan: Plan,
+    tables_dir: Path,
+    documents_dir: Path,
+    jobs: int | None,
+    *,
+    executor: Name = "local",
+    together: int | None = None,
+    fail_fast: bool = False,
+    retry_failed: bool = False,
+    replace: bool = False,
+) -> int:
+    """Exit status: 0, 1 if anything failed or was left out, 130 after Ctrl-C.
+
+    Args:
+        plan: What should be there in the end.
+        tables_dir: Folder of the tables and of `runs/`.
+        documents_dir: Folder of the leaderboard and the report.
+        jobs: Number of worker processes; None: as many as suit the machine.
+        executor: Where they are: `local` or `ray`.
+        together: Most runs, alike but for their seed, that each does in one program; None: as many
+            as suit the device.
+        fail_fast: Whether the first failure ends the sweep.
+        retry_failed: Whether runs that failed in an earlier sweep are tried again.
+        replace: Whether rows of another program or machine are replaced.
+
+    Raises:
+        TableError: The tables that are there cannot be read.
+        UsageError: Rows are of another program, and `replace` was not given.
+    """
+    console, errors = Console(), Console(stderr=True)
+    warn = lambda text: say(errors, f"Warning: {text}")  # noqa: E731
+    store = Store(tables_dir)
+    with store.lock(lambda: say(errors, f"Waiting: another run is working in {tables_dir}.")):
+        store.tidy()
+        sound = store.sound(warn)
+        recorded = recorded_tables(tables_dir)
+        standing = make_standing(plan, sound, recorded, retry_failed, replace)
+        if standing.outdated:
+            if not replace:
+                raise UsageError(_refusal(standing, tables_dir))
+            say(console, f"{len(standing.outdated)} rows of {tables_dir} will be replaced.")
+            for name in {*standing.outdated} & {run.name for run in standing.missing} & {*sound}:
+                store.quarantine(name, "replaced: another program or machine made it")
+                del sound[name]
+        for text in (
+            *stale_lines(standing.done, recorded, sound),
+            *(f"Left out: {x}" for x in plan.broken),
+        ):
+            warn(text)
+        missing = [run for run in plan.runs if run in standing.missing or run in standing.again]
+        again = {run.name: recorded.metrics(run.name) for run in standing.again}
+        logs = store.runs / ".logs"
+        chosen = executor if missing else "local"  # which starts nothing before it is needed
+        with make_executor(chosen, jobs, max(1, len(missing)), logs) as workers:
+            say(console, _announcement(standing, workers.slots))
+            display = Display(missing, console)
+            try:
+                with display:
+                    ready = [run.name for run in standing.done if run.name not in again]
+                    status = execute(
+                        missing,
+                        store,
+                        workers,
+                        display,
+                        ready,
+                        [run.name for run in standing.failed],
+                        check=lambda run: (
+                            reproduces(store.metrics(run.name), again[run.name])
+                            if run.name in again
+                            else ""
+                        ),
+                        together=together or seeds_together(),
+                        fail_fast=fail_fast,
+                    )
+            except KeyboardInterrupt:
+                # By what is there: of runs done at once, some may have ended.
+                kept = len(standing.done) + sum(
+                    store.status(run.name) not in ("", "failed") for run in standing.missing
+                )
+                say(errors, _interruption(kept, len(plan.runs)))
+                return 130
+        sound |= store.sound(warn, [run.name for run in missing])
+        found = store.tables(sound, {run.name for run in plan.runs})
+        arrived = {run for run, end in found.statuses().items() if end != "failed"}
+        gone = {row for row, run in standing.outdated.items() if run in arrived}
+        tables = recorded.merged(found, gone)
+        tables.save(tables_dir)
+    rebuild_report(tables, documents_dir, console)
+    rebuild_leaderboard(tables, documents_dir, console)
+    say(console, f"Tables: {tables_dir}")
+    failed = [*standing.failed, *(run for run in missing if status.get(run.name) == "failed")]
+    if failed:
+        causes = found.runs.set_index("run")["cause"]  # rows that stay may know nothing of it
+        first = next((run for run in failed if causes.get(run.name)), failed[0])
+        said = f"{first.label}: {causes.get(first.name, '')}"
+        say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {said}")
+    if left := len(missing) - len(status):
+        say(errors, f"Stopped at the first failure: {left} runs are still to do.")
+    return 1 if failed or plan.broken else 0
+
+
+def recorded_tables(tables_dir: Path) -> Tables:
+    """The tables in a folder, empty where there are none yet.
+
+    Raises:
+        TableError: They cannot be read.
+    """
+    there = (tables_dir / "runs.parquet").is_file()
+    return Tables.load(tables_dir) if there else Tables.empty()
+
+
+def _refusal(standing: Standing, tables_dir: Path) -> str:
+    named = next(iter(standing.outdated))
+    return (
+        f"{len(standing.outdated)} rows of {tables_dir} are of another program (the first: "
+        f"{named}). Nothing was run. Give --replace to train these runs again and replace their "
+        "rows, or --out FOLDER to keep both."
+    )
+
+
+def rebuild_leaderboard(tables: Tables, directory: Path, console: Console) -> None:
+    """Writes leaderboard.md into a folder and shows the leaderboard on `console`."""
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / "leaderboard.md"
+    write_leaderboard(tables, path)
+    show(tables, console)
+    say(console, f"Leaderboard: {path}")
+
+
+def rebuild_report(tables: Tables, directory: Path, console: Console) -> None:
+    """Writes report.html into a folder."""
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / "report.html"
+    write_report(tables, path)
+    say(console, f"Report: {path}")
+
+
+def show(tables: Tables, console: Console) -> None:
+    """Prints the leaderboard, a table a cell; on a narrow terminal without some columns."""
+    rows = leaderboard_rows(tables)
+    heads = {c.heading: c.heading for c in COLUMNS} if console.width >= WIDE else NARROW
+    columns = [column for column in COLUMNS if column.heading in heads]
+    for cell in dict.fromkeys(row["cell"] for row in rows):
+        table = Table(
+            title=Text(cell.label, "bold"),
+            title_justify="left",
+            box=SIMPLE_HEAD,
+            padding=(0, 1, 0, 0),
+            show_edge=False,
+        )
+        for column in columns:
+            words = [*heads[column.heading].split()]
+            if column.heading == "method":
+                words += [row["entry"].method for row in rows]
+            table.add_column(
+                heads[column.heading],
+                overflow="fold",
+                justify="left" if column.heading in ("method", "runs") else "right",
+                no_wrap=column.heading == "settled reward (n)",
+                min_width=max(map(len, words)) + (column.heading == "method"),
+            )
+        for row in rows:
+            if row["cell"] == cell:
+                style = "bold" if row["best"] else ""
+                table.add_row(*(Text(column.text(row), style) for column in columns))
+        console.print(table)
+
+
+def _announcement(standing: Standing, slots: int) -> str:
+    n_done, n_failed, n_missing = map(len, (standing.done, standing.failed, standing.missing))
+    n_again = len(standing.again)
+    to_do = f"{n_missing}, on {slots} worker{'s' * (slots > 1)}" if n_missing else "nothing"
+    text = f"Runs finished already: {n_done} of {n_done + n_failed + n_missing}. To do: {to_do}."
+    if n_again:
+        text += f" Trained again, because others start from their lost policies: {n_again}."
+    if n_failed:
+        text += f" Failed earlier: {n_failed}; --retry-failed tries them again."
+    return text
+
+
+def _interruption(kept: int, planned: int) -> str:
+    return (
+        f"Interrupted: {kept} of {planned} runs are finished and kept. Give the same command again "
+        "to go on."
+    )

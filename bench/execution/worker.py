@@ -1,0 +1,271 @@
+"""Trains and evaluates runs; this is what a worker process does, on whatever machine.
+
+Every policy is deployed twice with the initial states of its task and team size: in the high-
+fidelity simulator (the row of the leaderboard), with the effects that the run's row asks for, and
+in the nominal point mass, which tells how much of a return was lost between the two. A child's
+ledger holds its own costs only: those of its parents are theirs, and a run that deploys its
+parent's policy has none. Flights that stand elsewhere are those of the Hybrid that `recalibrated`
+goes on from, or that a row deploys; the LF baseline, the parent of all others, flies none.
+"""
+
+import contextlib
+import dataclasses
+import platform
+import time
+import traceback
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, cast
+
+import jax
+import numpy as np
+import pandas as pd
+
+from bench.execution.executor import Report, one_line
+from bench.plan.expansion import NOMINAL, REALITY, Run
+from bench.plan.realities import parse_reality
+from bench.plan.settings import build
+from bench.store.record import Outcome
+from bench.store.store import Store
+from bench.store.tables import SCHEMAS, STATUSES, UNITS, table
+from methods.calibration.reference_paths import Followers
+from methods.contract import Ledger, Progress, Setup, Trained
+from methods.policy import PolicyController, make_policy
+from methods.training.checkpoint import kept_by
+from methods.training.evaluate import Evaluation, evaluate, standing_rewards, takeoff_steps
+from methods.training.together import Team
+from simulators import registry
+from simulators.contract import AbstractSimulator
+from simulators.effects.chain import canonical
+from tasks.contract import AbstractTask
+
+REPORT_EVERY = 0.2
+"""Shortest time between two progress reports of a worker [s]."""
+SMOOTHING = 10
+"""Last epochs over which training returns are averaged if a method does not say its own."""
+SAMPLE_EVERY = 5
+"""Control steps between two stored positions: 10 Hz."""
+
+
+def do_run(run: Run, directory: Path, report: Report) -> tuple[str, str]:
+    """Status and cause of a run, once it is in the store; one that is there is not done again.
+
+    Raises:
+        OSError: It cannot be stored, e.g. because the disk is full.
+        RuntimeError: It was planned for another kind of device.
+        ClaimedError: Another process is at it and does not end.
+    """
+    store, numerics = Store(directory), cast("dict[str, str]", run.resolved["numerics"])
+    planned = numerics["backend"]
+    if planned != (found := jax.default_backend()):
+        raise RuntimeError(
+            f"The run was planned where JAX uses {planned}, but it uses {found} on "
+            f"{platform.node()}: results of the two must not stand for each other. Give the "
+            f"command on a machine that has the same."
+        )
+    if not (store.runs / ".lock").exists():
+        raise FileNotFoundError(
+            f"{store.runs} is not on {platform.node()}: every machine must see the folder of the "
+            "results, under the same path."
+        )
+    with store.claim(run.name):
+        if (status := store.status(run.name)) not in ("", "failed"):
+            return status, ""
+        outcome = attempt(run, store, _progress(report))
+        store.commit(run, outcome)
+    return outcome.status, outcome.cause
+
+
+@dataclasses.dataclass(frozen=True)
+class Done:
+    """How a run of several ended."""
+
+    status: str
+    """In the store; empty if it is not there."""
+    cause: str
+    """Why it failed."""
+    error: str = ""
+    """One line on what kept it from being stored."""
+
+
+def do_runs(runs: Sequence[Run], directory: Path, report: Report) -> list[Done]:
+    """How each ended; several train at once, each in a thread, in one program (`Team`).
+
+    Reports are those of the first that has not ended.
+    """
+    team, going = Team(len(runs)), set(range(len(runs)))
+
+    def one(place: int) -> Done:
+        def told(*content: Any) -> None:
+            if place == min(going):
+                report(*content)
+
+        try:
+            with team.member() if len(runs) > 1 else contextlib.nullcontext():
+                return Done(*do_run(runs[place], directory, told))
+        except Exception as error:
+            return Done("", "", one_line(error))
+        finally:
+            going.discard(place)
+
+    with ThreadPoolExecutor(len(runs)) as pool:
+        return list(pool.map(one, range(len(runs))))
+
+
+def attempt(run: Run, store: Store, progress: Progress) -> Outcome:
+    """The outcome of a run; whatever it raises becomes a failure with its cause."""
+    try:
+        return train_and_evaluate(run, store, progress)
+    except (Exception, SystemExit) as error:
+        return Outcome("failed", cause=one_line(error), details=traceback.format_exc())
+
+
+def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
+    """Trains a run's method and deploys the policy.
+
+    Raises:
+        UnreadableRunError: A parent's policy cannot be loaded.
+        TypeError: The method did not return what it must.
+    """
+    task = build(
+        registry.load("task", run.task), run.task_overrides, run.task, n_drones=run.team_size
+    )
+    nominal = registry.load("simulator", NOMINAL)()
+    reality = parse_reality(run.reality)
+    parents = _parents(run, store, task, nominal)
+    setup = Setup(task, nominal, reality, parents, progress)
+    with kept_by(store.checkpoints(run)):
+        trained = _deployed(parents[run.method]) if run.deploys else _trained(run, setup)
+    if not isinstance(trained, Trained):
+        raise TypeError(f"`train` of '{run.method}' must return a Trained, got {trained!r:.80}.")
+    if trained.status not in STATUSES or trained.status == "failed":
+        raise ValueError(f"'{run.method}' returned the status '{trained.status}'; raise to fail.")
+    progress("evaluation", 0, 2, float("nan"))
+    controller = PolicyController(task, trained.policy)
+    if run.tracked:
+        controller = Followers(task, nominal, controller)
+    deployed = evaluate(task, reality, controller, run.seed)
+    progress("evaluation", 1, 2, deployed.reward)
+    in_nominal = evaluate(task, nominal, controller, run.seed)
+    standing = standing_rewards(task, run.seed)
+    return Outcome(
+        status=trained.status,
+        trained=trained,
+        trained_effects=_trained_in(run, store, trained, reality),
+        metrics=metrics(trained, deployed, in_nominal)
+        | {
+            "spawn_reward": float(standing.sum(axis=1).mean()),
+            "spawn_settled_reward": float(standing[:, takeoff_steps(task) :].sum(axis=1).mean()),
+        },
+        curves=_curves(run, trained),
+        trajectory=_trajectory(run, deployed),
+    )
+
+
+def _parents(
+    run: Run, store: Store, task: AbstractTask, nominal: AbstractSimulator
+) -> dict[str, Trained]:
+    """What the parents of a run trained, by method."""
+    method, found = registry.load("method", run.method), {}
+    for name, parent in run.parents.items():
+        cell = None if run.deploys else method.parent_cells.get(name)
+        flown = (
+            build(registry.load("task", cell[0]), {}, cell[0], n_drones=cell[1]) if cell else task
+        )
+        template = make_policy(flown, nominal.spec, nominal.action_space, jax.random.key(0))
+        refitted = not run.deploys and name in method.resumes_from
+        found[name] = store.trained(parent, template, refitted)
+    return found
+
+
+def _deployed(parent: Trained) -> Trained:
+    """What a parent trained, of which a run that only deploys bears no cost."""
+    return dataclasses.replace(parent, ledger=Ledger(), curves={})
+
+
+def _trained_in(run: Run, store: Store, trained: Trained, reality: AbstractSimulator) -> str:
+    """Effects of the simulator in which the policy was trained."""
+    if run.deploys:
+        return store.read(run.parents[run.method]).get("trained_effects", "")
+    at_home = registry.load("method", run.method).simulator == REALITY
+    return canonical(reality.effects if at_home else trained.effects)
+
+
+def _trained(run: Run, setup: Setup) -> Trained:
+    given = {"residual": run.residual} if run.residual else {}
+    method = build(registry.load("method", run.method), run.overrides, run.method, **given)
+    return method.train(setup, jax.random.fold_in(jax.random.key(run.seed), 0))
+
+
+def metrics(trained: Trained, deployed: Evaluation, in_nominal: Evaluation) -> dict[str, float]:
+    """Metric -> value, for every metric of `bench.store.tables.UNITS` and each note of the method.
+
+    Raises:
+        ValueError: A note has the name of a metric.
+    """
+    ledger, notes = trained.ledger, dict(trained.notes)
+    training_reward = notes.pop("training_reward", None)
+    if training_reward is None:
+        history = np.asarray(trained.curves.get("smooth_reward", [np.nan]), float)
+        width = min(SMOOTHING, len(history))
+        training_reward = history[-width:].mean()
+    if taken := sorted(set(notes) & set(UNITS)):
+        raise ValueError(f"The notes of a method cannot be called {', '.join(taken)}.")
+    return {
+        "settled_reward": deployed.settled_reward,
+        "reward": deployed.reward,
+        "takeoff_reward": deployed.takeoff_reward,
+        "settling_time": deployed.settling_time,
+        "crashes": deployed.crashes,
+        "crash_step_rate": deployed.crash_step_rate,
+        "position_error": deployed.position_error,
+        "fleet_minutes": ledger.hf_fleet_seconds / 60.0,
+        "calibration_crashes": ledger.calibration_crashes,
+        "training_crashes": ledger.training_crashes,
+        "training_crash_step_rate": ledger.training_crash_step_rate,
+        "lf_collisions": ledger.lf_collisions,
+        "epochs": ledger.epochs,
+        "skipped_updates": ledger.skipped_updates,
+        "train_seconds": ledger.train_seconds,
+        "training_reward": training_reward,
+        "lf_reward": in_nominal.reward,
+        "lf_settled_reward": in_nominal.settled_reward,
+        "lf_position_error": in_nominal.position_error,
+        **notes,
+    }
+
+
+def _curves(run: Run, trained: Trained) -> pd.DataFrame:
+    """Rows of the table `curves`; what a method does not record is empty."""
+    frame = pd.DataFrame({name: np.asarray(v) for name, v in trained.curves.items()})
+    frame = frame.assign(run=run.name, epoch=np.arange(len(frame)))
+    return table("curves", frame.reindex(columns=list(SCHEMAS["curves"].columns)))
+
+
+def _trajectory(run: Run, deployed: Evaluation) -> pd.DataFrame:
+    """Rows of the table `trajectories`: the first episode at 10 Hz, from the first sample on."""
+    t = np.asarray(deployed.trajectory["t"])[::SAMPLE_EVERY]
+    pos = np.asarray(deployed.trajectory["pos"])[::SAMPLE_EVERY]
+    n_times, n_drones, _ = pos.shape
+    columns = {
+        "run": run.name,
+        "drone": np.tile(np.arange(n_drones), n_times),
+        "t": np.repeat(t, n_drones),
+    }
+    columns |= {f"pos_{axis}": pos[..., i].reshape(-1) for i, axis in enumerate("xyz")}
+    return table("trajectories", pd.DataFrame(columns))
+
+
+def _progress(report: Report) -> Progress:
+    """A `Progress` that reports not too often."""
+    last, stage_before = 0.0, ""
+
+    def progress(stage: str, epoch: int, epochs: int, reward: float) -> None:
+        nonlocal last, stage_before
+        now = time.monotonic()
+        if now - last >= REPORT_EVERY or stage != stage_before:
+            last, stage_before = now, stage
+            report(stage, int(epoch), int(epochs), float(reward))
+
+    return progress

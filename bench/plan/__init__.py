@@ -1,0 +1,1 @@
+"""What should be run: suites, settings, keys, and where a result comes from."""

@@ -1,0 +1,382 @@
+"""Expands a suite into runs: what each one is, what it needs, and the key it is stored under.
+
+A run's key is a hash of everything that determines its result: resolved settings of its method,
+task, residual and simulators (defaults included), their declared versions, the keys of its
+parents, and the numerics. Equal keys mean that a stored result can be used again.
+
+A parent, such as the LF baseline that a hot start begins from, is the run with the same task, task
+settings, team size and seed, and that method's default settings; a method may fix another task and
+team size (`AbstractMethod.parent_cells`). It is planned even if the suite does not ask for it.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import rfc8785
+
+from bench.plan import settings
+from bench.plan.provenance import digest
+from bench.plan.realities import parse_reality, written
+from bench.plan.sources import own_source, shared_sources
+from bench.plan.suite import Row, Suite
+from bench.text.errors import UsageError
+from bench.text.pages import file_name
+from methods.calibration.reference_paths import Followers
+from methods.contract import AbstractMethod
+from methods.training.evaluate import Evaluation
+from simulators import registry
+from simulators.contract import AbstractSimulator
+from simulators.tracking import PDTracker
+
+PROTOCOL = "2"
+"""Version of what all runs share and no plug-in's version tells: trainer, rollout, contacts,
+evaluation (`reports/protocol.md`). It is part of every key."""
+NOMINAL = "point_mass"
+"""Name of the low-fidelity simulator."""
+REALITY = "crazyflow"
+"""Name of the high-fidelity simulator, in which every policy is evaluated."""
+PACKAGES = ("fidelity-bench", "jax", "equinox", "optax", "crazyflow", "mujoco")
+"""Installed packages whose versions are recorded with a run; they are not part of its key."""
+
+
+class PlanError(UsageError):
+    """A suite that cannot be planned; the message is one line."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """One policy to train and evaluate."""
+
+    method: str
+    """Registered name."""
+    residual: str
+    """Registered name, empty for methods that take none."""
+    variant: str
+    """What differs from default settings, as canonical text; empty for nothing."""
+    task: str
+    """Registered name."""
+    team_size: int
+    """Number of drones."""
+    seed: int
+    """Seed of training and of the evaluation's initial states."""
+    overrides: Mapping[str, settings.Setting]
+    """Fields of the method that are not as by default."""
+    task_overrides: Mapping[str, settings.Setting]
+    """Fields of the task that are not as by default."""
+    parents: Mapping[str, str]
+    """Folder of each parent's run, by method."""
+    resolved: Mapping[str, settings.Setting]
+    """Everything that determines the result, as JSON; the key is its hash."""
+    sources: Mapping[str, str]
+    """Hash of the source of each plug-in, and of what it imports, to notice changes that no version
+    tells."""
+    cost: float
+    """Rough training time, in units of an LF run per drone; orders the work."""
+    reality: str = REALITY
+    """Where it is deployed, as text; if it trains, it trains for that."""
+    deploys: bool = False
+    """Whether it trains nothing and deploys the policy of its one parent, a run of its method."""
+    tracked: bool = False
+    """Whether a PD controller flies that policy's paths."""
+
+    @functools.cached_property
+    def key(self) -> str:
+        """Hash of `resolved`."""
+        return hashlib.sha256(rfc8785.dumps(dict(self.resolved))).hexdigest()[:16]
+
+    @functools.cached_property
+    def program(self) -> str:
+        """Hash of all code that its plug-ins run."""
+        return digest(self.sources)
+
+    @property
+    def identity(self) -> tuple[str, str, str, str, int, int]:
+        """What it is, whatever program trains it: the table's `IDENTITY` columns."""
+        return (*self.kind, self.seed)
+
+    @property
+    def kind(self) -> tuple[str, str, str, str, int]:
+        """What runs that differ only in their seed have in common."""
+        return self.method, self.residual, self.variant, self.task, self.team_size
+
+    @property
+    def label(self) -> str:
+        """Short text for people, e.g. "hybrid-mlp circle n3 s0"."""
+        method = f"{self.method}-{self.residual}" if self.residual else self.method
+        label = f"{method} {self.task} n{self.team_size} s{self.seed}"
+        return f"{label} ({self.variant})" if self.variant else label
+
+    @functools.cached_property
+    def name(self) -> str:
+        """Name of its folder."""
+        method = f"{self.method}-{self.residual}" if self.residual else self.method
+        return (
+            file_name(f"{method}-{self.task}-n{self.team_size}-s{self.seed}") + f"-{self.key[:10]}"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a suite comes to."""
+
+    runs: list[Run]
+    """Every run once, parents before their children."""
+    broken: list[str]
+    """What was left out because a plug-in cannot be imported, one line each."""
+
+
+def expand(suite: Suite) -> Plan:
+    """All runs of a suite, with the parents that they need.
+
+    Raises:
+        PlanError: A row fits no method, or methods need each other.
+        SettingsError: A method or task does not have or accept a setting.
+        UnknownPluginError: A method needs a parent that is not registered.
+    """
+    runs: dict[str, Run] = {}
+    recipes: dict[tuple, _Recipe] = {}
+    broken: dict[str, None] = {}
+    for row in suite.methods:
+        n_seeds = min(suite.seeds, row.seeds or suite.seeds)
+        for task in suite.tasks if row.tasks is None else row.tasks:
+            for team_size in suite.team_sizes if row.team_sizes is None else row.team_sizes:
+                if task not in suite.tasks or team_size not in suite.team_sizes:
+                    continue  # a restricted row keeps within what the command line chose
+                try:
+                    recipe = _recipe(recipes, row, task, team_size, ())
+                except registry.BrokenPluginError as error:
+                    broken[str(error)] = None
+                    continue
+                for seed in range(suite.first_seed, suite.first_seed + n_seeds):
+                    _add(runs, recipe, seed)
+    if not runs:
+        reason = next(iter(broken), "its rows are restricted to other tasks or team sizes.")
+        raise PlanError(f"Suite '{suite.name}' has nothing to run: {reason}")
+    return Plan(list(runs.values()), list(broken))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Recipe:
+    """The runs of a row in one cell, whatever their seed: what is slow is done once for all."""
+
+    resolved: Mapping[str, settings.Setting]
+    """What determines a result, but for the seed and the parents."""
+    given: Mapping[str, Any]
+    """The other fields of its runs."""
+    parents: "Mapping[str, _Recipe]"
+    """Recipe of each parent, by method."""
+    made: dict[int, Run] = dataclasses.field(default_factory=dict)
+    """Runs by seed, each made once."""
+
+    def run(self, seed: int) -> Run:
+        """The run with that seed."""
+        if seed not in self.made:
+            parents = {name: recipe.run(seed) for name, recipe in self.parents.items()}
+            keys = {name: parent.key for name, parent in parents.items()}
+            self.made[seed] = Run(
+                seed=seed,
+                parents={name: parent.name for name, parent in parents.items()},
+                resolved={**self.resolved, "seed": seed, "parents": keys},
+                **self.given,
+            )
+        return self.made[seed]
+
+
+def _add(runs: dict[str, Run], recipe: _Recipe, seed: int) -> None:
+    """Puts the parents of a run and then the run itself into `runs`."""
+    for parent in recipe.parents.values():
+        _add(runs, parent, seed)
+    run = recipe.run(seed)
+    runs.setdefault(run.name, run)
+
+
+def _recipe(
+    recipes: dict[tuple, _Recipe], row: Row, task: str, team_size: int, children: tuple[str, ...]
+) -> _Recipe:
+    """The recipe of a row in one cell; the same one for rows that say the same."""
+    if row.method in children:
+        circle = " -> ".join((*children[children.index(row.method) :], row.method))
+        raise PlanError(f"These methods need each other as parents: {circle}.")
+    texts = (json.dumps(s, sort_keys=True, default=repr) for s in (row.settings, row.task_settings))
+    index = (row.method, row.residual, *texts, row.world, row.deploys, row.tracked, task, team_size)
+    if index not in recipes:
+        method_class = _method(row.method)
+        if row.deploys:
+            trained = dataclasses.replace(row, deployed_in="", tracked=False)
+            parents = {row.method: _recipe(recipes, trained, task, team_size, children)}
+        else:
+            descent = (*children, row.method)
+            parents = {
+                name: _recipe(recipes, *_parent(method_class, name, row, task, team_size), descent)
+                for name in method_class.parents
+            }
+        recipes[index] = _make_recipe(row, method_class, task, team_size, parents)
+    return recipes[index]
+
+
+def _parent(
+    method_class: type[AbstractMethod], name: str, row: Row, task: str, team_size: int
+) -> tuple[Row, str, int]:
+    """The row and the cell of a parent: the child's own, unless its class fixes another."""
+    if name in method_class.parent_cells:
+        return Row(name), *method_class.parent_cells[name]
+    return Row(name, task_settings=row.task_settings), task, team_size
+
+
+def _method(name: str) -> type[AbstractMethod]:
+    """The class of a method, of which nothing but the plug-in itself says that it is one."""
+    found = registry.load("method", name)
+    if isinstance(found, type) and issubclass(found, AbstractMethod) and hasattr(found, "parents"):
+        return found
+    raise PlanError(
+        f"Method '{name}' is no class that implements AbstractMethod; "
+        f"`bench check method:{name}` says what is wrong."
+    )
+
+
+def _make_recipe(
+    row: Row, method_class: type, task: str, team_size: int, parents: Mapping[str, _Recipe]
+) -> _Recipe:
+    residual = _residual(row, method_class)
+    given = {"residual": residual} if residual else {}
+    where = f"Method '{row.method}'"
+    method = _describe(method_class, row.settings, where, **given)
+    default_method = _describe(method_class, {}, where, **given)
+    task_class, where = registry.load("task", task), f"Task '{task}'"
+    team = {"n_drones": team_size}
+    flown = _describe(task_class, row.task_settings, where, **team)
+    default_task = _describe(task_class, {}, where, **team)
+    plugins = {"method": row.method, "task": task} | ({"residual": residual} if residual else {})
+    found = {f"{kind} {name}": registry.load(kind, name) for kind, name in plugins.items()}
+    found |= {f"simulator {name}": registry.load("simulator", name) for name in (NOMINAL, REALITY)}
+    reality = _reality(row)
+    if row.deploys and not row.tracked and not reality.effects:
+        raise PlanError(
+            f"Method '{row.method}': `deployed_in` names no effect; the row is the same without."
+        )
+    found |= {f"effect {type(effect).__name__}": type(effect) for effect in reality.effects}
+    resolved = {
+        "protocol": PROTOCOL,
+        "method": row.method,
+        "residual": residual,
+        "settings": method,
+        "task": task,
+        "task_settings": flown,
+        "versions": {plugin: _version(plugin, cls) for plugin, cls in found.items()},
+        "defaults": {
+            plugin: _defaults(plugin, cls)
+            for plugin, cls in found.items()
+            if plugin.split()[0] in ("residual", "simulator")
+        },
+        "numerics": _numerics(),
+    }
+    elsewhere = {"deployed_in" if row.deploys else "reality": written(reality)}
+    flying = (elsewhere if reality.effects else {}) | ({"tracked": True} if row.tracked else {})
+    resolved |= flying | ({"deploys": True} if row.deploys else {})
+    if row.tracked:  # the key is of the controller's settings, the variant says only that it flies
+        resolved["tracked"] = settings.describe_fields(PDTracker(), "The PD controller")
+    given = {
+        "method": row.method,
+        "residual": residual,
+        "variant": settings.variant((method, default_method), (flown, default_task), (flying, {})),
+        "task": task,
+        "team_size": team_size,
+        "overrides": row.settings,
+        "task_overrides": row.task_settings,
+        "sources": _sources(
+            found | {"evaluation": Evaluation} | ({"controller": Followers} if row.tracked else {})
+        ),
+        "cost": 0.5 if row.deploys else _cost(method_class, team_size),
+        "reality": row.world or REALITY,
+        "deploys": row.deploys,
+        "tracked": row.tracked,
+    }
+    return _Recipe(resolved, given, parents)
+
+
+def _reality(row: Row) -> AbstractSimulator:
+    """Where a row is deployed.
+
+    Raises:
+        PlanError: It is not the high-fidelity simulator.
+        UsageError: It is not understood.
+    """
+    where = f"Method '{row.method}', `{'deployed_in' if row.deploys else 'reality'}`"
+    reality = parse_reality(row.world or REALITY, where)
+    if reality.name != REALITY:
+        raise PlanError(f"{where}: policies are deployed in {REALITY}, got '{reality.name}'.")
+    return reality
+
+
+def _describe(
+    cls: type, overrides: Mapping[str, settings.Setting], where: str, **given: settings.Setting
+) -> dict[str, settings.Setting]:
+    """All fields of a plug-in as JSON, with some overridden."""
+    return settings.describe_fields(settings.build(cls, overrides, where, **given), where)
+
+
+def _residual(row: Row, method_class: type) -> str:
+    """Name of the residual that a row trains with, empty if its method takes none."""
+    field = {f.name: f for f in dataclasses.fields(method_class)}.get("residual")
+    if field is None:
+        if row.residual:
+            raise PlanError(f"Method '{row.method}' takes no residual, got '{row.residual}'.")
+        return ""
+    if "residual" in row.settings:
+        raise PlanError(
+            f"Method '{row.method}': give `residual` beside `method`, not among the settings."
+        )
+    if not row.residual and not isinstance(field.default, str | None):
+        raise PlanError(
+            f"Method '{row.method}' needs a `residual`: {', '.join(registry.names('residual'))}."
+        )
+    return row.residual or str(field.default or "")
+
+
+def _version(plugin: str, cls: type) -> str:
+    """The version that a plug-in declares."""
+    if not isinstance(version := getattr(cls, "version", None), str):
+        raise PlanError(f"Plug-in '{plugin}' must have a class attribute `version`, a text.")
+    return version
+
+
+@functools.cache
+def _defaults(plugin: str, cls: type) -> dict[str, settings.Setting]:
+    """All fields of a plug-in as JSON."""
+    return _describe(cls, {}, f"Plug-in '{plugin}'")
+
+
+def _numerics() -> dict[str, settings.Setting]:
+    """What of JAX's configuration changes numbers."""
+    return {"x64": bool(jax.config.read("jax_enable_x64")), "backend": jax.default_backend()}
+
+
+def _sources(found: Mapping[str, type]) -> dict[str, str]:
+    """Hashes of the code that plug-ins run: theirs by plug-in, what they import by module."""
+    own = {plugin: own_source(cls) for plugin, cls in found.items()}
+    shared = shared_sources(found.values())
+    return own | {f"module {name}": source for name, source in shared.items()}
+
+
+def packages() -> dict[str, str]:
+    """Versions of the installed packages that matter to a result."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue  # run from a folder that is not installed
+    return found
+
+
+def _cost(method_class: type, team_size: int) -> float:
+    """A guess from measured runs: HF training costs most, then what trains on top of a parent."""
+    if method_class.simulator == REALITY and not method_class.parents:
+        return 6.0 * (2 + team_size)
+    return (3.0 if method_class.parents else 1.0) * (2 + team_size)

@@ -1,0 +1,71 @@
+"""Where a result comes from: commit, program, machine, device; written down with every run."""
+
+import functools
+import hashlib
+import json
+import platform
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TypedDict
+
+import jax
+
+HOUSE = Path(__file__).parents[2]
+"""Where the program lies."""
+CODE = ("bench", "blind", "methods", "tasks", "simulators", "diagnosis")
+"""Its folders, changes in which make a commit dirty."""
+
+
+class Provenance(TypedDict):
+    """Columns of the table `runs`; a text is empty where nothing is known."""
+
+    commit: str
+    """Commit of the program, from git."""
+    dirty: bool
+    """Whether its code had changes that are in no commit."""
+    machine: str
+    """Processor."""
+    device: str
+    """What JAX computed on."""
+
+
+@functools.cache
+def provenance() -> Provenance:
+    """That of this process."""
+    changes = _git("status", "--porcelain", "--", *CODE)
+    device = jax.devices()[0]
+    return Provenance(
+        commit=_git("rev-parse", "HEAD"),
+        dirty=bool(changes),
+        machine=processor(),
+        device=f"{device.platform} {device.device_kind}",
+    )
+
+
+def digest(sources: Mapping[str, str]) -> str:
+    """One hash of all code that a run's plug-ins run; comments and layout do not change it."""
+    return hashlib.sha256(json.dumps(sorted(sources.items())).encode()).hexdigest()[:16]
+
+
+def _git(*arguments: str) -> str:
+    """What git says; empty where the program is not in a repository, or git is not there."""
+    if not (HOUSE / ".git").exists():
+        return ""
+    try:
+        said = subprocess.run(
+            ["git", "-C", str(HOUSE), *arguments], capture_output=True, text=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return said.stdout.strip()
+
+
+def processor() -> str:
+    """The processor's name, as far as the system tells."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

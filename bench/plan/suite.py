@@ -1,0 +1,321 @@
+"""What a suite asks for: tasks, team sizes, seeds and method rows, read from TOML and checked.
+
+    name = "mine"                      # the file's name where it is missing
+    description = "One line."
+    tasks = ["spread", "circle"]
+    team_sizes = [3, 12]
+    seeds = 3                          # seeds 0, 1 and 2
+    first_seed = 0                     # settings are tuned on seeds from 1000 on
+
+    [[methods]]
+    method = "hybrid"
+    residual = "mlp"                   # for methods that take one
+    settings.trainer.epochs = 200      # fields of the method
+    task_settings.observe_attitude = true
+    reality = "crazyflow+mass(e=0.2)"  # what it is trained for and deployed in
+    tasks = ["circle"]                 # this row only on these
+    team_sizes = [12]
+    seeds = 1
+
+    [[methods]]
+    method = "lf_baseline"
+    deployed_in = "crazyflow+wind(x=1.5)"  # as it is: this row trains nothing
+    tracked = true                     # a PD controller flies the paths of that policy
+
+An unknown key is an error, and so is a row outside the suite's own tasks, team sizes and seeds.
+Plug-in names are checked without importing any plug-in.
+"""
+
+import dataclasses
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from bench.plan.settings import Setting, unknown_key
+from bench.text.errors import UsageError
+from simulators import registry
+
+T = TypeVar("T")
+
+BUILT_IN = Path(__file__).parent / "suites"
+"""Where the built-in suites are."""
+
+
+class SuiteError(UsageError):
+    """A suite that cannot be run as it is written; the message is one line."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One method to compare."""
+
+    method: str
+    """Registered name."""
+    residual: str = ""
+    """Registered name of the residual; empty: the method's default, or none."""
+    settings: Mapping[str, Setting] = dataclasses.field(default_factory=dict)
+    """Fields of the method to override."""
+    task_settings: Mapping[str, Setting] = dataclasses.field(default_factory=dict)
+    """Fields of the task to override."""
+    reality: str = ""
+    """High-fidelity simulator with effects for which it is trained and in which it is deployed;
+    empty: without any. Its parents know the one without."""
+    deployed_in: str = ""
+    """The same for a row that trains nothing: what it would train without this key is deployed."""
+    tracked: bool = False
+    """Whether a PD controller flies what that policy flies in the nominal simulator, instead of the
+    policy; such a row trains nothing either."""
+    tasks: tuple[str, ...] | None = None
+    """Tasks to which the row is restricted; None: all of the suite."""
+    team_sizes: tuple[int, ...] | None = None
+    """Team sizes to which the row is restricted; None: all of the suite."""
+    seeds: int | None = None
+    """Number of seeds to which the row is restricted; None: all of the suite."""
+
+    @property
+    def deploys(self) -> bool:
+        """Whether it trains nothing and deploys what the row would train otherwise."""
+        return bool(self.deployed_in) or self.tracked
+
+    @property
+    def world(self) -> str:
+        """Where it is deployed; empty: in the high-fidelity simulator without effects."""
+        return self.reality or self.deployed_in
+
+
+@dataclasses.dataclass(frozen=True)
+class Suite:
+    """A product of tasks, team sizes, seeds and method rows."""
+
+    name: str
+    """Names the folders of its results."""
+    description: str
+    """One line."""
+    tasks: tuple[str, ...]
+    """Registered names."""
+    team_sizes: tuple[int, ...]
+    """Numbers of drones, each at least 2."""
+    seeds: int
+    """Number of seeds."""
+    methods: tuple[Row, ...]
+    """What is compared."""
+    first_seed: int = 0
+    """Seeds `first_seed` to `first_seed + seeds - 1` are run."""
+
+    def __post_init__(self) -> None:
+        where = f"Suite '{self.name}'"
+        if not re.fullmatch(r"\w[\w.-]*", self.name):
+            raise SuiteError(
+                f"A suite's name must be made of letters, digits, '_', '-' and '.', because it "
+                f"names a folder, got '{self.name}'."
+            )
+        if self.seeds < 1:
+            raise SuiteError(f"`seeds` must be at least 1, got {self.seeds}.")
+        if self.first_seed < 0:
+            raise SuiteError(f"`first_seed` must be at least 0, got {self.first_seed}.")
+        if self.first_seed + self.seeds > 2**32:
+            raise SuiteError(
+                "`first_seed` and `seeds`: a key keeps 32 bits of a seed, so that the largest is "
+                f"{2**32 - 1}, got {self.first_seed + self.seeds - 1}."
+            )
+        for name in ("tasks", "team_sizes", "methods"):
+            if not getattr(self, name):
+                raise SuiteError(f"{where}: `{name}` must not be empty.")
+        _check_names(self.tasks, self.team_sizes)
+        for row in self.methods:
+            _check("method", row.method)
+            if row.residual:
+                _check("residual", row.residual)
+            _check_names(row.tasks or (), row.team_sizes or ())
+            if row.reality and row.deploys:
+                raise SuiteError(
+                    f"{where}: a row has either `reality`, for which it is trained, or "
+                    "`deployed_in` and `tracked`, which train nothing."
+                )
+            if row.seeds is not None and row.seeds < 1:
+                raise SuiteError(f"{where}: `seeds` of a row must be at least 1, got {row.seeds}.")
+
+    def select(
+        self,
+        tasks: Sequence[str] = (),
+        team_sizes: Sequence[int] = (),
+        methods: Sequence[str] = (),
+        residuals: Sequence[str] = (),
+        seeds: int | None = None,
+    ) -> "Suite":
+        """The suite with what the command line chose instead of its own lists.
+
+        A task, team size or method need not be in the suite; such a method gets a row with
+        default settings. `residuals` keeps rows with one of these and fills in rows that name none
+        but could; of methods that take none, it keeps those that `methods` names.
+
+        Raises:
+            SuiteError: Nothing is left, or something chosen is not allowed.
+            UnknownPluginError: A chosen name is not registered.
+        """
+        for residual in residuals:
+            _check("residual", residual)
+        rows = [row for row in self.methods if not methods or row.method in methods]
+        known = {row.method for row in rows}
+        rows += [Row(method) for method in dict.fromkeys(methods) if method not in known]
+        if residuals:
+            rows = [kept for row in rows for kept in _filled(row, residuals, row.method in methods)]
+            rows += [
+                Row(method, residual)
+                for method in dict.fromkeys(r.method for r in self.methods if r.residual)
+                if not methods or method in methods
+                for residual in dict.fromkeys(residuals)
+                if residual not in {row.residual for row in rows if row.method == method}
+            ]
+        if not rows:
+            raise SuiteError(f"Nothing of suite '{self.name}' is left to run by these filters.")
+        return dataclasses.replace(
+            self,
+            tasks=tuple(dict.fromkeys(tasks)) or self.tasks,
+            team_sizes=tuple(dict.fromkeys(team_sizes)) or self.team_sizes,
+            seeds=self.seeds if seeds is None else seeds,
+            methods=tuple(rows),
+        )
+
+
+def _filled(row: Row, residuals: Sequence[str], named: bool) -> list[Row]:
+    """What is left of a row where residuals are chosen; `named`: its method is chosen, too."""
+    if row.residual:
+        return [row] if row.residual in residuals else []
+    try:
+        cls = registry.load("method", row.method)
+    except registry.BrokenPluginError:
+        return [row] if named else []  # planning says why
+    if any(field.name == "residual" for field in dataclasses.fields(cls)):
+        return [dataclasses.replace(row, residual=name) for name in dict.fromkeys(residuals)]
+    return [row] if named else []
+
+
+def built_in() -> list[str]:
+    """Names of the built-in suites, smallest first."""
+    order = ["quick", "paper"]
+    names = {path.stem for path in BUILT_IN.glob("*.toml")}
+    return sorted(names, key=lambda n: (order.index(n) if n in order else len(order), n))
+
+
+def load_suite(name: str) -> Suite:
+    """The suite of that built-in name, or in the TOML file at that path.
+
+    Raises:
+        SuiteError: There is no such suite or it is not written as it must be.
+        UnknownPluginError: It names a task, method or residual that is not registered.
+    """
+    path = BUILT_IN / f"{name}.toml" if name in built_in() else Path(name)
+    if not path.is_file():
+        if path.suffix == ".toml":
+            raise SuiteError(f"There is no suite file '{name}'.")
+        raise SuiteError(
+            registry.unknown("suite", name, built_in()) + " Or give the path of a TOML file."
+        )
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SuiteError(f"{path} cannot be read: {' '.join(str(error).split())}") from error
+    return _parse(content, path)
+
+
+def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
+    where = f"Suite '{path.stem}'"
+    _check_keys(where, content, Suite, required=("tasks", "team_sizes", "seeds", "methods"))
+    rows = []
+    for number, row in enumerate(_typed(where, content, "methods", list), start=1):
+        place = f"{where}, method {number}"
+        if not isinstance(row, dict):
+            raise SuiteError(f"{place} must be a table, got {row!r}.")
+        _check_keys(place, row, Row, required=("method",))
+        rows.append(
+            Row(
+                method=_typed(place, row, "method", str),
+                residual=_typed(place, row, "residual", str, ""),
+                settings=_typed(place, row, "settings", dict, {}),
+                task_settings=_typed(place, row, "task_settings", dict, {}),
+                reality=_typed(place, row, "reality", str, ""),
+                deployed_in=_typed(place, row, "deployed_in", str, ""),
+                tracked=_flag(place, row, "tracked"),
+                tasks=_list(place, row, "tasks", str) if "tasks" in row else None,
+                team_sizes=_list(place, row, "team_sizes", int) if "team_sizes" in row else None,
+                seeds=_typed(place, row, "seeds", int) if "seeds" in row else None,
+            )
+        )
+    suite = Suite(
+        name=_typed(where, content, "name", str, path.stem),
+        description=_typed(where, content, "description", str, ""),
+        tasks=_list(where, content, "tasks", str),
+        team_sizes=_list(where, content, "team_sizes", int),
+        seeds=_typed(where, content, "seeds", int),
+        methods=tuple(rows),
+        first_seed=_typed(where, content, "first_seed", int, 0),
+    )
+    for number, row in enumerate(rows, start=1):
+        _check_within(suite, row, f"{where}, method {number}")
+    return suite
+
+
+def _check_within(suite: Suite, row: Row, where: str) -> None:
+    for key, asked in (("tasks", row.tasks), ("team_sizes", row.team_sizes)):
+        for value in asked or ():
+            if value not in getattr(suite, key):
+                raise SuiteError(
+                    f"{where}: `{key}` names {value!r}, which the suite's own `{key}` lack."
+                )
+    if row.seeds is not None and row.seeds > suite.seeds:
+        raise SuiteError(
+            f"{where}: `seeds` must be at most the suite's {suite.seeds}, got {row.seeds}."
+        )
+
+
+def _check_keys(
+    where: str,
+    table: Mapping[str, Setting],
+    cls: type[Suite] | type[Row],
+    required: tuple[str, ...],
+) -> None:
+    allowed = [field.name for field in dataclasses.fields(cls)]
+    for key in table:
+        if key not in allowed:
+            raise SuiteError(unknown_key(where, key, allowed))
+    for key in required:
+        if key not in table:
+            raise SuiteError(f"{where} lacks the key '{key}'.")
+
+
+def _typed(
+    where: str, table: Mapping[str, Setting], key: str, kind: type[T], default: T | None = None
+) -> T:
+    value = table[key] if default is None else table.get(key, default)
+    if not isinstance(value, kind) or isinstance(value, bool):
+        words = {str: "text", int: "a whole number", dict: "a table", list: "a list"}[kind]
+        raise SuiteError(f"{where}: `{key}` must be {words}, got {value!r}.")
+    return value
+
+
+def _flag(where: str, table: Mapping[str, Setting], key: str) -> bool:
+    value = table.get(key, False)
+    if not isinstance(value, bool):
+        raise SuiteError(f"{where}: `{key}` must be true or false, got {value!r}.")
+    return value
+
+
+def _list(where: str, table: Mapping[str, Setting], key: str, kind: type[T]) -> tuple[T, ...]:
+    values = _typed(where, table, key, list)
+    return tuple(_typed(where, {key: value}, key, kind) for value in values)
+
+
+def _check_names(tasks: Sequence[str], team_sizes: Sequence[int]) -> None:
+    for task in tasks:
+        _check("task", task)
+    for size in team_sizes:
+        if size < 2:
+            raise SuiteError(f"A team size must be at least 2, got {size}.")
+
+
+def _check(kind: str, name: str) -> None:
+    if name not in registry.names(kind):
+        raise registry.UnknownPluginError(registry.unknown(kind, name, registry.names(kind)))

@@ -1,0 +1,1 @@
+"""Boards, figures and pages of a sweep."""

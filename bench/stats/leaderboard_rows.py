@@ -1,0 +1,158 @@
+"""The rows of a leaderboard: an entry (method, residual, variant) in a cell (task, team, world).
+
+Its numbers are means over all seeds that left a policy, diverged ones too; those and the failed
+ones are named beside it. The order is by the settled reward. Each axis beside it has a rank of its
+own, by the same rule. The upper reference stands among the rows and has no rank.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import TypedDict
+
+from bench.stats.endings import Endings, endings, endings_text, lost
+from bench.stats.scores import UPPER, primary
+from bench.stats.statistics import Cell, Entry, estimate, ranks, seed_values
+from bench.stats.target import ToTarget, costs_to_target
+from bench.store.tables import Tables
+
+METRICS = (
+    "reward",
+    "settling_time",
+    "position_error",
+    "crashes",
+    "fleet_minutes",
+    "training_crashes",
+    "lf_collisions",
+    "epochs",
+    "train_seconds",
+)
+"""Metrics shown beside the reward, as means over seeds."""
+
+TARGET_MINUTES, TARGET_SECONDS = "target_minutes", "target_seconds"
+"""Expected cost to reach the target (`bench/stats/target.py`): fleet-minutes, training time [s]."""
+
+AXES = {
+    "crashes": "crashes per episode",
+    "training_crashes": "HF training crashes",
+    "fleet_minutes": "HF fleet-minutes",
+    "train_seconds": "training time",
+    TARGET_MINUTES: "HF fleet-minutes to target",
+    TARGET_SECONDS: "training time to target",
+}
+"""What entries are ranked by beside the reward, lower is better, and what it is called."""
+
+
+class Row(TypedDict):
+    """An entry in a cell; NaN where there is no number."""
+
+    cell: Cell
+    entry: Entry
+    task: str
+    team_size: int
+    method: str
+    """Label, e.g. `hybrid (mlp)`."""
+    rank: int | None
+    """None where no order is claimed."""
+    best: bool
+    """Best of its cell, or tied with the best."""
+    reward_mean: float
+    reward_std: float
+    reward_low: float
+    reward_high: float
+    n: int
+    """Seeds in the means."""
+    metrics: dict[str, float]
+    """Means of `METRICS`, expected costs to reach the target (infinite if no run does)."""
+    axis_ranks: dict[str, int | None]
+    """Rank on each of `AXES`; None where no order is claimed."""
+    reached: tuple[int, int] | None
+    """Runs that reach the target, and all runs; None where there is no target."""
+    lost: int
+    """Runs that failed or diverged."""
+    runs: str
+    """Runs by status, with the seeds of those that are not `ok`."""
+
+
+def leaderboard_rows(tables: Tables) -> list[Row]:
+    """Rows by cell; within one, higher mean reward first, entries without a number last."""
+    rewards = seed_values(tables.results, primary(tables))
+    metrics = {name: seed_values(tables.results, name) for name in METRICS}
+    ended, targets = endings(tables), costs_to_target(tables)
+    rows: list[Row] = []
+    for cell in sorted({*rewards, *ended}):
+        samples, how, goals = rewards.get(cell, {}), ended.get(cell, {}), targets.get(cell, {})
+        own = {name: values.get(cell, {}) for name, values in metrics.items()}
+        rank = ranks(_competing(samples))
+        axes = _axis_ranks(own, goals, how)
+        found = []
+        for entry in {*samples, *how}:
+            means = {name: estimate(v.get(entry, {}).values()).mean for name, v in own.items()}
+            places = {axis: rank_on.get(entry) for axis, rank_on in axes.items()}
+            numbers = (samples.get(entry, {}), rank.get(entry), means, places)
+            found.append(_row(cell, entry, *numbers, goals.get(entry), how.get(entry, {})))
+        rows += sorted(found, key=lambda row: (row["n"] == 0, -_finite(row), row["method"]))
+    return rows
+
+
+def _axis_ranks(
+    metrics: Mapping[str, Mapping[Entry, Mapping[int, float]]],
+    goals: Mapping[Entry, ToTarget],
+    how: Mapping[Entry, Endings],
+) -> dict[str, dict[Entry, int | None]]:
+    """Ranks by axis; on costs to target only of entries of which every run reaches it."""
+    sure = {e: goal for e, goal in goals.items() if len(goal.minutes) == _n_runs(how.get(e, {}))}
+    values = dict(metrics)
+    values[TARGET_MINUTES] = {entry: goal.minutes for entry, goal in sure.items()}
+    values[TARGET_SECONDS] = {entry: goal.seconds for entry, goal in sure.items()}
+    return {
+        axis: ranks(
+            {e: {s: -x for s, x in own.items()} for e, own in _competing(values[axis]).items()}
+        )
+        for axis in AXES
+    }
+
+
+def _competing(values: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Mapping[int, float]]:
+    """Values of the entries that have a rank."""
+    return {entry: own for entry, own in values.items() if entry.method != UPPER}
+
+
+def _row(
+    cell: Cell,
+    entry: Entry,
+    sample: Mapping[int, float],
+    rank: int | None,
+    means: dict[str, float],
+    places: dict[str, int | None],
+    goal: ToTarget | None,
+    ended: Endings,
+) -> Row:
+    reward = estimate(sample.values())
+    costs = (goal.expected_minutes, goal.expected_seconds) if goal else (math.nan, math.nan)
+    return Row(
+        cell=cell,
+        entry=entry,
+        task=cell.task,
+        team_size=cell.team_size,
+        method=entry.label,
+        rank=rank,
+        best=rank == 1,
+        reward_mean=reward.mean,
+        reward_std=reward.std,
+        reward_low=reward.low,
+        reward_high=reward.high,
+        n=reward.n,
+        metrics={**means, TARGET_MINUTES: costs[0], TARGET_SECONDS: costs[1]},
+        axis_ranks=places,
+        reached=(len(goal.minutes), _n_runs(ended)) if goal else None,
+        lost=lost(ended),
+        runs=endings_text(ended, set(sample)),
+    )
+
+
+def _n_runs(ended: Endings) -> int:
+    return sum(len(seeds) for seeds in ended.values())
+
+
+def _finite(row: Row) -> float:
+    return row["reward_mean"] if row["n"] else 0.0

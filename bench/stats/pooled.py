@@ -1,0 +1,244 @@
+"""Who does how well over many cells: scores pooled, world by world, with ties as ties.
+
+One cell has its t-intervals and is no pool. Only entries that flew the same cells can be pooled
+together. In each world the cells and entries are those that make the largest full table, each place
+in it with two seeds or more; what is not in it is named with the reason. How many runs failed or
+diverged in any cell of the world, pooled or not, stands beside; the diverged ones count.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.stats.bootstrap import (
+    Interval,
+    Sample,
+    differences,
+    iqm_interval,
+    probability_of_improvement,
+    profile,
+    tie_groups,
+)
+from bench.stats.endings import endings, lost
+from bench.stats.scores import UPPER, scored
+from bench.stats.statistics import FEWEST, Cell, Entry, Values, matched, seed_values
+from bench.store.tables import Tables
+
+MOST_SETS = 10_000
+"""Sets of cells that are compared; more arise only among many entries with gaps of their own."""
+GRID = 61
+"""Scores at which profiles are drawn."""
+
+
+class PooledRow(NamedTuple):
+    """An entry over the cells of a pool."""
+
+    entry: Entry
+    iqm: Interval
+    """Interquartile mean of its scores."""
+    rank: tuple[int, int]
+    """Best and worst rank that the simultaneous intervals of all differences leave open."""
+    groups: str
+    """Letters of its tie groups; entries that share one cannot be told apart."""
+    shares: list[Interval]
+    """Share of its runs with a score above each of the pool's thresholds."""
+    profile: list[Interval]
+    """The same above each score of the pool's grid."""
+    seeds: tuple[int, int]
+    """Fewest and most seeds in a cell."""
+    n: int
+    """Runs in its numbers."""
+    lost: int
+    """Runs that failed or diverged in any cell of the world."""
+
+
+class Pool(NamedTuple):
+    """Entries that flew the same cells in one world."""
+
+    simulator: str
+    deployed_effects: str
+    cells: list[Cell]
+    rows: list[PooledRow]
+    """Higher IQM first."""
+    thresholds: list[float]
+    """Scores: quartiles of all runs of the pool."""
+    grid: list[float]
+    """Scores from the lowest to the highest, evenly spaced, for a picture."""
+    improvement: list[list[Interval | None]]
+    """Probability that a run of the row's entry beats one of the column's; None on the diagonal."""
+    left_out: list[tuple[Entry, str]]
+    """Other entries of this world, and why they are not pooled."""
+    without: list[tuple[Cell, str]]
+    """Other cells of this world, and why they are not pooled."""
+
+
+def pools(tables: Tables) -> list[Pool]:
+    """A pool for each world in which there is something to pool, the undisturbed one first."""
+    scores = seed_values(scored(tables), "score")
+    rewards = {
+        cell: {entry: values for entry, values in own.items() if entry.method != UPPER}
+        for cell, own in seed_values(tables.results, "reward").items()
+    }
+    gone = {
+        (cell, entry): lost(ended)
+        for cell, own in endings(tables).items()
+        for entry, ended in own.items()
+    }
+    worlds = {(cell.simulator, cell.deployed_effects) for cell in rewards}
+    found = []
+    for world in sorted(worlds, key=lambda w: (w != ("crazyflow", ""), w)):
+        own = {c: v for c, v in scores.items() if (c.simulator, c.deployed_effects) == world}
+        flown = {c: v for c, v in rewards.items() if (c.simulator, c.deployed_effects) == world}
+        cells, entries = _largest(own)
+        if len(entries) >= 2 and len(cells) >= 2:
+            found.append(_pool(world, cells, entries, own, flown, gone))
+    return found
+
+
+def _largest(values: Values) -> tuple[list[Cell], list[Entry]]:
+    """Cells and entries of the largest full table; of equals the one with more cells."""
+    covered: dict[Entry, frozenset[Cell]] = {}
+    for cell, own in values.items():
+        for entry, seeds in own.items():
+            if len(seeds) >= FEWEST:
+                covered[entry] = covered.get(entry, frozenset()) | {cell}
+    sets: set[frozenset[Cell]] = set()
+    for own in sorted(set(covered.values()), key=sorted):
+        sets |= {own} | {own & other for other in sets}  # every intersection of any number
+        sets = set(sorted(sets, key=lambda s: (-len(s), sorted(s)))[:MOST_SETS])
+
+    def size(cells: frozenset[Cell]) -> tuple:
+        n_entries = sum(cells <= own for own in covered.values())
+        return (
+            n_entries >= 2 and len(cells) >= 2,
+            n_entries * len(cells),
+            len(cells),
+            sorted(cells),
+        )
+
+    best = max(sets, key=size, default=frozenset())
+    return sorted(best), sorted(entry for entry, own in covered.items() if best and best <= own)
+
+
+def _pool(
+    world: tuple[str, str],
+    cells: list[Cell],
+    entries: list[Entry],
+    scores: Values,
+    rewards: Values,
+    gone: Mapping[tuple[Cell, Entry], int],
+) -> Pool:
+    samples = _matched(cells, entries, scores)
+    iqms = {entry: iqm_interval(sample) for entry, sample in samples.items()}
+    entries = sorted(entries, key=lambda entry: -iqms[entry].value)
+    apart = differences([samples[entry] for entry in entries])
+    letters = [""] * len(entries)
+    for letter, group in enumerate(tie_groups(apart.above)):
+        for i in group:
+            letters[i] += ("," if letters[i] else "") + _letter(letter)
+    values = [x for entry in entries for own in samples[entry].values() for x in own.values()]
+    thresholds = [float(x) for x in np.quantile(values, [0.25, 0.5, 0.75])]
+    grid = [float(x) for x in np.linspace(min(values), max(values), GRID)]
+    rows = []
+    for entry, rank, groups in zip(entries, apart.ranks, letters, strict=True):
+        seeds = [len(samples[entry][cell]) for cell in cells]
+        missing = sum(gone.get((cell, entry), 0) for cell in rewards)
+        above = profile(samples[entry], [*thresholds, *grid])
+        rows.append(
+            PooledRow(
+                entry=entry,
+                iqm=iqms[entry],
+                rank=rank,
+                groups=groups,
+                shares=above[: len(thresholds)],
+                profile=above[len(thresholds) :],
+                seeds=(min(seeds), max(seeds)),
+                n=sum(seeds),
+                lost=missing,
+            )
+        )
+    return Pool(
+        *world,
+        cells=cells,
+        rows=rows,
+        thresholds=thresholds,
+        grid=grid,
+        improvement=_improvements(
+            [{c: v[e] for c, v in scores.items() if e in v} for e in entries]
+        ),
+        left_out=_left_out(cells, set(entries), scores, rewards),
+        without=_without(cells, entries, scores, rewards),
+    )
+
+
+def _matched(
+    cells: list[Cell], entries: list[Entry], scores: Values
+) -> dict[Entry, dict[Cell, dict[int, float]]]:
+    """What is pooled of each entry: in each cell the seeds that all have, if two or more are."""
+    found: dict[Entry, dict[Cell, dict[int, float]]] = {entry: {} for entry in entries}
+    for cell in cells:
+        own = {entry: scores[cell][entry] for entry in entries}
+        common = set.intersection(*(set(values) for values in own.values()))
+        for entry, values in own.items():
+            kept = {seed: x for seed, x in values.items() if seed in common}
+            found[entry][cell] = kept if len(common) >= FEWEST else dict(values)
+    return found
+
+
+def improvement(a: Sample, b: Sample) -> Interval:
+    """Probability that a run of `a` beats one of `b`.
+
+    Over the cells in which both have two seeds or more, and there over the seeds that both have.
+
+    Raises:
+        ValueError: There is no such cell.
+    """
+    cells = [c for c in a if c in b and min(len(a[c]), len(b[c])) >= FEWEST]
+    pairs = {cell: matched(a[cell], b[cell]) for cell in cells}
+    return probability_of_improvement(
+        {cell: pair[0] for cell, pair in pairs.items()},
+        {cell: pair[1] for cell, pair in pairs.items()},
+    )
+
+
+def _improvements(samples: Sequence[Sample]) -> list[list[Interval | None]]:
+    table: list[list[Interval | None]] = [[None] * len(samples) for _ in samples]
+    for i, j in itertools.combinations(range(len(samples)), 2):
+        found = improvement(samples[i], samples[j])
+        table[i][j] = found
+        table[j][i] = Interval(1.0 - found.value, 1.0 - found.high, 1.0 - found.low)
+    return table
+
+
+def _left_out(
+    cells: list[Cell], pooled: set[Entry], scores: Values, rewards: Values
+) -> list[tuple[Entry, str]]:
+    found = []
+    for entry in sorted({entry for own in rewards.values() for entry in own} - pooled):
+        few = [c for c in cells if len(scores[c].get(entry, {})) < FEWEST]
+        if not any(entry in own for own in scores.values()):
+            reason = "it has no score"
+        else:
+            reason = f"fewer than {FEWEST} seeds in {len(few)} of {len(cells)} cells"
+        found.append((entry, reason))
+    return found
+
+
+def _without(
+    cells: list[Cell], entries: list[Entry], scores: Values, rewards: Values
+) -> list[tuple[Cell, str]]:
+    found = []
+    for cell in sorted(set(rewards) - set(cells)):
+        own = scores.get(cell)
+        few = [e.label for e in entries if own and len(own.get(e, {})) < FEWEST]
+        reason = f"fewer than {FEWEST} seeds of {', '.join(few)}"
+        found.append((cell, reason if own else "no upper reference"))
+    return found
+
+
+def _letter(index: int) -> str:
+    """a, b, ..., z, a2, b2, ..."""
+    turn, place = divmod(index, 26)
+    return chr(ord("a") + place) + (str(turn + 1) if turn else "")

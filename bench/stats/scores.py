@@ -1,0 +1,89 @@
+"""Scores: settled rewards of all cells on one scale, so that they can be pooled.
+
+    score = (settled reward - zero) / (upper - zero)
+
+Zero is a team that stays at its spawn, over the same initial states; every run carries that
+number. Upper is what `upper_reference` reaches in the same cell: hot start with four times the
+epochs. Where a cell has no upper reference there is no score, and whoever pools says so. A score
+above 1 is better than that reference.
+"""
+
+import json
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.stats.statistics import Cell, Entry, cell_of, entry_of, records
+from bench.store.tables import Tables
+
+UPPER = "upper_reference"
+"""The method that defines a score of 1; it competes with nobody."""
+NOT_IN_RETURN = ("n_drones", "n_neighbors", "observe_attitude")
+"""Settings of a task that say what a policy sees, not what it is paid for, and the team size."""
+PRIMARY = "settled_reward"
+"""What is compared first: the return from 2 s on."""
+
+
+def primary(tables: Tables) -> str:
+    """The metric that is compared first; the first protocol's tables have the whole return only."""
+    return PRIMARY if PRIMARY in set(tables.results["metric"]) else "reward"
+
+
+def by_run(tables: Tables, metric: str) -> dict[str, float]:
+    """Values of a metric by run."""
+    rows = tables.results.loc[tables.results["metric"].eq(metric)]
+    return dict(zip(rows["run"], rows["value"], strict=True))
+
+
+def upper_returns(tables: Tables) -> dict[Cell, float]:
+    """Settled reward with score 1, by cell: the mean over seeds of the upper reference."""
+    rows = tables.results
+    rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].eq(UPPER) & rows["variant"].eq("")]
+    found: dict[Cell, list[float]] = {}
+    for row in records(rows):
+        found.setdefault(cell_of(row), []).append(float(row["value"]))
+    return {cell: float(np.mean(values)) for cell, values in found.items()}
+
+
+def scored(tables: Tables) -> pd.DataFrame:
+    """The settled rewards of `results` as scores, without the reference and what has no score."""
+    rows = tables.results
+    rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].ne(UPPER)]
+    zeros, uppers = by_run(tables, "spawn_settled_reward"), upper_returns(tables)
+    upper = np.asarray([uppers.get(cell_of(row), np.nan) for row in records(rows)], float)
+    zero = np.asarray([zeros.get(run, np.nan) for run in rows["run"]], float)
+    score = (np.asarray(rows["value"], float) - zero) / (upper - zero)
+    return rows.assign(metric="score", value=score).loc[np.isfinite(score)]
+
+
+def flown_settings(tables: Tables, cell: Cell, entry: Entry | None = None) -> dict[str, set[str]]:
+    """What decides the returns of a cell beside the policy: name -> values of its runs, as text.
+
+    The versions of the task and of the simulator flown in, and the settings of the task; runs whose
+    records do not say are left out. `entry` None: of all entries.
+    """
+    about = {row["run"]: row for row in records(tables.runs)}
+    flown = tables.results.drop_duplicates(subset=["run", "simulator", "deployed_effects"])
+    found: dict[str, set[str]] = {}
+    for row in records(flown):
+        if cell_of(row) != cell or (entry is not None and entry_of(row) != entry):
+            continue
+        run = about.get(row["run"], {})
+        versions, settings = (_json(run.get(name, "")) for name in ("versions", "settings"))
+        for plugin in (f"task {cell.task}", f"simulator {cell.simulator}"):
+            if plugin in versions:
+                found.setdefault(f"version of {plugin}", set()).add(str(versions[plugin]))
+        for name, value in (settings.get("task") or {}).items():
+            if name not in NOT_IN_RETURN:
+                found.setdefault(f"the task's `{name}`", set()).add(json.dumps(value))
+    return found
+
+
+def _json(text: str) -> dict[str, Any]:
+    """A record as a dictionary; empty if it is none."""
+    try:
+        found = json.loads(text)
+    except (TypeError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,1 @@
+"""What was run: folders of runs, tables of rows, what is still missing."""

@@ -1,0 +1,116 @@
+"""What of a plan is in a store, what is missing and why; reads only."""
+
+import json
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from bench.plan.expansion import Run
+from bench.store.resume import was_interrupted
+from bench.store.store import Store, UnreadableRunError
+from bench.store.tables import IDENTITY, Tables
+
+MOST_CHANGES = 3
+"""Changes that a reason names before it only counts them."""
+LONGEST_VALUE = 24
+"""Characters of a changed value that are shown."""
+
+
+class State(NamedTuple):
+    """A planned run and what the store has of it."""
+
+    run: Run
+    content: Mapping[str, Any] | None
+    """Content of run.json if the run is finished; of a row whose folder is gone, its name."""
+    reason: str
+    """Why it is missing; empty if it is finished."""
+    failed: bool = False
+    """Whether it failed by itself, so that it is tried again only if asked for."""
+
+
+def states(runs: list[Run], store: Store, recorded: Tables) -> list[State]:
+    """The state of each of `runs`; nothing is moved or written, not even what is damaged."""
+    names = store.names()
+    there, by_prefix = set(names), {}
+    for name in names:
+        by_prefix.setdefault(_prefix(name), []).append(name)
+    rows = {run for run, status in recorded.statuses().items() if status != "failed"}
+    older = {identity: run for identity, run in recorded.identities().items() if run in rows}
+    found = []
+    for run in runs:
+        if run.name in rows:
+            found.append(State(run, {"run": run.name}, ""))
+            continue
+        state = _state(run, store, there, by_prefix.get(_prefix(run.name), []))
+        if state.reason == "never run" and run.identity in older:
+            state = State(run, None, "changed: its row is of another program, see `--replace`")
+        found.append(state)
+    return found
+
+
+def _state(run: Run, store: Store, there: set[str], alike: list[str]) -> State:
+    if run.name in there:
+        try:
+            content = store.read(run.name)
+        except UnreadableRunError as error:
+            return State(run, None, f"damaged: {error}")
+        if content["status"] != "failed":
+            return State(run, content, "")
+        # What was interrupted is tried again; what failed by itself only with --retry-failed.
+        interrupted = was_interrupted(content)
+        ended = "interrupted" if interrupted else "failed"
+        return State(run, None, f"{ended}: {content['cause']}", not interrupted)
+    older = [found for name in alike if (found := _same(run, store, name)) is not None]
+    if not older:
+        return State(run, None, "never run")
+    latest = max(older, key=lambda content: content["committed"])
+    return State(run, None, f"changed: {_changes(latest['resolved'], run.resolved)}")
+
+
+def _same(run: Run, store: Store, name: str) -> dict[str, Any] | None:
+    """What is stored under `name` if it is a finished run that says it is the same as `run`."""
+    try:
+        content = store.read(name)
+    except UnreadableRunError:
+        return None
+    same = all(content[column] == getattr(run, column) for column in IDENTITY)
+    return content if same and content["status"] != "failed" else None
+
+
+def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """What differs between two records of everything that determines a result."""
+    before, after = _flat(old), _flat(new)
+    changes = []
+    for path in sorted({*before, *after}):
+        if before.get(path) == after.get(path):
+            continue
+        section, *rest = path
+        if section == "parents":
+            changes.append(f"its parent {rest[0]} is another run")
+            continue
+        owner = {"versions": "version of ", "defaults": f"{rest[0]}'s " if rest else ""}
+        name = owner.get(section, "") + ".".join(rest[1:] if section == "defaults" else rest)
+        changes.append(f"{name or section} {_text(before, path)} -> {_text(after, path)}")
+    more = len(changes) - MOST_CHANGES
+    return "; ".join(changes[:MOST_CHANGES]) + (f"; {more} more" if more > 0 else "")
+
+
+def _flat(tree: Mapping[str, Any], path: tuple[str, ...] = ()) -> dict[tuple[str, ...], Any]:
+    flat = {}
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, (*path, key))
+        else:
+            flat[*path, key] = value
+    return flat
+
+
+def _text(flat: Mapping[tuple[str, ...], Any], path: tuple[str, ...]) -> str:
+    if path not in flat:
+        return "absent"
+    text = json.dumps(flat[path])
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
+
+
+def _prefix(name: str) -> str:
+    """The name of a run's folder without its key."""
+    return name.rpartition("-")[0]

@@ -1,0 +1,169 @@
+"""What the folder of a run holds, as bytes, and back."""
+
+import dataclasses
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+import pandas as pd
+
+from bench.plan.expansion import REALITY, Run, packages
+from bench.plan.provenance import provenance
+from bench.plan.realities import parse_reality
+from bench.plan.settings import describe_fields
+from bench.store.tables import table
+from methods.contract import Trained
+from simulators.effects.chain import canonical
+
+FILES = ("metrics.json", "curves.parquet", "trajectory.parquet", "policy.npz")
+"""What the folder of a trained run holds beside run.json."""
+
+
+class UnreadableRunError(ValueError):
+    """A run's folder that is damaged or is not what its name says."""
+
+
+T = TypeVar("T", bound=eqx.Module)
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What a run left; a failed one has only its status and cause."""
+
+    status: str
+    """`ok`, `failed`, `diverged` or `budget`."""
+    cause: str = ""
+    """One line that says why it failed."""
+    details: str = ""
+    """Traceback of a failure."""
+    interrupted: bool = False
+    """Whether it failed from outside, e.g. its process was killed: it may go well next time."""
+    trained: Trained | None = None
+    """Policy, ledger, residual, notes."""
+    trained_effects: str = ""
+    """Effects of the simulator that it was trained in, a residual not among them."""
+    metrics: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """Metric -> value."""
+    curves: pd.DataFrame | None = None
+    """Rows of the table `curves`."""
+    trajectory: pd.DataFrame | None = None
+    """Rows of the table `trajectories`."""
+
+
+def run_files(outcome: Outcome) -> dict[str, bytes]:
+    """Content of all files of a run but run.json, by name."""
+    files = {}
+    if outcome.trained is not None:
+        files["metrics.json"] = to_json({k: _finite(v) for k, v in outcome.metrics.items()})
+        files["curves.parquet"] = _parquet("curves", outcome.curves)
+        files["trajectory.parquet"] = _parquet("trajectories", outcome.trajectory)
+        files["policy.npz"] = _arrays(outcome.trained.policy)
+        if outcome.trained.residual is not None:
+            files["residual.npz"] = _arrays(outcome.trained.residual)
+    if outcome.details:
+        files["traceback.txt"] = outcome.details.encode("utf-8", "backslashreplace")
+    return files
+
+
+def describe_run(run: Run, outcome: Outcome, files: Mapping[str, bytes]) -> dict:
+    """Content of run.json."""
+    content = {
+        "run": run.name,
+        "key": run.key,
+        "method": run.method,
+        "residual": run.residual,
+        "variant": run.variant,
+        "task": run.task,
+        "team_size": run.team_size,
+        "seed": run.seed,
+        "status": outcome.status,
+        "cause": outcome.cause,
+        "interrupted": outcome.interrupted,
+        "trained_effects": outcome.trained_effects,
+        "deployed_in": REALITY,
+        "deployed_effects": canonical(parse_reality(run.reality).effects),
+        "parents": dict(run.parents),
+        "resolved": run.resolved,
+        "sources": dict(run.sources),
+        "packages": packages(),
+        "provenance": provenance(),
+        "program": run.program,
+        "committed": pd.Timestamp.now(tz="UTC").isoformat(),
+        "files": {name: checksum(content) for name, content in sorted(files.items())},
+    }
+    if outcome.trained is not None:
+        content["ledger"] = describe_fields(outcome.trained.ledger, "ledger")
+        content["notes"] = {k: _finite(v) for k, v in outcome.trained.notes.items()}
+    return content
+
+
+def _parquet(name: str, frame: pd.DataFrame | None) -> bytes:
+    """Rows of a table as a Parquet file; None: no rows."""
+    return (table(name, []) if frame is None else frame).to_parquet(index=False)
+
+
+def _arrays(tree: eqx.Module) -> bytes:
+    """The arrays of a pytree as an npz file, in its order."""
+    leaves = jax.tree.leaves(eqx.filter(tree, eqx.is_array))
+    file = io.BytesIO()
+    arrays = {f"{index:03d}": np.asarray(leaf) for index, leaf in enumerate(leaves)}
+    np.savez(file, allow_pickle=False, **arrays)
+    return file.getvalue()
+
+
+def load_arrays(path: Path, template: T) -> T:
+    """`template` with the arrays of a file.
+
+    Raises:
+        UnreadableRunError: The file is damaged, or holds arrays of other shapes.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            found = [stored[name] for name in sorted(stored.files)]
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise UnreadableRunError(f"{path.name} of {path.parent.name}: {error}") from error
+    return with_arrays(template, found, f"{path.name} of {path.parent.name}")
+
+
+def with_arrays(template: T, found: Sequence[np.ndarray], where: str) -> T:
+    """`template` with the arrays of `found`, in its order.
+
+    Raises:
+        UnreadableRunError: They have other shapes.
+    """
+    arrays, rest = eqx.partition(template, eqx.is_array)
+    leaves, structure = jax.tree.flatten(arrays)
+    if [leaf.shape for leaf in found] != [leaf.shape for leaf in leaves]:
+        raise UnreadableRunError(
+            f"{where} is not of the kind that its run names: it has "
+            f"arrays {[leaf.shape for leaf in found]}, not {[leaf.shape for leaf in leaves]}."
+        )
+    loaded = [jax.numpy.asarray(new, old.dtype) for new, old in zip(found, leaves, strict=True)]
+    return eqx.combine(jax.tree.unflatten(structure, loaded), rest)
+
+
+def _finite(value: float) -> float | None:
+    """`value`, or None, since JSON has no NaN."""
+    return float(value) if np.isfinite(value) else None
+
+
+def number(value: float | None) -> float:
+    """What `_finite` was given, as far as JSON kept it."""
+    return float("nan") if value is None else value
+
+
+def to_json(content: Mapping) -> bytes:
+    """Text of a JSON file."""
+    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
+
+
+def checksum(content: bytes) -> str:
+    """SHA-256 of a file's content."""
+    return hashlib.sha256(content).hexdigest()

@@ -1,0 +1,156 @@
+"""What of a plan is in the store, and what is still to do."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.plan.expansion import Plan, Run
+from bench.plan.provenance import provenance
+from bench.store.tables import Tables
+
+REPRODUCED = 1e-5
+"""Relative difference up to which a number counts as the same: what is left of 32-bit rounding in
+a mean over 64 episodes. The same program on the same processor gives the same bits."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Standing:
+    """The runs of a plan, each in one of three lists, in the plan's order."""
+
+    done: list[Run]
+    """Finished."""
+    failed: list[Run]
+    """Failed by themselves, so that they would fail again; not tried again."""
+    missing: list[Run]
+    """To do: not there, interrupted, or failed and to be tried again."""
+    again: list[Run]
+    """Among the finished ones, parents of missing runs whose folder is gone, or of an attempt at
+    this that failed: they are trained again, and must come out as their row says."""
+    outdated: dict[str, str]
+    """Rows of another program for runs of the plan: name of the row -> name of the run."""
+
+
+def make_standing(
+    plan: Plan,
+    sound: Mapping[str, dict],
+    recorded: Tables,
+    retry_failed: bool = False,
+    replace: bool = False,
+) -> Standing:
+    """How far a plan is. Tables are the record, folders of runs a cache.
+
+    A run that failed from outside (its worker was killed, or its parent failed) is interrupted: it
+    is tried again in any case.
+
+    Args:
+        plan: What should be there.
+        sound: Content of run.json of every sound run, by name.
+        recorded: The tables that are there.
+        retry_failed: Whether failed runs are tried again.
+        replace: Whether runs whose row is of another program or machine are done again.
+    """
+    standing = Standing([], [], [], [], _outdated(plan, recorded))
+    by_name = {run.name: run for run in plan.runs}
+    rows = {run for run, status in recorded.statuses().items() if status != "failed"}
+    if replace:
+        foreign = foreign_rows(plan, recorded) & rows
+        standing.outdated.update({name: name for name in foreign})
+        rows -= foreign
+        sound = {
+            name: content
+            for name, content in sound.items()
+            if name not in foreign or made_by(by_name[name], content)
+        }
+    for run in plan.runs:
+        content = sound.get(run.name)
+        if run.name in rows or (content is not None and content["status"] != "failed"):
+            standing.done.append(run)
+        elif content is None or retry_failed or was_interrupted(content):
+            standing.missing.append(run)
+        else:
+            standing.failed.append(run)
+    wanted = [by_name[name] for run in standing.missing for name in run.parents.values()]
+    while wanted:
+        run = wanted.pop()
+        folder = sound.get(run.name, {"status": "failed"})  # so it may be from an earlier attempt
+        if run in standing.done and folder["status"] == "failed" and run not in standing.again:
+            standing.again.append(run)
+            wanted += [by_name[name] for name in run.parents.values()]
+    return standing
+
+
+def foreign_rows(plan: Plan, recorded: Tables) -> set[str]:
+    """Planned runs whose row another program or machine made, under the same key."""
+    programs = dict(zip(recorded.runs["run"], recorded.runs["program"], strict=True))
+    machines = dict(zip(recorded.runs["run"], recorded.runs["machine"], strict=True))
+    here = provenance()["machine"]
+    return {
+        run.name
+        for run in plan.runs
+        if run.name in programs and (programs[run.name], machines[run.name]) != (run.program, here)
+    }
+
+
+def made_by(run: Run, content: Mapping[str, Any]) -> bool:
+    """Whether the folder of a run was made by this program on this machine."""
+    machine = content.get("provenance", {}).get("machine")
+    return (content.get("program"), machine) == (run.program, provenance()["machine"])
+
+
+def reproduces(found: Mapping[str, float], row: Mapping[str, float]) -> str:
+    """Why a run that was trained again is not the run of its row; empty if it is."""
+    for metric in ("settled_reward", "reward", "training_reward"):
+        new, old = found.get(metric, math.nan), row.get(metric, math.nan)
+        if not math.isclose(new, old, rel_tol=REPRODUCED) and not (new != new and old != old):
+            return (
+                f"trained again, its {metric} is {new:.6g}, its row says {old:.6g}; give --replace "
+                "to train it and what starts from it anew"
+            )
+    return ""
+
+
+def _outdated(plan: Plan, recorded: Tables) -> dict[str, str]:
+    statuses, identities = recorded.statuses(), recorded.identities()
+    found = {}
+    for run in plan.runs:
+        row = identities.get(run.identity)
+        if row is not None and row != run.name and statuses[row] != "failed":
+            found[row] = run.name
+    return found
+
+
+def was_interrupted(content: Mapping[str, Any]) -> bool:
+    """Whether a failed run ended from outside and is tried again; older files do not say."""
+    return content.get("interrupted", True)
+
+
+def stale_lines(done: Sequence[Run], recorded: Tables, sound: Mapping[str, dict]) -> list[str]:
+    """A line for each plug-in or shared module that changed without a version since a run.
+
+    Of runs whose folder is gone, only their number is known.
+    """
+    programs = dict(zip(recorded.runs["run"], recorded.runs["program"], strict=True))
+    changed: dict[str, int] = {}
+    gone = 0
+    for run in done:
+        if run.name not in sound:
+            gone += programs[run.name] != run.program
+            continue
+        for plugin, source in run.sources.items():
+            if sound[run.name]["sources"].get(plugin, source) != source:
+                changed[plugin] = changed.get(plugin, 0) + 1
+    lines = [_stale(name, count) for name, count in sorted(changed.items())]
+    if gone:
+        lines.append(f"{gone} rows were made by other source code under the same versions.")
+    return lines
+
+
+def _stale(name: str, count: int) -> str:
+    shared = name.startswith("module ")
+    said = "no version tells" if shared else "its version has not"
+    owner = "the `version` of what uses it" if shared else "its `version`"
+    return (
+        f"the source of {name} has changed but {said}; {count} stored runs are used as they are. "
+        f"Change {owner} to run them again."
+    )

@@ -1,0 +1,300 @@
+"""The four tables that a sweep leaves behind, validated; documents are functions of them alone.
+
+| table | one row per | files |
+|---|---|---|
+| `results` | evaluated run and metric | parquet, csv |
+| `curves` | run and epoch | parquet |
+| `trajectories` | run, drone and sample of the first evaluation episode (10 Hz) | parquet |
+| `runs` | run, failed ones too | parquet, csv |
+
+`results` and `runs` are the record; the other two may be missing, as those of the committed suite
+`paper` are.
+"""
+
+import dataclasses
+import json
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import pandas as pd
+import pandera.pandas as pa
+
+from bench.text.errors import UsageError
+
+STATUSES = ("ok", "failed", "diverged", "budget")
+"""How a run can end."""
+UNITS = {
+    "settled_reward": "1",
+    "reward": "1",
+    "takeoff_reward": "1",
+    "settling_time": "s",
+    "crashes": "1/episode",
+    "crash_step_rate": "1",
+    "position_error": "m",
+    "fleet_minutes": "min",
+    "calibration_crashes": "1",
+    "training_crashes": "1",
+    "training_crash_step_rate": "1",
+    "lf_collisions": "1",
+    "epochs": "1",
+    "skipped_updates": "1",
+    "train_seconds": "s",
+    "training_reward": "1",
+    "lf_reward": "1",
+    "lf_settled_reward": "1",
+    "lf_position_error": "m",
+    "spawn_reward": "1",
+    "spawn_settled_reward": "1",
+}
+"""The metrics of every run and their units; a method's notes are further metrics, unit ""."""
+
+
+IDENTITY = ("method", "residual", "variant", "task", "team_size", "seed")
+"""Columns that say what a run is; no two runs of the tables agree in all of them."""
+
+
+LARGE = ("curves", "trajectories")
+"""Tables that a repository may leave out."""
+UNKNOWN = {
+    "key": "",
+    "committed": "",
+    "commit": "",
+    "dirty": False,
+    "program": "",
+    "machine": "",
+    "device": "",
+}
+"""Where a run comes from whose record does not say so yet."""
+
+
+class TableError(UsageError):
+    """A directory that does not hold the tables of a sweep."""
+
+
+def _schema(**columns: type | pa.Column) -> pa.DataFrameSchema:
+    made = {
+        name: column if isinstance(column, pa.Column) else pa.Column(column)
+        for name, column in columns.items()
+    }
+    return pa.DataFrameSchema(made, strict=True, ordered=True, coerce=True)
+
+
+_TEXT = pa.Column(str)
+_SIZE = pa.Column(int, pa.Check.ge(2))
+_SEED = pa.Column(int, pa.Check.ge(0))
+_STATUS = pa.Column(str, pa.Check.isin(STATUSES))
+_NUMBER = pa.Column(float, nullable=True)
+
+SCHEMAS = {
+    "results": _schema(
+        run=_TEXT,
+        method=_TEXT,
+        residual=_TEXT,
+        variant=_TEXT,
+        task=_TEXT,
+        team_size=_SIZE,
+        seed=_SEED,
+        simulator=_TEXT,
+        trained_effects=_TEXT,
+        deployed_effects=_TEXT,
+        calibration_flights=pa.Column(int, pa.Check.ge(0)),
+        metric=_TEXT,
+        value=_NUMBER,
+        unit=_TEXT,
+        status=_STATUS,
+    ),
+    "curves": _schema(
+        run=_TEXT,
+        epoch=pa.Column(int, pa.Check.ge(0)),
+        reward=_NUMBER,
+        smooth_reward=_NUMBER,
+        crashes=_NUMBER,
+        grad_norm=_NUMBER,
+    ),
+    "trajectories": _schema(
+        run=_TEXT,
+        drone=pa.Column(int, pa.Check.ge(0)),
+        t=pa.Column(float),
+        pos_x=_NUMBER,
+        pos_y=_NUMBER,
+        pos_z=_NUMBER,
+    ),
+    "runs": _schema(
+        run=pa.Column(str, unique=True),
+        method=_TEXT,
+        residual=_TEXT,
+        variant=_TEXT,
+        task=_TEXT,
+        team_size=_SIZE,
+        seed=_SEED,
+        status=_STATUS,
+        cause=_TEXT,
+        settings=_TEXT,
+        versions=_TEXT,
+        key=_TEXT,
+        committed=_TEXT,
+        commit=_TEXT,
+        dirty=pa.Column(bool),
+        program=_TEXT,
+        machine=_TEXT,
+        device=_TEXT,
+    ),
+}
+"""Columns of each table, in order; nothing else is allowed in it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Tables:
+    """What a sweep found. Built empty, each table has its columns and no rows."""
+
+    results: pd.DataFrame
+    """One row per evaluated run and metric."""
+    curves: pd.DataFrame
+    """One row per run and epoch: training returns, crashes, gradient norm."""
+    trajectories: pd.DataFrame
+    """Positions in the first evaluation episode, world frame [m], `t` [s]."""
+    runs: pd.DataFrame
+    """One row per run; `cause` says why a failed one failed."""
+
+    def __post_init__(self) -> None:
+        for name, schema in SCHEMAS.items():
+            object.__setattr__(self, name, schema.validate(getattr(self, name)))
+
+    @classmethod
+    def load(cls, directory: Path) -> "Tables":
+        """The tables in `directory`; those of `LARGE` are empty where they are not there.
+
+        Raises:
+            TableError: A table is missing, cannot be read, or has other columns or values.
+        """
+        directory = Path(directory)
+        found = {}
+        for name, schema in SCHEMAS.items():
+            path = directory / f"{name}.parquet"
+            if name in LARGE and not path.is_file():
+                found[name] = table(name, [])
+                continue
+            if not path.is_file():
+                raise TableError(
+                    f"{directory} holds no {path.name}. Give a directory that `bench run` wrote "
+                    "its tables to, e.g. results/quick."
+                )
+            try:
+                found[name] = schema.validate(_completed(name, pd.read_parquet(path)))
+            except pa.errors.SchemaErrors as error:
+                wrong = error.failure_cases.iloc[0]
+                reason = f"{wrong['check']} fails, found {wrong['failure_case']}"
+                raise TableError(f"{path} cannot be used: {reason}") from error
+            except (OSError, ValueError, pa.errors.SchemaError) as error:
+                reason = str(error).splitlines()[0]
+                raise TableError(f"{path} cannot be used: {reason}") from error
+        return cls(**found)
+
+    @classmethod
+    def empty(cls) -> "Tables":
+        """Tables without rows."""
+        return cls(**{name: table(name, []) for name in SCHEMAS})
+
+    def statuses(self) -> dict[str, str]:
+        """How each run ended, by name."""
+        return dict(zip(self.runs["run"], self.runs["status"], strict=True))
+
+    def identities(self) -> dict[tuple, str]:
+        """Name of the run of each identity (`IDENTITY`)."""
+        columns = (self.runs[column] for column in IDENTITY)
+        return {
+            tuple(identity): run
+            for identity, run in zip(zip(*columns, strict=True), self.runs["run"], strict=True)
+        }
+
+    def metrics(self, run: str) -> dict[str, float]:
+        """Metric -> value of one run."""
+        rows = self.results.loc[self.results["run"].eq(run)]
+        return dict(zip(rows["metric"], rows["value"], strict=True))
+
+    def merged(self, new: "Tables", replaced: Collection[str] = ()) -> "Tables":
+        """These rows and those of `new`, sorted by run; a row that is here stays as it is.
+
+        Of `new` come the runs that are not here, neither under their name nor, from another
+        program, under another one. A failed run gives way to its later attempt, whatever program
+        made it. Rows of a run that `runs` does not list, because a save was cut off, give way too.
+
+        Args:
+            new: What was found now.
+            replaced: Names of runs that leave, whose identity may then come from `new`.
+        """
+        here, there, statuses = self.identities(), new.identities(), self.statuses()
+        failed = {run for i, run in here.items() if statuses[run] == "failed" and i in there}
+        gone = failed | {*replaced}
+        taken = {identity for identity, run in here.items() if run not in gone}
+        coming = {run for identity, run in there.items() if identity not in taken}
+        joined = {}
+        for name in SCHEMAS:
+            mine, theirs = getattr(self, name), getattr(new, name)
+            kept = mine.loc[~mine["run"].isin(gone | coming)]
+            parts = [kept, theirs.loc[theirs["run"].isin(coming)]]
+            frame = pd.concat([part for part in parts if len(part)] or parts[:1])
+            joined[name] = frame.sort_values("run", kind="stable", ignore_index=True)
+        return Tables(**joined)
+
+    def save(self, directory: Path) -> None:
+        """Writes the tables into `directory`; readers never see a half-written file.
+
+        The table `runs` comes last: a run counts as recorded only when all else is written.
+        """
+        directory = Path(directory)
+        directory.mkdir(parents=True, exist_ok=True)
+        for name in SCHEMAS:
+            table = getattr(self, name)
+            part = directory / f".{name}.part"
+            table.to_parquet(part, index=False)
+            part.replace(directory / f"{name}.parquet")
+            if name in ("results", "runs"):
+                table.to_csv(part, index=False)
+                part.replace(directory / f"{name}.csv")
+
+
+def _completed(name: str, frame: pd.DataFrame) -> pd.DataFrame:
+    """A table as it is stored, with the columns that tables had not before rows could be traced."""
+    if name != "runs" or "program" in frame:
+        return frame
+    return frame.assign(**UNKNOWN).reindex(columns=list(SCHEMAS["runs"].columns))
+
+
+def table(name: str, rows: list[dict] | pd.DataFrame) -> pd.DataFrame:
+    """The table `name` of `SCHEMAS`, from its rows; no rows make an empty one."""
+    return SCHEMAS[name].validate(pd.DataFrame(rows, columns=list(SCHEMAS[name].columns)))
+
+
+def stack(name: str, pieces: list[pd.DataFrame]) -> pd.DataFrame:
+    """The table `name` of `SCHEMAS`, from pieces of it, one below the other."""
+    return SCHEMAS[name].validate(pd.concat([table(name, []), *pieces], ignore_index=True))
+
+
+def results_rows(content: Mapping, metrics: Mapping[str, float]) -> list[dict]:
+    """Rows of the table `results` from a run's run.json and metrics."""
+    shared = {column: content[column] for column in ("run", *IDENTITY, "status")}
+    shared |= {
+        "simulator": content["deployed_in"],
+        "trained_effects": content.get("trained_effects", ""),
+        "deployed_effects": content.get("deployed_effects", ""),
+        "calibration_flights": content["ledger"]["calibration_flights"],
+    }
+    return [
+        shared | {"metric": metric, "value": value, "unit": UNITS.get(metric, "")}
+        for metric, value in metrics.items()
+    ]
+
+
+def runs_row(content: Mapping) -> dict:
+    """The row of the table `runs` from a run's run.json."""
+    resolved = content["resolved"]
+    settings = {"method": resolved["settings"], "task": resolved["task_settings"]}
+    origin = {column: content[column] for column in UNKNOWN if column in content}
+    return {column: content[column] for column in ("run", *IDENTITY, "status", "cause")} | {
+        "settings": json.dumps(settings, sort_keys=True),
+        "versions": json.dumps(resolved["versions"] | content["packages"], sort_keys=True),
+        **UNKNOWN,
+        **origin,
+        **content.get("provenance", {}),
+    }

@@ -1,0 +1,1 @@
+"""Texts that all wings write: numbers, Markdown, pages, errors."""

@@ -1,0 +1,230 @@
+"""Blind cases: drawn, flown and written, with labels kept apart from what the diagnosis sees."""
+
+import dataclasses
+import hashlib
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blind.draw import catalogue
+from blind.draw.catalogue import FAMILIES, LIBRARY, SIZES, UNKNOWN, Withheld
+from blind.fly import flying, references
+from blind.fly.realities import DRONE, DT, MASS
+
+KINDS = ("single", "pair", "clean", "unknown", "excluded")
+"""What a case can be: one effect, two, none, one outside the library, one withheld from it."""
+
+TWO_DRONES = 0.1
+"""Share of the cases without downwash in which two drones fly."""
+
+VEHICLE = f"""\
+name = "Crazyflie, blind case"
+drone = "{DRONE}"    # crazyflow parameter set
+mass = {MASS}    # [kg] what the operator believes
+"""
+"""The same `vehicle.toml` in every case."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A vehicle whose difference from the nominal one is withheld."""
+
+    id: str
+    """Random name of the folder."""
+    kind: str
+    """One of `KINDS`."""
+    effects: tuple[Withheld, ...]
+    """What is different, at most two."""
+    size: str
+    """One of `SIZES`, joined by "+" for two effects; empty for a clean case."""
+    seed: int
+    """Seed of flights, noise and dropouts."""
+    reality: str = "crazyflow"
+    """Where it is flown."""
+    drones: int = 1
+    """Drones in each flight."""
+    n_flights: int = 8
+    """Number of flights."""
+    seconds: float = 10.0
+    """Duration of each flight [s]."""
+    noise: float = 1.0
+    """Measurement noise over the usual one."""
+
+    @property
+    def exclude(self) -> tuple[str, ...]:
+        """Effects that the diagnosis must do without."""
+        return tuple(e.name for e in self.effects) if self.kind == "excluded" else ()
+
+
+def draw_cases(
+    counts: Mapping[str, int],
+    reality: str = "crazyflow",
+    entropy: int | None = None,
+    names: Sequence[str] = (*LIBRARY,),
+) -> list[Case]:
+    """Cases in random order, balanced over effects and sizes.
+
+    Args:
+        counts: Number of cases by kind.
+        reality: Where they are flown, one of `realities.REALITIES`.
+        entropy: Seed of everything that is drawn; from the operating system if None.
+        names: Effects of the library to draw from.
+
+    Raises:
+        ValueError: A kind or an effect is not known, or a count is negative.
+    """
+    for kind, count in counts.items():
+        if kind not in KINDS or count < 0:
+            raise ValueError(
+                f"`counts` must give numbers from 0 for kinds among {', '.join(KINDS)}, "
+                f"got {kind!r}: {count}."
+            )
+    if unknown := [name for name in names if name not in LIBRARY]:
+        raise ValueError(f"`names` must be among {', '.join(LIBRARY)}, got {unknown[0]!r}.")
+    rng = np.random.default_rng(secrets.randbits(128) if entropy is None else entropy)
+    plans: list[tuple[str, list[tuple[str, int]]]] = []
+    for kind in KINDS:
+        plans += [(kind, plan) for plan in _plans(kind, counts.get(kind, 0), names, rng)]
+    order = [plans[i] for i in rng.permutation(len(plans))]
+    return [make_case(kind, plan, rng, reality=reality) for kind, plan in order]
+
+
+def make_case(
+    kind: str, plan: Sequence[tuple[str, int]], rng: np.random.Generator, **settings: Any
+) -> Case:
+    """A case with the effects of `plan` (name, index of the size) and random details.
+
+    `settings` are fields of `Case` such as `n_flights`, `seconds` and `noise`.
+    """
+    seconds = settings.get("seconds", Case.seconds)
+    effects = tuple(catalogue.draw_effect(name, size, rng, seconds) for name, size in plan)
+    two = any(name == "downwash" for name, _ in plan) or rng.random() < TWO_DRONES
+    return Case(
+        id=rng.bytes(8).hex(),
+        kind=kind,
+        effects=effects,
+        size="+".join(SIZES[size] for _, size in plan),
+        seed=int(rng.integers(2**62)),
+        drones=2 if two else 1,
+        **settings,
+    )
+
+
+def _plans(
+    kind: str, count: int, names: Sequence[str], rng: np.random.Generator
+) -> list[list[tuple[str, int]]]:
+    """Effects and sizes of `count` cases: whole rounds over all of them, then a random rest."""
+    if kind == "clean":
+        return [[] for _ in range(count)]
+    if kind == "pair":
+        singles = [(a, b) for a in names for b in names if a < b and not _alike(a, b)]
+        chosen = _rounds(singles, count, rng)
+        return [[(a, int(rng.integers(1, 3))), (b, int(rng.integers(1, 3)))] for a, b in chosen]
+    pool = UNKNOWN if kind == "unknown" else names
+    return [[plan] for plan in _rounds([(n, s) for n in pool for s in range(3)], count, rng)]
+
+
+def _rounds(pool: list, count: int, rng: np.random.Generator) -> list:
+    order: list = []
+    while len(order) < count:
+        order += [pool[i] for i in rng.permutation(len(pool))]
+    return order[:count]
+
+
+def _alike(a: str, b: str) -> bool:
+    return any({a, b} <= family for family in FAMILIES)
+
+
+def fly_case(case: Case) -> list[flying.Flown]:
+    """The flights of a case, rows dropped.
+
+    Raises:
+        ValueError: The flights are too short, there are none, or there is no such reality.
+    """
+    if case.seconds < 2.0 or case.n_flights < 1:
+        raise ValueError(
+            f"A case needs `n_flights` of at least 1 and `seconds` of at least 2, got "
+            f"{case.n_flights} and {case.seconds:g}."
+        )
+    rng = np.random.default_rng(case.seed)
+    t = np.arange(round(case.seconds / DT)) * DT
+    lift = max((catalogue.LIFTED.get(e.name, 0.0) for e in case.effects), default=0.0)
+    refs = []
+    for kind in range(case.n_flights):
+        drones = [references.make_reference(kind, t, rng, lift)]
+        if case.drones == 2:
+            drones.append(references.above(drones[0], t, rng))
+        refs.append(drones)
+    disturbance = catalogue.make_disturbance(case.effects, case.n_flights, rng)
+    noise = flying.Noise().scaled(case.noise)
+    flown = flying.fly(case.reality, disturbance, refs, noise, rng)
+    return [flying.drop_rows(one, rng) for one in flown]
+
+
+def write_flights(folder: Path, tables: Sequence[Any]) -> None:
+    """A flight set in the log format: the vehicle that is believed, and one table a flight.
+
+    The folder is there whole or not at all.
+    """
+    part = folder.with_name(f"{folder.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    (part / "flights").mkdir(parents=True)
+    (part / "vehicle.toml").write_text(VEHICLE)
+    for i, table in enumerate(tables):
+        table.to_parquet(part / "flights" / f"flight{i}.parquet", index=False)
+    os.replace(part, folder)
+
+
+def write_cases(directory: Path, labels_directory: Path, cases: Sequence[Case]) -> None:
+    """Flies `cases` into `directory`/ID, and into `labels_directory`/true/ID without noise.
+
+    Cases that are there already are left alone.
+    """
+    for case in cases:
+        seen, true = directory / case.id, labels_directory / "true" / case.id
+        if not (seen.is_dir() and true.is_dir()):
+            flown = fly_case(case)
+            for folder, tables in (
+                (true, [f.true for f in flown]),
+                (seen, [f.logged for f in flown]),
+            ):
+                shutil.rmtree(folder, ignore_errors=True)
+                write_flights(folder, tables)
+
+
+def write_labels(path: Path, cases: Sequence[Case]) -> str:
+    """SHA-256 of a file with what `cases` are and 32 random bytes, so that it cannot be guessed."""
+    labels = {
+        "salt": secrets.token_hex(32),
+        "cases": {case.id: {**dataclasses.asdict(case), "exclude": case.exclude} for case in cases},
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(labels, indent=1))
+    return digest(path)
+
+
+def read_labels(path: Path, sha256: str | None = None) -> dict[str, Case]:
+    """Cases by their folders' names.
+
+    Raises:
+        ValueError: The file is not the one whose `sha256` was printed.
+    """
+    if sha256 is not None and (found := digest(path)) != sha256:
+        raise ValueError(f"`{path}` has changed: its SHA-256 is {found}, not {sha256}.")
+    cases = {}
+    for name, fields in json.loads(path.read_text())["cases"].items():
+        del fields["exclude"]
+        effects = tuple(Withheld(**effect) for effect in fields.pop("effects"))
+        cases[name] = Case(effects=effects, **fields)
+    return cases
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

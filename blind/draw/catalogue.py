@@ -1,0 +1,219 @@
+"""What can be withheld: how large it is drawn, and which numbers of the generator it sets.
+
+An effect's parameters carry the names and meanings of the effect library, so that labels and
+answers can be compared; the physics behind them is the generator's own (`disturbances.py`).
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from blind.fly.disturbances import CommandDisturbance, PlantDisturbance, WrenchDisturbance
+from blind.fly.realities import Disturbance
+
+SIZES = ("small", "medium", "large")
+"""Sizes of an effect, in order."""
+
+Parameters = dict[str, float]
+Draw = Callable[[int, np.random.Generator, float], Parameters]
+
+
+@dataclasses.dataclass(frozen=True)
+class Withheld:
+    """One effect of a case."""
+
+    name: str
+    """Registered name of an effect, or a name in `UNKNOWN`."""
+    parameters: Parameters
+    """Numbers by name, SI."""
+
+
+def draw_effect(name: str, size: int, rng: np.random.Generator, seconds: float) -> Withheld:
+    """The effect at a size (index into `SIZES`), its signs, directions and times at random."""
+    return Withheld(name, {**LIBRARY, **UNKNOWN}[name](size, rng, seconds))
+
+
+def _fixed(parameter: str, *values: float) -> Draw:
+    return lambda size, rng, seconds: {parameter: values[size]}
+
+
+def _signed(parameter: str, *values: float) -> Draw:
+    return lambda size, rng, seconds: {parameter: float(rng.choice([-1.0, 1.0])) * values[size]}
+
+
+def _directed(names: tuple[str, str], *values: float) -> Draw:
+    def draw(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
+        angle = rng.uniform(0.0, 2 * np.pi)
+        return {
+            names[0]: float(values[size] * np.cos(angle)),
+            names[1]: float(values[size] * np.sin(angle)),
+        }
+
+    return draw
+
+
+def _gust(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
+    wind = _directed(("x", "y"), 0.4, 0.8, 1.5)(size, rng, seconds)
+    return {**wind, "z": 0.0, "onset": float(seconds * rng.uniform(0.25, 0.75))}
+
+
+def _wind(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
+    return {**_directed(("x", "y"), 0.2, 0.5, 1.0)(size, rng, seconds), "z": 0.0}
+
+
+def _downwash(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
+    return {"strength": (1.0, 2.0, 4.0)[size], "width": float(rng.uniform(0.08, 0.12))}
+
+
+def _motor_lag(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
+    """Slower motors; of the small size, every second one is faster instead."""
+    if size == 0 and rng.random() < 0.5:
+        return {"scale": 0.6}
+    return {"scale": (1.3, 1.7, 2.5)[size]}
+
+
+def _rotor_drag(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
+    """Along the axis one to three times as much as across it; RotorPy's Crazyflie has 2.3."""
+    lateral = (0.15, 0.35, 0.75)[size]
+    return {"axial": float(lateral * rng.uniform(1.0, 3.0)), "lateral": lateral}
+
+
+LIBRARY: dict[str, Draw] = {
+    "mass": _signed("e", 0.05, 0.12, 0.25),
+    "thrust_gain": _fixed("e", -0.05, -0.1, -0.2),
+    "inertia": _fixed("e", 0.3, 0.6, 1.2),
+    "motor_lag": _motor_lag,
+    "center_of_mass": _directed(("x", "y"), 1e-3, 2.5e-3, 5e-3),
+    "battery": _fixed("rate", 0.003, 0.006, 0.012),
+    "drag": _fixed("c", 0.15, 0.4, 1.0),
+    "quadratic_drag": _fixed("k", 0.1, 0.3, 0.9),
+    "rotor_drag": _rotor_drag,
+    "translational_lift": _fixed("k", 0.05, 0.12, 0.25),
+    "wind": _wind,
+    "gust": _gust,
+    "ground_effect": _fixed("c", 4.0, 8.0, 16.0),
+    "downwash": _downwash,
+    "attitude_lag": _fixed("tau", 0.015, 0.03, 0.06),
+    "attitude_gain": _fixed("g", -0.05, -0.1, -0.2),
+    "trim": _directed(("roll", "pitch"), 0.01, 0.02, 0.035),
+    "yaw_misalignment": _signed("angle", 0.05, 0.12, 0.25),
+    "delay": _fixed("seconds", 0.01, 0.02, 0.05),
+}
+"""Effects of the library, as the issue names them."""
+
+FAMILIES: tuple[frozenset[str], ...] = (
+    frozenset({"mass", "thrust_gain"}),
+    frozenset({"inertia", "motor_lag", "attitude_lag", "delay"}),
+    frozenset({"center_of_mass", "trim"}),
+    frozenset({"drag", "quadratic_drag", "rotor_drag"}),
+    frozenset({"wind", "gust"}),
+)
+"""Effects that short flights can hardly tell apart; pairs are drawn from different families."""
+
+
+def _between(**ranges: tuple[float, float]) -> Draw:
+    """Each number uniform in its range, the sizes being thirds of the first one's."""
+
+    def draw(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
+        values = {}
+        for i, (name, (low, high)) in enumerate(ranges.items()):
+            share = rng.random() if i else (size + rng.random()) / 3.0
+            values[name] = float(low + share * (high - low))
+        return values
+
+    return draw
+
+
+UNKNOWN: dict[str, Draw] = {
+    "slung_load": _between(mass=(0.003, 0.005), cable=(0.3, 0.65)),
+    "periodic_wind": _between(size=(0.5, 1.5), freq=(0.5, 2.0), angle=(0.0, 2 * np.pi)),
+    "turbulence": _between(size=(0.4, 1.2), time=(0.2, 0.6)),
+    "thrust_play": _between(newton=(0.015, 0.04)),
+    "wall_suction": _between(size=(0.8, 2.0), distance=(1.4, 1.7), angle=(0.0, 2 * np.pi)),
+    "tether": _between(k=(0.3, 0.9), x=(-1.0, 1.0), y=(-1.0, 1.0), z=(0.0, 1.5)),
+}
+"""Effects that the library does not know; guesses of what a laboratory meets."""
+
+LIFTED = {"slung_load": 0.8, "turbulence": 0.1, "downwash": 0.18}
+"""How much higher low flights are [m], so that neither drone nor load touches the floor."""
+
+
+def make_disturbance(
+    effects: tuple[Withheld, ...], n_flights: int, rng: np.random.Generator
+) -> Disturbance:
+    """The generator's parameters, with a leading axis of flights; neutral without effects.
+
+    Phases of periodic wind and turbulence differ from flight to flight.
+    """
+    parts: list[dict[str, jax.Array]] = [{}, {}, {}]
+    for effect in effects:
+        for i, fields in enumerate(_fields(effect)):
+            parts[i].update({name: jnp.asarray(value, float) for name, value in fields.items()})
+    neutral = (CommandDisturbance(), PlantDisturbance(), WrenchDisturbance())
+    phases = rng.uniform(0.0, 2 * np.pi, n_flights)
+    seeds = rng.integers(0, 2**31 - 1, n_flights)
+    made = tuple(
+        dataclasses.replace(n, **part)  # pyright: ignore[reportArgumentType]
+        for n, part in zip(neutral, parts, strict=True)
+    )
+    command, plant, wrench = jax.tree.map(lambda x: _spread(x, n_flights), made)
+    wrench = dataclasses.replace(
+        wrench, swing_phase=jnp.asarray(phases, jnp.float32), seed=jnp.asarray(seeds, jnp.int32)
+    )
+    return command, plant, wrench
+
+
+def _spread(value: float | int | jax.Array, n_flights: int) -> jax.Array:
+    array = jnp.asarray(value, jnp.float32)
+    return jnp.broadcast_to(array, (n_flights, *array.shape))
+
+
+def _fields(effect: Withheld) -> tuple[Mapping, Mapping, Mapping]:
+    """Fields of the command, plant and wrench class that an effect sets."""
+    p = effect.parameters
+    horizontal = [np.cos(p.get("angle", 0.0)), np.sin(p.get("angle", 0.0)), 0.0]
+    if effect.name in _COMMANDS:
+        return _COMMANDS[effect.name](p), {}, {}
+    if effect.name in _PLANT:
+        return {}, {_PLANT[effect.name]: next(iter(p.values()))}, {}
+    return {}, {}, _WRENCHES[effect.name](p, np.asarray(horizontal))
+
+
+_COMMANDS: dict[str, Callable[[Parameters], Mapping]] = {
+    "attitude_lag": lambda p: {"lag": p["tau"]},
+    "attitude_gain": lambda p: {"tilt_gain": p["g"]},
+    "trim": lambda p: {"trim": [p["roll"], p["pitch"]]},
+    "yaw_misalignment": lambda p: {"yaw_offset": p["angle"]},
+    "delay": lambda p: {"delay": p["seconds"]},
+    "thrust_play": lambda p: {"play": p["newton"]},
+}
+_PLANT = {
+    "mass": "excess_mass",
+    "thrust_gain": "excess_thrust",
+    "inertia": "excess_inertia",
+    "motor_lag": "motor_slowness",
+    "battery": "discharge",
+}
+_WRENCHES: dict[str, Callable[[Parameters, np.ndarray], Mapping]] = {
+    "center_of_mass": lambda p, way: {"offset": [p["x"], p["y"]]},
+    "drag": lambda p, way: {"drag": p["c"]},
+    "quadratic_drag": lambda p, way: {"quadratic_drag": p["k"]},
+    "rotor_drag": lambda p, way: {"axial_drag": p["axial"], "lateral_drag": p["lateral"]},
+    "wind": lambda p, way: {"wind": [p["x"], p["y"], p["z"]]},
+    "gust": lambda p, way: {"gust": [p["x"], p["y"], p["z"]], "gust_onset": p["onset"]},
+    "ground_effect": lambda p, way: {"ground_effect": p["c"]},
+    "downwash": lambda p, way: {"downwash": p["strength"], "downwash_width": p["width"]},
+    "slung_load": lambda p, way: {"load": p["mass"], "cable": p["cable"]},
+    "translational_lift": lambda p, way: {"lift": p["k"]},
+    "periodic_wind": lambda p, way: {"swing": p["size"] * way, "swing_freq": p["freq"]},
+    "turbulence": lambda p, way: {"turbulence": p["size"], "turbulence_time": p["time"]},
+    "wall_suction": lambda p, way: {
+        "suction": p["size"],
+        "wall_normal": way,
+        "wall_distance": p["distance"],
+    },
+    "tether": lambda p, way: {"spring": p["k"], "anchor": [p["x"], p["y"], p["z"]]},
+}

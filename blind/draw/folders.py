@@ -1,0 +1,155 @@
+"""Where a blind run keeps what: `OUT/runs` holds flights, labels and answers, `OUT` the tables.
+
+| path | |
+|---|---|
+| `OUT/runs/run.json` | what was drawn, and the SHA-256 of the labels |
+| `OUT/runs/cases/ID` | the flights of a case, all that a diagnosis is given |
+| `OUT/runs/labels` | what the cases are, and their flights without noise |
+| `OUT/runs/reference`, `undisturbed/N` | flights of the undisturbed vehicle |
+| `OUT/runs/answers/ID` | documents of a diagnosis and `status.json` |
+| `OUT/runs/measures/ID.json` | what the case allows, measured with its label |
+
+A draw goes on elsewhere from `run.json`, `labels/labels.json` and `answers`: flights that are gone
+are flown again from its seeds.
+"""
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bench.text.errors import UsageError
+from blind.draw.cases import KINDS, digest
+
+DEFAULT_COUNTS = {"single": 126, "pair": 60, "clean": 75, "unknown": 30, "excluded": 30}
+"""Cases of each kind in a counted run."""
+RESULTS = Path("results") / "blind"
+"""Where the tables of both realities go."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Folders:
+    """The folders of one blind run."""
+
+    out: Path
+    """Where tables go."""
+
+    @property
+    def runs(self) -> Path:
+        """Everything that is too large to keep."""
+        return self.out / "runs"
+
+    @property
+    def state(self) -> Path:
+        """What was drawn."""
+        return self.runs / "run.json"
+
+    @property
+    def cases(self) -> Path:
+        """Flights, a folder a case."""
+        return self.runs / "cases"
+
+    @property
+    def labels(self) -> Path:
+        """The file with what the cases are."""
+        return self.runs / "labels" / "labels.json"
+
+    @property
+    def answers(self) -> Path:
+        """Diagnoses, a folder a case."""
+        return self.runs / "answers"
+
+    @property
+    def measures(self) -> Path:
+        """What cases allow, a file a case."""
+        return self.runs / "measures"
+
+    @property
+    def reference(self) -> Path:
+        """Flights of the undisturbed vehicle."""
+        return self.runs / "reference"
+
+    @property
+    def undisturbed(self) -> Path:
+        """More of them, a folder a flight set, on which baselines are calibrated."""
+        return self.runs / "undisturbed"
+
+    def flown(self) -> list[Path]:
+        """Cases whose flights are there, with and without noise."""
+        true = self.labels.parent / "true"
+        cases = sorted(self.cases.glob("*"))
+        return [path for path in cases if path.suffix == "" and (true / path.name).is_dir()]
+
+    def gone(self, n_cases: int) -> bool:
+        """Whether flights of a draw of so many cases are missing."""
+        wanted = self.read_state().get("undisturbed", 0)
+        others = self.reference.is_dir() and self.undisturbed.is_dir()
+        others = others and len(list(self.undisturbed.iterdir())) >= wanted
+        return not others or len(self.flown()) < n_cases
+
+    def drawn(self) -> list[Path]:
+        """All that a draw makes; studies, which lie beside it, are none of it."""
+        made = (self.cases, self.labels.parent, self.reference, self.undisturbed)
+        return [*made, self.answers, self.measures, self.runs / "logs"]
+
+    def read_state(self) -> dict[str, Any]:
+        """What was drawn, and the SHA-256 of the labels."""
+        return json.loads(self.state.read_text(encoding="utf-8"))
+
+    def tampered(self) -> str:
+        """What is wrong with the labels, empty if they are those whose SHA-256 was printed."""
+        printed = self.read_state()["sha256"]
+        found = digest(self.labels) if self.labels.is_file() else "gone"
+        if found == printed:
+            return ""
+        return f"{self.labels} has changed: its SHA-256 was {printed} and is {found}."
+
+
+def scaled_counts(total: int | None) -> dict[str, int]:
+    """Cases of each kind that add up to `total`, in the usual proportions, one of each at least.
+
+    Raises:
+        UsageError: There are fewer cases than kinds.
+    """
+    if total is None:
+        return dict(DEFAULT_COUNTS)
+    if total < len(KINDS):
+        raise UsageError(f"`--cases` must be at least {len(KINDS)}, one of each kind, got {total}.")
+    usual = sum(DEFAULT_COUNTS.values())
+    exact = {kind: total * DEFAULT_COUNTS[kind] / usual for kind in KINDS}
+    counts = {kind: max(1, int(share)) for kind, share in exact.items()}
+    while sum(counts.values()) < total:
+        counts[max(KINDS, key=lambda kind: exact[kind] - counts[kind])] += 1
+    while sum(counts.values()) > total:
+        many = [kind for kind in KINDS if counts[kind] > 1]
+        counts[max(many, key=lambda kind: counts[kind] - exact[kind])] -= 1
+    return counts
+
+
+def check_state(folders: Folders, reality: str, counts: Mapping[str, int] | None) -> None:
+    """Nothing, if a run that is there already is the one that is asked for.
+
+    Raises:
+        UsageError: It is another one.
+    """
+    state = folders.read_state()
+    elsewhere = "Give another folder with `--out`."
+    if state["reality"] != reality:
+        raise UsageError(
+            f"{folders.runs} holds cases of reality {state['reality']}, not {reality}. {elsewhere}"
+        )
+    if counts is not None and state["counts"] != dict(counts):
+        total = sum(state["counts"].values())
+        raise UsageError(
+            f"{folders.runs} holds {total} cases, not {sum(counts.values())}. {elsewhere}"
+        )
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Writes a JSON file that is there whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    os.replace(part, path)

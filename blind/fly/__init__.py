@@ -1,0 +1,1 @@
+"""How the flights of a case come about: realities, disturbances, references."""

@@ -1,0 +1,108 @@
+"""The blind report as Markdown and HTML, from tables alone."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from bench.paper.figures import data_uri
+from bench.report.page import write_page
+from bench.text import markdown
+from bench.text.pages import read_notes
+from blind.report import failures, sections
+from blind.report import limits_section as limits
+from blind.report import next_flight_section as next_flight
+from blind.report.pictures import write_pictures
+from blind.report.tables import Tables
+
+INTRODUCTION = (
+    "Flights were made whose effect the diagnosis was not told. Every diagnosis ran in a process "
+    "of its own that was given nothing but a folder of flights with a random name; what was done "
+    "to the vehicle stood in a separate, salted file whose SHA-256 was printed before the first "
+    "diagnosis and checked after the last. The controller flew on the noisy estimates that are "
+    "logged, rows come at uneven times and some are missing. Air and loads have equations of the "
+    "generator's own; in the reality crazyflow, what changes the vehicle (its mass, thrust, "
+    "inertia, motors, battery) changes the same numbers of the same simulator that the diagnosis "
+    "has, which tests inference where the model is exact. RotorPy's equations are its own."
+)
+DECIDABLE = (
+    "A case is *decidable* if its flights without noise differ, at the noise that was logged, from "
+    "the nominal simulator and from every refitted rival by a chi-square of 25 or more. In an "
+    "undecidable case `none` or a class of aliases with the truth in it is right. In "
+    "realities with equations of their own, decidability and Cramér-Rao bounds are those of the "
+    "same effects and paths flown in crazyflow, with what a reference leaves open counted."
+)
+
+
+def write_report(found: Sequence[Tables], path: Path, notes: Path | None = None) -> Path:
+    """The Markdown file that was written; HTML and pictures stand beside it.
+
+    Args:
+        found: Tables of one run a reality.
+        path: Markdown file to write.
+        notes: Hand-written Markdown. What stands under a heading that is a case's name becomes the
+            remark on that failure; the rest is appended.
+    """
+    remarks, rest = _notes(notes)
+    pictures = {id(tables): write_pictures(tables, path.with_name(path.stem)) for tables in found}
+
+    def text(link: Callable[[Path], str]) -> str:
+        parts = ["# Diagnosis of effects that were withheld", INTRODUCTION, DECIDABLE]
+        for tables in found:
+            figures = {p.stem: (link(p), caption) for p, caption in pictures[id(tables)]}
+            parts += _reality(tables, figures, remarks)
+        return "\n\n".join([*parts, *rest]) + "\n"
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text(lambda p: f"{path.stem}/{p.name}"), encoding="utf-8")
+    write_page(text(data_uri), path.with_suffix(".html"), "Diagnosis of effects that were withheld")
+    return path
+
+
+def _reality(
+    tables: Tables, figures: Mapping[str, tuple[str, str]], remarks: Mapping[str, str]
+) -> list[str]:
+    """Everything about one reality."""
+    name = tables.run["reality"]
+
+    def picture(kind: str) -> list[str]:
+        if f"{name}_{kind}" not in figures:
+            return []
+        link, caption = figures[f"{name}_{kind}"]
+        return [f"![{caption}]({link})", f"*{caption}.*"]
+
+    return [
+        f"## Reality: {markdown.escape(name)}",
+        *sections.facts(tables),
+        "### Aims and what was measured",
+        *sections.aims(tables),
+        *picture("aims"),
+        "### Beside simple baselines",
+        *sections.baselines(tables),
+        "### Which effects",
+        *picture("confusion"),
+        *sections.by_effect(tables),
+        "### How large",
+        *sections.parameters(tables),
+        *picture("errors"),
+        "### How sure",
+        *sections.reliability(tables),
+        *picture("reliability"),
+        *limits.section(tables, picture("limits")),
+        *next_flight.section(tables, picture("next_flight")),
+        "### Failures, one by one",
+        *failures.failures(tables, remarks),
+    ]
+
+
+def _notes(path: Path | None) -> tuple[dict[str, str], list[str]]:
+    """Remarks by case, and everything else."""
+    if path is None:
+        return {}, []
+    parts = re.split(r"(?m)^#+ *([0-9a-f]{16}) *$", read_notes(path))
+    remarks, rest = {}, [parts[0].strip()]
+    for name, text in zip(parts[1::2], parts[2::2], strict=True):
+        # A remark ends where the next heading begins.
+        own, *after = re.split(r"(?m)^(?=#)", text, maxsplit=1)
+        remarks[name] = own.strip()
+        rest += [part.strip() for part in after]
+    return remarks, [part for part in rest if part]

@@ -1,0 +1,351 @@
+"""Paragraphs and tables of the blind report.
+
+What can be computed from the rows of the cases is computed here, so that tables of earlier draws
+are read like those of later ones.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.stats.statistics import records
+from bench.text import markdown
+from blind.draw.catalogue import LIBRARY
+from blind.report.tables import OURS, Tables
+from blind.score.scoring import clopper_pearson
+
+MISSING = "—"
+INTERVALS = "truth inside 95 % intervals"
+COVERAGE = (0.93, 0.97)
+"""Share of intervals that should hold the truth."""
+ONE_EFFECT = ("correlation", "everything")
+"""Baselines that name one effect at most."""
+SHRUNK = 0.97
+"""Share of the true effect's shrink that an answer should reach."""
+RESAMPLED = 4000
+"""Draws of cases for the interval of a coverage."""
+
+NUMBERS: tuple[tuple[str, str, str, float, str], ...] = (
+    ("median_parameter_error", "median parameter error", "≤", 0.03, "%"),
+    ("rms_over_cramer_rao", "RMS parameter error over the Cramér-Rao bound", "≤", 1.5, ""),
+    ("median_shrink_over_oracle", "median shrink over the true effect's", "≥", 0.97, "%"),
+)
+"""Summary key, its name, the direction of the aim, the aim, the unit in which it is shown."""
+
+
+def facts(tables: Tables) -> list[str]:
+    """What was run."""
+    cases, run = tables.cases, tables.run
+    kinds = ", ".join(f"{n} {kind}" for kind, n in run["counts"].items())
+    rows = records(cases)
+    failed = sum(row["status"] != "ok" for row in rows)
+    effects = [row for row in rows if row["kind"] != "clean"]
+    known = [row for row in effects if row["measured"]]
+    undecidable = sum(not row["decidable"] for row in known)
+    unmeasured = [row for row in rows if not row["measured"]]
+    drawn = "of the operating system" if run["seed"] is None else f"{run['seed']}"
+    versions = ", ".join(f"{name} {version}" for name, version in run["versions"].items())
+    lines = [
+        f"{len(cases)} cases ({kinds}), drawn {run['started']} with the seed {drawn}. SHA-256 of "
+        f"the labels: `{run['sha256']}`.",
+        f"{failed} diagnoses failed; they count as wrong. A diagnosis took "
+        f"{cases['seconds'].median():.0f} s (median, with start and compilation). "
+        f"{undecidable} of {len(known)} cases with an effect that were measured are undecidable"
+        f"{_percent_of(undecidable, len(known))}.",
+    ]
+    if unmeasured:
+        several = sum(row["drones"] > 1 for row in unmeasured)
+        lines.append(
+            f"**{len(unmeasured)} cases were not measured, {several} of them with several "
+            "drones.** They count as decidable; Cramér-Rao bounds and shrinks of the true effect "
+            "are those of the others."
+        )
+    sources = run["sources"]
+    if len(sources) > 1:
+        lines.append(f"**The answers come from {len(sources)} versions of the program.**")
+    if len(run.get("measured_by", ())) > 1:
+        lines.append(f"**Measured by {len(run['measured_by'])} versions of the program.**")
+    lines.append(f"Versions: {markdown.escape(versions)}; program {sources[0][:12]}.")
+    return lines
+
+
+def aims(tables: Tables) -> list[str]:
+    """Aims beside measured scores."""
+    rows = []
+    for row in records(tables.proportions):
+        subset = "all" if row["score"] == INTERVALS else "decidable"
+        if row["who"] != OURS or not row["n"] or row["cases"] != subset:
+            continue
+        if row["score"] == INTERVALS:
+            row |= _by_case(tables.parameters, row)
+        rows.append(
+            (
+                markdown.escape(row["score"]),
+                f"{row['hits']}/{row['n']}",
+                _percent(row["value"]),
+                f"{_percent(row['low'])} to {_percent(row['high'])}",
+                _aim(row),
+                _verdict(row),
+            )
+        )
+    rows += [_near(tables.cases), _calibrated(tables)]
+    summary, counts = tables.summary[OURS], _counts(tables)
+    for key, name, sign, aim, unit in NUMBERS:
+        value = summary.get(key)
+        shown, wanted = _shown(value, unit), f"{sign} {_shown(aim, unit)}"
+        met = value is not None and (value <= aim if sign == "≤" else value >= aim)
+        word = MISSING if value is None else "met" if met else "**missed**"
+        rows.append((name, f"n = {counts[key]}", shown, "", wanted, word))
+    headings = ("score", "hits", "measured", "95 % interval", "aim", "verdict")
+    lines = [markdown.table(headings, rows, (0, 5)), _shrinks(summary)]
+    return [
+        "Names are scored on decidable cases, numbers and intervals on all true effects that were "
+        "named. *Abstention* is the verdict `unexplained`, or an effect with a tenth or more left "
+        "unexplained. *Met* is said of the measured value, *within the interval* where only the "
+        "interval reaches the aim. Where several intervals are of one case, cases are resampled.",
+        *filter(None, lines),
+    ]
+
+
+def baselines(tables: Tables) -> list[str]:
+    """The same scores for everybody."""
+    table = tables.proportions
+    shown = table.loc[(table["cases"] == "decidable") & (table["n"] > 0)]
+    everybody = list(dict.fromkeys(table["who"]))
+    rows = []
+    for name in dict.fromkeys(shown["score"]):
+        by_who = shown.loc[shown["score"] == name].set_index("who")
+        able = [who for who in everybody if asked(name, who)]
+        cells = (_cell(by_who, who) if who in able else MISSING for who in everybody)
+        rows.append((markdown.escape(name), *cells))
+    for key, name, _, _, unit in NUMBERS[:1]:
+        rows.append((name, *(_shown(tables.summary[who].get(key), unit) for who in everybody)))
+    return [
+        "Residual correlation, sparse regression (STLSQ) and a fit of everything, each with a "
+        "threshold set on undisturbed flights. They cannot say `unexplained`, so that nothing is "
+        "withheld from them; correlation and everything name one effect at most. Errors are those "
+        "of true effects that each has named.",
+        markdown.table(("score", *map(markdown.escape, everybody)), rows),
+    ]
+
+
+def by_effect(tables: Tables) -> list[str]:
+    """Singles that were named, by effect and size."""
+    table = tables.by_effect
+    if table.empty:
+        return []
+    rows = []
+    for effect, part in table.groupby("effect"):
+        sizes = part.set_index("size").to_dict("index")
+        cells = [_named(sizes.get(size)) for size in ("small", "medium", "large")]
+        rows.append((markdown.escape(str(effect)), *cells))
+    note = "Right first answers over cases; in brackets those that are decidable."
+    return [note, markdown.table(("effect", "small", "medium", "large"), rows)]
+
+
+def parameters(tables: Tables) -> list[str]:
+    """Errors, bounds and coverage by quantity."""
+    table = tables.parameters
+    if table.empty:
+        return ["No parameter could be compared."]
+    rows, told = [], "half_width" in table  # not in tables of earlier draws
+    compared = records(table)
+    for quantity in sorted({row["quantity"] for row in compared}):
+        part = [row for row in compared if row["quantity"] == quantity]
+        middle = float(np.median([row["error"] for row in part]))
+        inside, n = (sum(row[key] for row in part) for key in ("inside", "intervals"))
+        over = np.asarray([row["over_bound"] for row in part], float)
+        over = over[np.isfinite(over)]
+        widths = np.asarray([row.get("half_width") for row in part], float)
+        known = widths[np.isfinite(widths)]
+        wide = float(np.median(known)) if len(known) else math.nan
+        show = _percent if part[0]["relative"] else lambda x: f"{x:.2g}"
+        rows.append(
+            (
+                markdown.escape(quantity),
+                str(len(part)),
+                show(middle),
+                *([show(wide) if math.isfinite(wide) else MISSING] if told else []),
+                f"{np.sqrt(np.mean(over**2)):.2f}" if len(over) else MISSING,
+                f"{np.median(over):.2f}" if len(over) else MISSING,
+                f"{inside}/{n}" if n else MISSING,
+            )
+        )
+    headings = ("quantity", "answers", "median error", *(["half-width"] if told else []))
+    headings += ("RMS / bound", "median / bound", "inside")
+    scaled = (
+        " An offset of the centre of mass is compared in crazyflow's inertia (0.76 to 0.78 of the "
+        "offset in metres), because flights beside a reference tell it only over the inertia; its "
+        "intervals are compared with the metres."
+    )
+    return [
+        "True effects that were named in singles and pairs. Errors and half-widths of 95 % "
+        "intervals are relative to the size of the effect, except those of onsets [s] and widths "
+        "[m]. The bound is Cramér and Rao's for what the diagnosis looks at, half seconds whose "
+        "starts are unknown, in the same flights without noise; a flight followed from end to end "
+        "could tell more. *Inside* counts 95 % intervals that hold the truth, all of an effect at "
+        "its first quantity." + (scaled if told and tables.run["reality"] == "rotorpy" else ""),
+        markdown.table(headings, rows),
+    ]
+
+
+def reliability(tables: Tables) -> list[str]:
+    """Stated probabilities and how often they were right."""
+    rows = [
+        (
+            f"{row['from']:.1f} to {row['to']:.1f}",
+            str(row["n"]),
+            _percent(row["stated"]),
+            _percent(row["value"]),
+            f"{_percent(row['low'])} to {_percent(row['high'])}",
+        )
+        for row in records(tables.reliability)
+    ]
+    if not rows:
+        return ["No effect was named with a probability."]
+    brier = tables.summary[OURS].get("brier")
+    headings = ("stated", "effects", "mean stated", "true", "95 % interval")
+    return [
+        markdown.table(headings, rows),
+        f"Brier score {brier:.3f}." if brier is not None else "",
+    ]
+
+
+def measured_by(tables: Tables, study: str) -> list[str]:
+    """What of a study is not that of the cases: its program, and effects that it lacks."""
+    table = tables.studies[study]
+    known = table["diagnosis"].iloc[0] if "diagnosis" in table else "an earlier one"
+    lines = []
+    if known not in [source[:12] for source in tables.run["sources"]]:
+        lines.append(f"**Measured with another version of the program than the cases: {known}.**")
+    columns = [name for name in ("effect", "truth", "rival") if name in table]
+    lost = sorted(set(LIBRARY) - {name for column in columns for name in table[column]})
+    if lost:
+        lines.append(f"Not measured: {markdown.escape(', '.join(lost))}.")
+    return lines
+
+
+def _by_case(parameters: pd.DataFrame, row: dict[str, Any]) -> dict[str, float]:
+    """Interval of a coverage with cases as units, never narrower than with intervals as units."""
+    sums = np.asarray(parameters.groupby("case")[["inside", "intervals"]].sum(), float)
+    drawn = np.random.default_rng(0).integers(len(sums), size=(RESAMPLED, len(sums)))
+    inside, n = np.moveaxis(sums[drawn].sum(axis=1), -1, 0)
+    low, high = np.quantile(inside / n, [0.025, 0.975])
+    return {"low": min(row["low"], float(low)), "high": max(row["high"], float(high))}
+
+
+def _ratios(cases: pd.DataFrame) -> np.ndarray:
+    """Shrink over the true effect's in decidable singles and pairs that were measured."""
+    named = cases["kind"].isin(["single", "pair"]) & cases["decidable"]
+    found, oracle = (cases.loc[named, name].to_numpy(float) for name in ("shrink", "shrink_oracle"))
+    wanted = oracle > 0.0
+    return found[wanted] / oracle[wanted]
+
+
+def _near(cases: pd.DataFrame) -> tuple[str, ...]:
+    """How many answers shrink the drift nearly as far as the true effect."""
+    ratios = _ratios(cases)
+    hits, n = int(np.sum(ratios >= SHRUNK)), len(ratios)
+    low, high = clopper_pearson(hits, n)
+    least = np.nanmin(ratios, initial=math.inf)
+    name = f"shrink at least {_percent(SHRUNK)} of the true effect's"
+    name += f" (least {_percent(float(least))})" if n else ""
+    value = hits / n if n else math.nan
+    return (name, f"{hits}/{n}", _percent(value), _range(low, high), MISSING, MISSING)
+
+
+def _calibrated(tables: Tables) -> tuple[str, ...]:
+    """Whether as many of the named effects are true as their probabilities say."""
+    rows = records(tables.reliability)
+    n = sum(row["n"] for row in rows)
+    hits = round(sum(row["n"] * row["value"] for row in rows))
+    stated = sum(row["n"] * row["stated"] for row in rows) / n if n else math.nan
+    low, high = clopper_pearson(hits, n)
+    word = MISSING if not n else "met" if low <= stated <= high else "**missed**"
+    value = hits / n if n else math.nan
+    aim = f"{_percent(stated)}, as stated"
+    shown = (f"{hits}/{n}", _percent(value), _range(low, high))
+    return ("named effects that are true", *shown, aim, word)
+
+
+def _counts(tables: Tables) -> dict[str, int]:
+    """How many values each of `NUMBERS` is of."""
+    relative = tables.parameters.loc[tables.parameters["relative"].astype(bool)]
+    finite = {
+        name: int(np.isfinite(relative[name].to_numpy(float)).sum())
+        for name in ("error", "over_bound")
+    }
+    return {
+        "median_parameter_error": finite["error"],
+        "rms_over_cramer_rao": finite["over_bound"],
+        "median_shrink_over_oracle": int(np.isfinite(_ratios(tables.cases)).sum()),
+    }
+
+
+def asked(score: str, who: str) -> bool:
+    """Whether a score means anything for somebody."""
+    if who == OURS:
+        return True
+    if score.startswith(("abstention", "nothing blamed")):
+        return False
+    return not (score == "exact set of pairs" and who in ONE_EFFECT)
+
+
+def _range(low: float, high: float) -> str:
+    return f"{_percent(low)} to {_percent(high)}"
+
+
+def _shrinks(summary: dict[str, Any]) -> str:
+    ours, wrong = summary.get("median_shrink"), summary.get("median_shrink_of_best_wrong")
+    if ours is None or wrong is None:
+        return ""
+    return (
+        f"Drift on flights left out shrinks by {ours:.1f} % in the median, and by {wrong:.1f} % "
+        "under the single wrong effect that looks best."
+    )
+
+
+def _aim(row: dict[str, Any]) -> str:
+    if row["score"] == INTERVALS:
+        return f"{_percent(COVERAGE[0])} to {_percent(COVERAGE[1])}"
+    return f"≥ {_percent(row['aim'])}" if pd.notna(row["aim"]) else MISSING
+
+
+def _verdict(row: dict[str, Any]) -> str:
+    """Met, missed, or missed with an interval that reaches the aim."""
+    if pd.isna(row["aim"]):
+        return MISSING
+    low, high = COVERAGE if row["score"] == INTERVALS else (row["aim"], 1.0)
+    if low <= row["value"] <= high:
+        return "met"
+    reaches = row["low"] <= high and row["high"] >= low
+    return "missed, within the interval" if reaches else "**missed**"
+
+
+def _cell(by_who: pd.DataFrame, who: str) -> str:
+    if who not in by_who.index:
+        return MISSING
+    row = by_who.loc[who]
+    return f"{_percent(row['value'])} ({_percent(row['low'])} to {_percent(row['high'])})"
+
+
+def _named(cell: dict[str, Any] | None) -> str:
+    if cell is None:
+        return MISSING
+    return f"{cell['right']}/{cell['n']} ({cell['right_decidable']}/{cell['decidable']})"
+
+
+def _shown(value: float | None, unit: str) -> str:
+    if value is None:
+        return MISSING
+    return _percent(value) if unit == "%" else f"{value:.2f}"
+
+
+def _percent(value: float) -> str:
+    return f"{100.0 * value:.1f} %" if math.isfinite(value) else MISSING
+
+
+def _percent_of(count: int, total: int) -> str:
+    return f" ({_percent(count / total)})" if total else ""

@@ -1,0 +1,1 @@
+"""A blind run from draw to report."""

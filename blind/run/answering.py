@@ -1,0 +1,145 @@
+"""Every case diagnosed in a fresh process that is given nothing but its flights.
+
+The flights are copied to a temporary folder that has nothing to do with the run's, the process
+starts in an empty folder there with a scrubbed environment, and what it wrote is moved to the
+answers in one piece: an answer is there whole or not at all. How a diagnosis failed is an answer,
+too; it is not tried again.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import blind
+import diagnosis
+import simulators
+from blind.draw.cases import Case
+from blind.draw.folders import Folders, write_json
+from blind.run.children import Ended, Task, python, run_tasks
+
+DIAGNOSE = tuple(python("-m", "blind.run.one"))
+"""The command that diagnoses a folder."""
+TIMEOUT = 3600.0
+"""Longest time for one diagnosis [s]; a slow machine needs 15 min for a hard case."""
+PROGRAM = "program.json"
+"""Which program a diagnosis says that it was given by, in the folder of its answer."""
+STATUS = "status.json"
+"""How a diagnosis ended, in the folder of its answer."""
+
+
+def missing(folders: Folders, cases: Mapping[str, Case]) -> list[Case]:
+    """The cases without an answer."""
+    return [case for name, case in cases.items() if not (folders.answers / name / STATUS).is_file()]
+
+
+def answer_all(
+    folders: Folders,
+    cases: Sequence[Case],
+    jobs: int,
+    on_end: Callable[[Case, Mapping[str, Any]], None],
+    with_reference: bool = False,
+    command: Sequence[str] = DIAGNOSE,
+    timeout: float = TIMEOUT,
+) -> None:
+    """Diagnoses cases, `jobs` at a time; `on_end` gets each case with its status."""
+    sources = sources_digest()
+    by_name = {case.id: case for case in cases}
+    with tempfile.TemporaryDirectory(prefix="flights-") as temporary:
+        work = Path(temporary)
+
+        def make(case: Case) -> Callable[[], Task]:
+            reference = folders.reference if with_reference else None
+            return lambda: _task(folders.cases / case.id, work, case.exclude, reference, command)
+
+        def end(ended: Ended) -> None:
+            status = _kept(ended, work / ended.name, folders.answers, sources)
+            shutil.rmtree(work / ended.name)
+            on_end(by_name[ended.name], status)
+
+        run_tasks([make(case) for case in cases], jobs, end, timeout)
+
+
+def read_answers(
+    folders: Folders, cases: Mapping[str, Case]
+) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
+    """The diagnoses that did not fail, and how each ended, by case."""
+    answers, statuses = {}, {}
+    for name in cases:
+        place = folders.answers / name
+        statuses[name] = _read(place / STATUS)
+        if statuses[name]["status"] == "ok":
+            answers[name] = _read(place / "diagnosis.json")
+    return answers, statuses
+
+
+def sources_digest(with_generator: bool = False) -> str:
+    """SHA-256 of the program that diagnoses, so that an answer says which one gave it.
+
+    `with_generator`: and of the one that makes cases and measures them.
+    """
+    found = hashlib.sha256()
+    for package in (diagnosis, simulators, *([blind] if with_generator else [])):
+        root = Path(str(package.__file__)).parent
+        for path in sorted(root.rglob("*.py")):
+            found.update(f"{root.name}/{path.relative_to(root)}\n".encode() + path.read_bytes())
+    return found.hexdigest()
+
+
+def _task(
+    flights: Path,
+    work: Path,
+    exclude: Sequence[str],
+    reference: Path | None,
+    command: Sequence[str],
+) -> Task:
+    """The diagnosis of one folder, in a folder of its own."""
+    own = work / flights.name
+    (own / "empty").mkdir(parents=True)
+    shutil.copytree(flights, own / flights.name)
+    arguments = [str(own / flights.name), "--out", str(own / "answer")]
+    if reference is not None:
+        shutil.copytree(reference, own / "reference")
+        arguments += ["--reference", str(own / "reference")]
+    for effect in exclude:
+        arguments += ["--exclude", effect]
+    return Task(flights.name, [*command, *arguments], own / "empty", own / "log")
+
+
+def _kept(ended: Ended, work: Path, answers: Path, sources: str) -> dict[str, Any]:
+    """The status of a diagnosis, after its documents were moved to the answers."""
+    made, cause = work / "answer", ended.cause
+    if (made / PROGRAM).is_file():  # what the child has imported, not what is there now
+        sources = _read(made / PROGRAM)["sources"]
+    if not cause:
+        try:
+            content = _read(made / "diagnosis.json")
+            if content.get("schema") != 1:
+                cause = f"diagnosis.json has schema {content.get('schema')!r}, not 1"
+        except (OSError, ValueError) as error:
+            cause = f"diagnosis.json cannot be read: {' '.join(str(error).split())}"
+    status = {
+        "status": "failed" if cause else "ok",
+        "cause": cause,
+        "seconds": ended.seconds,
+        "sources": sources,
+    }
+    made.mkdir(exist_ok=True)
+    write_json(made / STATUS, status)
+    shutil.copy(work / "log" / "stderr", made / "stderr.txt")
+    answers.mkdir(parents=True, exist_ok=True)
+    # Another file system may lie between, and a move across is not one piece.
+    part, final = answers / f".{ended.name}.part", answers / ended.name
+    for old in (part, final):
+        shutil.rmtree(old, ignore_errors=True)
+    shutil.move(made, part)
+    os.replace(part, final)
+    return status
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text(encoding="utf-8"))

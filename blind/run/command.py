@@ -1,0 +1,266 @@
+"""The command `bench blind`: draw, diagnose, measure, score, report; running again resumes."""
+
+import contextlib
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import filelock
+from rich.console import Console
+
+from bench.execution.executor import cores
+from bench.text.errors import UsageError
+from blind.draw.cases import Case, read_labels
+from blind.draw.folders import (
+    RESULTS,
+    Folders,
+    check_state,
+    scaled_counts,
+)
+from blind.fly.realities import REALITIES
+from blind.report.page import write_report
+from blind.report.tables import Tables, make_tables, save_labels
+from blind.run.answer_baselines import answer_baselines
+from blind.run.answering import DIAGNOSE, TIMEOUT, answer_all, missing, read_answers
+from blind.run.children import Ended, Task, python, run_tasks
+from blind.run.display import Display
+from blind.run.measuring import measure_all, read_measures, unmeasured
+
+DOCUMENT = Path("reports") / "blind.md"
+"""The report on the runs in `RESULTS`."""
+
+UNDISTURBED = 20
+"""Fewest flight sets on which baselines are calibrated."""
+
+
+def run_blind(
+    cases: int | None,
+    reality: str,
+    out: Path | None,
+    seed: int | None,
+    jobs: int | None,
+    command: Sequence[str] = DIAGNOSE,
+    timeout: float = TIMEOUT,
+    notes: Path | None = None,
+) -> int:
+    """Exit status: 0, or 1 where a diagnosis failed or the labels were touched.
+
+    Raises:
+        UsageError: The request makes no sense.
+    """
+    counts = None if cases is None else scaled_counts(cases)
+    folders = Folders(out or RESULTS / reality)
+    jobs = _check(folders, reality, seed, jobs)
+    if folders.state.is_file():
+        check_state(folders, reality, counts)
+    console = Console()
+    with alone(folders):
+        if not folders.state.is_file():
+            _keep_tables(folders)
+            _generate(folders, reality, counts or scaled_counts(None), seed, console)
+        return _work(folders, jobs, console, command, timeout, document_of(out), notes)
+
+
+def _work(
+    folders: Folders,
+    jobs: int,
+    console: Console,
+    command: Sequence[str],
+    timeout: float,
+    document: Path,
+    notes: Path | None,
+) -> int:
+    """Exit status after everything that is still to be done with cases that were flown."""
+    if wrong := folders.tampered():
+        console.print(f"[red]{wrong}[/]", soft_wrap=True)
+        return 1
+    state = folders.read_state()
+    console.print(f"SHA-256 of the labels: {state['sha256']}", soft_wrap=True, highlight=False)
+    labels = read_labels(folders.labels, state["sha256"])
+    if folders.gone(len(labels)):
+        console.print("Flights of the draw are gone; its seeds fly them again.")
+        _fly(folders, {"out": str(folders.out.resolve())}, len(labels), console)
+    _answer(folders, labels, jobs, console, command, timeout)
+    if wrong := folders.tampered():
+        console.print(f"[red]{wrong} Nothing is scored.[/]", soft_wrap=True)
+        return 1
+    console.print("The labels are still those.")
+    _measure(folders, labels, jobs, console)
+    with console.status("Answering with the baselines"):
+        baselines = answer_baselines(folders)
+    return _finish(folders, labels, baselines, document, notes or default_notes(document), console)
+
+
+def rebuild_report(out: Path | None, notes: Path | None = None) -> int:
+    """Exit status after writing the report from tables alone.
+
+    Raises:
+        UsageError: There are no tables.
+    """
+    path = write_report(_found(out), document_of(out), notes or default_notes(document_of(out)))
+    print(f"Report: {path}")  # noqa: T201
+    return 0
+
+
+def document_of(out: Path | None) -> Path:
+    """The report's Markdown file: in the folder that was asked for, or else in `reports`."""
+    return DOCUMENT if out is None else out / "blind.md"
+
+
+def default_notes(document: Path) -> Path | None:
+    """Hand-written notes beside the report, if there are any."""
+    path = document.with_name(f"{document.stem}_notes.md")
+    return path if path.is_file() else None
+
+
+def _found(out: Path | None) -> list[Tables]:
+    """The tables in a folder, or those of all realities."""
+    if out is not None:
+        return [Tables.load(out)]
+    places = [RESULTS / reality for reality in REALITIES]
+    tables = [Tables.load(place) for place in places if (place / "run.json").is_file()]
+    if not tables:
+        raise UsageError(f"No tables are in {RESULTS}; `bench blind` makes them.")
+    return tables
+
+
+def _check(folders: Folders, reality: str, seed: int | None, jobs: int | None) -> int:
+    """The number of processes, after everything that was asked for was checked."""
+    if reality not in REALITIES:
+        raise UsageError(f"`--reality` must be one of {', '.join(REALITIES)}, got '{reality}'.")
+    if seed is not None and seed < 0:
+        raise UsageError(f"`--seed` must be at least 0, got {seed}.")
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+    if folders.out.exists() and not folders.out.is_dir():
+        raise UsageError(f"{folders.out} is not a folder, so nothing can be written there.")
+    if seed is not None and folders.state.is_file() and folders.read_state()["seed"] != seed:
+        raise UsageError(
+            f"{folders.runs} was not drawn with seed {seed}. Give another folder with `--out`."
+        )
+    return jobs or cores()
+
+
+@contextlib.contextmanager
+def alone(folders: Folders) -> Iterator[None]:
+    """Inside, no other process works in these folders.
+
+    Raises:
+        UsageError: One does already.
+    """
+    folders.runs.mkdir(parents=True, exist_ok=True)
+    try:
+        with filelock.FileLock(folders.runs / ".lock", timeout=0):
+            yield
+    except filelock.Timeout as error:
+        raise UsageError(f"Another `bench blind` works in {folders.runs}.") from error
+
+
+def _keep_tables(folders: Folders) -> None:
+    """Nothing, if there are no tables of a draw whose flights are not there.
+
+    Raises:
+        UsageError: There are; another draw would be mixed with its notes and studies.
+    """
+    if (folders.out / "run.json").is_file():
+        raise UsageError(
+            f"{folders.out} holds the tables of a draw whose flights are not here. Give "
+            "`--out DIR` for a draw of your own, or remove the folder to put another in its place."
+        )
+
+
+def _generate(
+    folders: Folders, reality: str, counts: Mapping[str, int], seed: int | None, console: Console
+) -> None:
+    """Draws and flies everything; a folder that was left half-way is begun anew."""
+    if any(folders.answers.glob("*")):
+        raise UsageError(f"{folders.runs} has answers but no run.json; remove it to begin anew.")
+    for old in filter(Path.exists, folders.drawn()):
+        shutil.rmtree(old)
+    settings = {
+        "out": str(folders.out.resolve()),
+        "reality": reality,
+        "counts": dict(counts),
+        "seed": seed,
+        "undisturbed": max(UNDISTURBED, counts["clean"]),
+    }
+    _fly(folders, settings, sum(counts.values()), console)
+
+
+def _fly(folders: Folders, settings: Mapping[str, Any], total: int, console: Console) -> None:
+    """Flies in a process of its own, that leaves nothing behind in this one."""
+    causes: list[str] = []
+
+    def make() -> Task:
+        arguments = python("-m", "blind.run.generate", json.dumps(settings))
+        return Task("generate", arguments, folders.runs, folders.runs / "logs" / "generate")
+
+    def end(ended: Ended) -> None:
+        causes.append(ended.cause)
+
+    with Display("flying cases", total, console) as display:
+        poll = lambda: display.at(len(folders.flown()))  # noqa: E731
+        run_tasks([make], 1, end, on_poll=poll)
+    if causes[0]:
+        raise UsageError(f"The cases could not be flown, {causes[0]}")
+
+
+def _answer(
+    folders: Folders,
+    labels: Mapping[str, Case],
+    jobs: int,
+    console: Console,
+    command: Sequence[str],
+    timeout: float,
+) -> None:
+    left = missing(folders, labels)
+    done = len(labels) - len(left)
+    if done:
+        console.print(f"{done} of {len(labels)} cases have an answer already.", highlight=False)
+    with Display("diagnosing", len(labels), console, done) as display:
+
+        def on_end(case: Case, status: Mapping[str, Any]) -> None:
+            display.finished(case.id, status["cause"], status["seconds"])
+
+        referenced = folders.read_state()["reality"] != "crazyflow"
+        answer_all(folders, left, jobs, on_end, referenced, command, timeout)
+
+
+def _measure(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:
+    left = unmeasured(folders, labels)
+    if left:
+        with Display("measuring what the flights allow", len(left), console) as display:
+            measure_all(folders, left, jobs, display.at)
+    if lost := unmeasured(folders, labels):
+        console.print(
+            f"[red]{len(lost)} cases could not be measured and count as decidable; see "
+            f"{folders.runs / 'logs'}. Running again tries again.[/]",
+            soft_wrap=True,
+        )
+
+
+def _finish(
+    folders: Folders,
+    labels: Mapping[str, Case],
+    baselines: Mapping[str, Mapping[str, Any]],
+    document: Path,
+    notes: Path | None,
+    console: Console,
+) -> int:
+    """Exit status after writing tables and report."""
+    answers, statuses = read_answers(folders, labels)
+    measures = read_measures(folders, labels)
+    state = folders.read_state()
+    state["measured_by"] = sorted({found.get("program", "") for found in measures.values()})
+    tables = make_tables(labels, answers, statuses, measures, baselines, state)
+    tables.save(folders.out)
+    save_labels(folders)
+    places = None if document == DOCUMENT else folders.out
+    path = write_report(_found(places), document, notes)
+    failed = sum(status["status"] != "ok" for status in statuses.values())
+    if failed:
+        console.print(f"[red]{failed} of {len(labels)} diagnoses failed; the report names them.[/]")
+    console.print(f"Tables: {folders.out}\nReport: {path}", soft_wrap=True, highlight=False)
+    return 1 if failed or len(measures) < len(labels) else 0

@@ -1,0 +1,101 @@
+"""Draws and flies the cases of a blind run, in a process of its own that leaves nothing behind.
+
+`python -m blind.run.generate` takes its settings as one JSON object; with none but `out`, it
+flies what is gone of a draw that is there.
+"""
+
+import dataclasses
+import datetime
+import json
+import secrets
+import sys
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from blind.draw.cases import (
+    draw_cases,
+    fly_case,
+    make_case,
+    read_labels,
+    write_cases,
+    write_flights,
+    write_labels,
+)
+from blind.draw.folders import Folders, write_json
+from blind.run.answering import sources_digest
+from blind.run.children import leave_with_parent
+
+PACKAGES = ("fidelity-bench", "crazyflow", "rotorpy", "jax", "numpy", "scipy")
+"""Packages whose versions are written down."""
+
+
+def generate(
+    folders: Folders, reality: str, counts: Mapping[str, int], seed: int | None, undisturbed: int
+) -> None:
+    """Writes cases, labels and undisturbed flight sets, and `run.json` last.
+
+    Args:
+        folders: Where to; nothing may be there yet.
+        reality: Where cases are flown.
+        counts: Number of cases by kind.
+        seed: Seed of everything but the labels' salt; from the operating system if None.
+        undisturbed: Number of flight sets on which baselines are calibrated.
+    """
+    entropy = secrets.randbits(128) if seed is None else seed
+    _fly_undisturbed(folders, reality, entropy, undisturbed)
+    cases = draw_cases(counts, reality, entropy)
+    write_cases(folders.cases, folders.labels.parent, cases)
+    sha256 = write_labels(folders.labels, cases)
+    write_json(
+        folders.state,
+        {
+            "reality": reality,
+            "counts": dict(counts),
+            "seed": seed,
+            "entropy": entropy,
+            "undisturbed": undisturbed,
+            "sha256": sha256,
+            "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "versions": {name: _version(name) for name in PACKAGES},
+            "generator": sources_digest(with_generator=True),
+        },
+    )
+
+
+def fly_again(folders: Folders) -> None:
+    """Flies what is gone of a draw whose `run.json` and labels are there."""
+    state = folders.read_state()
+    _fly_undisturbed(folders, state["reality"], state["entropy"], state["undisturbed"])
+    cases = read_labels(folders.labels, state["sha256"])
+    write_cases(folders.cases, folders.labels.parent, list(cases.values()))
+
+
+def _fly_undisturbed(folders: Folders, reality: str, entropy: int, count: int) -> None:
+    """Flies the reference and `count` more sets of the undisturbed vehicle that are not there."""
+    rng = np.random.default_rng([entropy, 1])
+    for i in range(count + 1):
+        case = make_case("clean", (), rng, reality=reality)
+        folder = folders.undisturbed / str(i) if i else folders.reference
+        if not folder.is_dir():
+            flown = fly_case(dataclasses.replace(case, drones=1))
+            write_flights(folder, [one.logged for one in flown])
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+if __name__ == "__main__":
+    leave_with_parent()
+    settings = json.loads(sys.argv[1])
+    place = Folders(Path(settings.pop("out")))
+    if settings:
+        generate(place, **settings)
+    else:
+        fly_again(place)

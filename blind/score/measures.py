@@ -1,0 +1,181 @@
+"""What a case allows, measured with its label: decidability, Cramer-Rao bound, the oracle's shrink.
+
+Everything here knows what was withheld, so it runs after the last diagnosis. Decidability and bound
+come from flights without noise in the reality whose equations are the nominal simulator's: the case
+itself, or for another reality the same effects flown on the same references there. Otherwise the
+chi-square of what both simulators do differently would stand in the place of the effect's. Where
+the diagnosis has a reference, so has this, and what it leaves open is counted.
+"""
+
+import dataclasses
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blind.draw.cases import Case, fly_case, make_case, write_flights
+from blind.fly.flying import Noise
+from diagnosis.decide.decidable import (
+    Decidability,
+    Parameters,
+    contains,
+    cramer_rao,
+    decidability,
+    truth_fit,
+    unexplained,
+    values,
+)
+from diagnosis.decide.reference import Reference, beside, fit_reference
+from diagnosis.diagnose import (
+    DISTRUST,
+    STEPS,
+    make_likelihood,
+    nominal_simulator,
+    reference_of,
+)
+from diagnosis.fit import shrinkage
+from diagnosis.fit.equations import dispersion
+from diagnosis.fit.fit import Fit, Set
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.fit.outliers import beyond
+from diagnosis.fit.search import Problem
+from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.logs.noise import estimate_noise
+from diagnosis.replay.library import make_library, with_aliases
+from diagnosis.replay.replay import Replay, make_replay
+
+OWN = "crazyflow"
+"""The reality whose equations are those of the simulator that the diagnosis is asked about."""
+TWIN_SEED = 20260917
+"""Seed of the undisturbed flights in that reality that stand for the reference; any would do."""
+
+
+class Workbench:
+    """Compiled replays and references, shared by all cases of a process."""
+
+    def __init__(self, runs: Path, with_reference: bool) -> None:
+        self.runs, self.with_reference = runs, with_reference
+        self._replays: dict[bool, Replay] = {}
+        self._twin: dict[bool, Reference] = {}
+
+    def replay(self, flights: FlightSet) -> Replay:
+        """The replay for flights of one drone or of several."""
+        several = _several(flights)
+        if several not in self._replays:
+            library = make_library(
+                nominal_simulator(OWN, flights), (), several, referenced=self.with_reference
+            )
+            self._replays[several] = make_replay(library, STEPS[OWN])
+        return self._replays[several]
+
+    def exact(self, case: Case) -> Problem:
+        """The problem of a case without noise, at the noise that was logged."""
+        flights = without_noise(case)
+        noise = Noise().scaled(case.noise)
+        sigma = np.repeat([noise.pos, noise.vel, noise.attitude], 3)
+        likelihood = make_likelihood(self.replay(flights), flights.flights, sigma)
+        base = self._reference(likelihood, _several(flights)) if self.with_reference else None
+        return beside(likelihood, base)
+
+    def _reference(self, likelihood: Likelihood, several: bool) -> Reference:
+        if several not in self._twin:
+            self._twin[several] = fit_reference(self._undisturbed(likelihood))
+        return self._twin[several]
+
+    def _undisturbed(self, likelihood: Likelihood) -> Likelihood:
+        clean = make_case("clean", (), np.random.default_rng(TWIN_SEED))
+        flights = without_noise(dataclasses.replace(clean, drones=1)).flights
+        return make_likelihood(likelihood.replay, flights, likelihood.sigma)
+
+    def left(self, problem: Problem) -> float:
+        """The chi-square that undisturbed flights without noise leave, scaled to a problem's."""
+        normal = self._undisturbed(problem.likelihood).normal(problem.library.neutral)
+        return normal.chi2 * float(problem.nominal().normal.dof.sum()) / float(normal.dof.sum())
+
+    def logged(self, case: Case) -> tuple[Problem, int]:
+        """The problem that the diagnosis had, with every effect, and the number of flights."""
+        flights = load_flights(self.runs / "cases" / case.id)
+        replay, sigma = self.replay(flights), estimate_noise(flights.flights)
+        n = len(flights.flights)
+        if not self.with_reference:
+            return Problem(make_likelihood(replay, flights.flights, sigma)), n
+        reference = load_flights(self.runs / "reference").flights
+        base = reference_of(replay, reference)
+        likelihood = make_likelihood(replay, flights.flights, base.enlarged * sigma)
+        return beside(likelihood, base), n
+
+
+def without_noise(case: Case) -> FlightSet:
+    """The case flown in the nominal simulator's reality, as it was and not as it was measured."""
+    flown = fly_case(dataclasses.replace(case, reality=OWN))
+    with tempfile.TemporaryDirectory() as folder:
+        write_flights(Path(folder) / case.id, [one.true for one in flown])
+        return load_flights(Path(folder) / case.id)
+
+
+def _several(flights: FlightSet) -> bool:
+    return any(len(flight.drones) > 1 for flight in flights.flights)
+
+
+def measure(desk: Workbench, case: Case) -> dict[str, Any]:
+    """Everything about a case, as JSON."""
+    begun = time.monotonic()
+    truth: Parameters = {effect.name: effect.parameters for effect in case.effects}
+    found = _without_noise(desk, case, truth)
+    if case.kind in ("single", "pair"):
+        found |= _with_noise(desk, case, truth)
+    return found | {"seconds": time.monotonic() - begun}
+
+
+def _without_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any]:
+    if case.kind == "clean":
+        return {"decidable": True}
+    problem = desk.exact(case)
+    if case.kind == "unknown":
+        found = unexplained(problem, list(problem.library.candidates), desk.left(problem))
+    elif case.kind == "excluded":
+        left = truth_fit(problem, truth).objective
+        hidden = with_aliases(case.exclude)
+        allowed = [name for name in problem.library.candidates if name not in hidden]
+        found = unexplained(problem, allowed, left)
+    else:
+        found = decidability(problem, truth)
+        fit = truth_fit(problem, truth)
+        own = {"bound": cramer_rao(problem, fit), "fitted": values(problem, fit)}
+        return _json(found) | own
+    return _json(found)
+
+
+def _json(found: Decidability) -> dict[str, Any]:
+    return {**dataclasses.asdict(found), "rival": list(found.rival)}
+
+
+def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any]:
+    """Held-out shrink under the true set and under the single wrong effect that looks best."""
+    problem, n = desk.logged(case)
+    fit = truth_fit(problem, truth)
+    problem.likelihood.settle(fit.total, beyond(DISTRUST))
+    problem.renew()
+    fit = truth_fit(problem, truth)
+    problem.phi = dispersion(fit.normal, n)
+    nominal = problem.nominal()
+    wrong = [
+        Set({name})
+        for name in problem.library.candidates
+        if not any(contains(Set({name}), Set({true})) for true in truth)
+    ]
+    best = max(wrong, key=lambda effects: problem.promised(nominal, effects))
+    return {
+        "shrink_oracle": _shrink(problem, fit, n),
+        "shrink_wrong": _shrink(problem, problem.refit(best, nominal), n),
+        "wrong": next(iter(best)),
+        "oracle": values(problem, fit),
+    }
+
+
+def _shrink(problem: Problem, fit: Fit, n_flights: int) -> float | None:
+    """Shrink of the drift [%] on flights left out in turn; None with too few flights."""
+    drift = shrinkage.score(problem, fit, problem.likelihood, n_flights, lofo=True)
+    return shrinkage.shrink(drift, problem.likelihood.sigma, lofo=True)["percent"]

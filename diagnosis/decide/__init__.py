@@ -1,0 +1,1 @@
+"""Which effects are blamed, and how sure that is."""

@@ -1,0 +1,193 @@
+r"""What flights without noise can tell: whether the truth stands out from all rivals, how sharply.
+
+At the noise that was logged, chi-square of noise-free flights is the difference between a model and
+what happened. With theta the parameters of the true set and R any other set of at most as many
+effects,
+
+    margin = min_R min_theta chi2(R, theta) - min_theta chi2(truth, theta),
+
+the nominal simulator (R empty) among the rivals. A case is decidable if the margin is at least
+`DECIDABLE`, where the log likelihood ratio of the two has means five standard deviations apart. A
+set that contains the truth, also as a special case of one of its effects, is no rival. The
+Cramer-Rao bound is the inverse of the normal equations at the truth.
+
+Rivals are screened by what the linearised simulator promises, at nominal and at the truth, and
+refitted where they could come close.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Collection, Iterator, Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from diagnosis.decide.verdict import sizes
+from diagnosis.fit.fit import Fit, Set
+from diagnosis.fit.search import Problem
+
+DECIDABLE = 25.0
+"""Smallest chi-square between the truth and its best rival; from the issue of this capability."""
+CLOSE = 0.03
+"""Share of the gap by which a screened rival may be worse and still be refitted; a choice."""
+REFITS = 4
+"""Most rivals that are refitted, the most promising first; a choice."""
+SPECIAL_CASES: Mapping[str, str] = {"wind": "gust"}
+"""Effects that are another one at the edge of its range: a gust from the start is wind."""
+
+Parameters = Mapping[str, Mapping[str, float]]
+"""Values by effect and parameter."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Decidability:
+    """How far a case is from its best rival."""
+
+    decidable: bool
+    """Whether `margin` is at least `DECIDABLE`."""
+    margin: float
+    """Chi-square of the best rival beyond that of the truth."""
+    rival: tuple[str, ...]
+    """The best rival; empty for the nominal simulator."""
+    refitted: bool
+    """Whether the rival was refitted, or is far away already by the linear screening."""
+    gap: float
+    """Chi-square of the nominal simulator beyond that of the truth."""
+    left: float
+    """Chi-square that the truth leaves: what the library and the reality do not agree on."""
+
+
+def truth_fit(problem: Problem, truth: Parameters) -> Fit:
+    """The true set, started at its true values.
+
+    Raises:
+        ValueError: A name is not in the library.
+    """
+    library = problem.library
+    vector = problem.base.copy()
+    for effect, values in truth.items():
+        if effect not in library.effects:
+            raise ValueError(
+                f"`truth` must name effects of the library ({', '.join(library.effects)}), got "
+                f"'{effect}'."
+            )
+        for i in library.indices(effect):
+            slot = library.slots[i]
+            true = values.get(slot.parameter, slot.neutral)
+            vector[i] = slot.on_top(true, problem.base[i])
+    effects = Set(truth)
+    return problem.refit(
+        effects, dataclasses.replace(problem.nominal(), effects=effects, vector=vector)
+    )
+
+
+def decidability(problem: Problem, truth: Parameters) -> Decidability:
+    """Whether the true set can be told from every other one of at most as many effects."""
+    true = truth_fit(problem, truth)
+    nominal = problem.nominal()
+    gap = nominal.objective - true.objective
+    best, found = Set(), gap
+    refitted = True
+    screened = sorted(_screened(problem, true), key=lambda item: item[1])
+    for rival, excess in screened[:REFITS]:
+        if found < DECIDABLE or excess > DECIDABLE + CLOSE * gap:
+            break
+        fit = problem.refit(rival, _near(problem, rival))
+        if fit.objective - true.objective < found:
+            best, found = rival, fit.objective - true.objective
+    if screened and screened[0][1] < found and screened[0][0] not in problem.fits:
+        best, found, refitted = *screened[0], False
+    left = true.objective
+    return Decidability(found >= DECIDABLE, found, tuple(sorted(best)), refitted, gap, left)
+
+
+def unexplained(
+    problem: Problem, allowed: Collection[str], left: float, largest: int = 2
+) -> Decidability:
+    """Whether the flights differ from nominal and from every set of allowed effects.
+
+    Args:
+        problem: Flights without noise.
+        allowed: Effects of the library that may be named.
+        left: Chi-square that the truth would leave.
+        largest: Number of effects in the largest sets.
+    """
+    nominal = problem.nominal()
+    front, best = [nominal], nominal
+    for _ in range(largest):
+        grown = {
+            fit.effects | {name}: fit
+            for fit in reversed(front)
+            for name in allowed
+            if name not in fit.effects
+        }
+        promised = {s: problem.promised(near, s) for s, near in grown.items()}
+        chosen = sorted(promised, key=lambda s: -promised[s])[: REFITS - 1]
+        front = sorted((problem.refit(s, grown[s]) for s in chosen), key=lambda f: f.objective)[:2]
+        best = min([best, *front], key=lambda f: f.objective)
+    margin = best.objective - left
+    gap = nominal.objective - left
+    return Decidability(margin >= DECIDABLE, margin, tuple(sorted(best.effects)), True, gap, left)
+
+
+def cramer_rao(problem: Problem, fit: Fit) -> Parameters:
+    """Smallest standard deviation of each parameter of a set, by effect, in the parameter's unit.
+
+    Of what `values` gives. What these flights say nothing about is left out.
+    """
+    return _named(problem, fit, sizes(problem, fit)[1])
+
+
+def values(problem: Problem, fit: Fit) -> Parameters:
+    """The parameters of a fit by effect, on top of what nominal and reference differ by."""
+    return _named(problem, fit, sizes(problem, fit)[0])
+
+
+def _named(problem: Problem, fit: Fit, numbers: Float[np.ndarray, " free"]) -> Parameters:
+    """Finite numbers of a set's free entries by effect and parameter."""
+    found: dict[str, dict[str, float]] = {}
+    for i, number in zip(problem.free(fit.effects), numbers, strict=True):
+        if np.isfinite(number):
+            slot = problem.library.slots[i]
+            found.setdefault(slot.effect, {})[slot.parameter] = float(number)
+    return found
+
+
+def rivals(truth: Set, names: Collection[str]) -> Iterator[Set]:
+    """Sets of one effect to as many as the truth has that do not contain it."""
+    for size in range(1, len(truth) + 1):
+        for chosen in itertools.combinations(sorted(names), size):
+            if not contains(Set(chosen), truth):
+                yield Set(chosen)
+
+
+def contains(effects: Set, truth: Set) -> bool:
+    """Whether each true effect is there, by itself or as a special case of another one."""
+    return all({name, SPECIAL_CASES.get(name, name)} & effects for name in truth)
+
+
+def _screened(problem: Problem, true: Fit) -> Iterator[tuple[Set, float]]:
+    """Every rival with the chi-square beyond the truth's that it promises at least."""
+    nominal = problem.nominal()
+    for rival in rivals(true.effects, problem.library.candidates):
+        from_nominal = nominal.objective - problem.gain(nominal, rival)
+        from_truth = true.objective + _exchanged(problem, true, rival)
+        yield rival, min(from_nominal, from_truth) - true.objective
+
+
+def _exchanged(problem: Problem, true: Fit, rival: Set) -> float:
+    """Rise of chi-square if true effects go to neutral and the rival's take their place."""
+    gone = problem.free(true.effects - rival)
+    new = problem.free(rival)
+    H, g = problem.reduced(true.normal, true, [*gone, *new])
+    n = len(gone)
+    back: Float[np.ndarray, " gone"] = (problem.base + true.shared - true.vector)[gone]
+    right = g[n:] - H[n:, :n] @ back
+    gain = float(right @ np.linalg.pinv(H[n:, n:], hermitian=True, rcond=1e-9) @ right)
+    return float(back @ H[:n, :n] @ back - 2.0 * g[:n] @ back) - gain
+
+
+def _near(problem: Problem, rival: Set) -> Fit:
+    """The best fit of a part of `rival` to start from."""
+    parts = [fit for effects, fit in problem.fits.items() if effects and effects < rival]
+    return min(parts, key=lambda fit: fit.objective, default=problem.nominal())

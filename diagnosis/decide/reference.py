@@ -1,0 +1,181 @@
+r"""What separates the nominal simulator from reference flights, as knowledge for the next set.
+
+The whole library is fitted to the reference flights with a Gaussian prior on every parameter
+(`PRIOR`, `LOOSE`, `KNOWN`), so that what these flights cannot tell stays near neutral. Three
+things carry over to the target flights: the vector itself, its precision, and the noise, which is
+enlarged per channel until the reference flights agree with their own fit. What no effect explains
+on both sets is thereby noise and not a finding. And parameters in which reference flights differ
+from each other by more than that may differ between the target flights, too (`spread`).
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from diagnosis.decide.verdict import Floor, floor_of
+from diagnosis.fit.equations import dispersion, loosened, spread_between
+from diagnosis.fit.fit import Set
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.fit.outliers import beyond
+from diagnosis.fit.search import Problem
+from diagnosis.replay.library import FAMILIES, NEVER_BLAMED, Library
+
+UNSHARED = ("gust", "attitude_loop", "mass")
+"""Effects that are not fitted to the reference: the slopes of two say nothing at neutral, the third
+would run against its alias thrust_gain, which stands for it."""
+PRIOR = 0.1
+"""Standard deviation of the prior over the allowed range; a choice."""
+LOOSE = 0.5
+"""The same for what nobody believes to know (`UNKNOWN`): to keep it near neutral moves others away
+from it. With 0.1, a share of gyro compensation of 1 that RotorPy has was found as 0.86."""
+UNKNOWN = (
+    "gyro_compensation",
+    "roll_pitch_gains",
+    "rotor_inertia",
+    "rotor_response",
+    "rotor_torque",
+    "yaw_gains",
+)
+"""Effects of another autopilot or other rotors. How a drone turns tells gains, arms and inertia up
+to one common scale, which should be set by what is believed of the airframe (`KNOWN`): RotorPy's
+gains are a fifth of crazyflow's, and with a pull on them its flights said arms of -19.7 % and an
+inertia of +9.8 %; without it they say -14.4 % and +17.4 %, true are -14.1 % and +20 to 32 %."""
+KNOWN = {"inertia": 0.2, "rotor_arm": 0.1}
+"""Standard deviation of what an airframe file says instead, relative. crazyflow's and RotorPy's
+files of one Crazyflie differ by 0.20 to 0.32 and by 0.14."""
+UNSEEN = 1e12
+"""Times as precise as the prior is what is not fitted to the reference, or is not seen in it, such
+as the downwash among drones that flew alone: what later flights show of it is a change."""
+STEPS = 25
+"""Most steps of its fit."""
+FIRM = 1e6
+"""Precision of an effect that may not shift over what the reference says of it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """What the reference flights say."""
+
+    vector: Float[np.ndarray, " params"]
+    """The library's parameters that fit them."""
+    precision: Float[np.ndarray, "params params"]
+    """Inverse covariance of that vector, in units of chi-square."""
+    enlarged: Float[np.ndarray, " 9"]
+    """Noise with which the reference agrees with its fit, over the noise of its logs."""
+    phi: float
+    """Dispersion between its flights."""
+    structure: float
+    """Structure that the fit leaves."""
+    scatter: float
+    """Standard deviation of that between flights, beyond noise."""
+    spread: Float[np.ndarray, " params"]
+    """Variance of what its flights have of their own, in units of the dispersion."""
+
+    @property
+    def floor(self) -> Floor:
+        """What changed flights are judged against."""
+        return Floor(self.structure, self.scatter)
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Everything as arrays by name."""
+        return {f.name: np.asarray(getattr(self, f.name)) for f in dataclasses.fields(self)}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray]) -> "Reference":
+        """The inverse of `to_arrays`."""
+        values: dict[str, Any] = {n: x if x.ndim else float(x) for n, x in arrays.items()}
+        return cls(**values)
+
+    def shared(self, library: Library) -> list[dict]:
+        """The vector where it differs from neutral by more than two standard errors."""
+        error = np.sqrt(np.diag(np.linalg.inv(self.precision / self.phi)))
+        return [
+            {
+                "name": slot.effect,
+                "parameter": slot.parameter,
+                "value": float(self.vector[i]),
+                "unit": slot.unit,
+            }
+            for i, slot in enumerate(library.slots)
+            if abs(self.vector[i] - slot.neutral) > 2.0 * error[i]
+        ]
+
+
+def fit_reference(likelihood: Likelihood) -> Reference:
+    """The library fitted to the reference flights of `likelihood`, whose noise is enlarged."""
+    library = likelihood.replay.library
+    n_flights = len({flight for group in likelihood.groups for flight in group.flight})
+    vector = _descended(likelihood, library)
+    likelihood.settle(vector, beyond(6.0))
+    vector = _descended(likelihood, library, vector)
+    normal = likelihood.normal(vector)
+    per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / likelihood.n_channels)
+    # A channel that these flights hardly excited would be believed too much: both horizontal
+    # directions, and roll and pitch, take the larger of their two.
+    per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])
+    enlarged = np.sqrt(np.maximum(per_channel, 1.0))
+    likelihood.sigma = likelihood.sigma * enlarged
+    likelihood.settle(vector, beyond(6.0))
+    normal = likelihood.normal(vector)
+    floor, prior = floor_of(library, normal), _prior(library)
+    spread = spread_between(normal, np.isin(_effects(library), UNSHARED, invert=True))
+    normal = loosened(normal, spread)
+    phi = dispersion(normal, n_flights)
+    H = normal.H.sum(axis=0)
+    precision = H + phi * np.diag(_prior(library, np.diag(H) < phi * prior))
+    return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread)
+
+
+def beside(likelihood: Likelihood, base: Reference | None) -> Problem:
+    """What flights may show beyond their reference, or, without one, beyond the simulator."""
+    if base is None:
+        return Problem(likelihood)
+    precision = pinned(likelihood.replay.library, base.precision)
+    return Problem(likelihood, base.vector, precision, base.spread)
+
+
+def pinned(
+    library: Library, precision: Float[np.ndarray, "params params"]
+) -> Float[np.ndarray, "params params"]:
+    """`precision` with which neither excluded effects nor those that act like them shift.
+
+    Other effects that may not be blamed (`NEVER_BLAMED`) shift as far as the reference leaves open.
+    """
+    excluded = set(library.withheld) - set(NEVER_BLAMED)
+    alike = {name for name in NEVER_BLAMED if FAMILIES.get(name, frozenset()) & excluded}
+    firm, at = precision.copy(), [i for n in sorted(excluded | alike) for i in library.indices(n)]
+    firm[at, at] *= FIRM
+    return firm
+
+
+def _effects(library: Library) -> list[str]:
+    return [slot.effect for slot in library.slots]
+
+
+def _prior(
+    library: Library, unseen: Bool[np.ndarray, " params"] | bool = False
+) -> Float[np.ndarray, " params"]:
+    """Prior precision of every parameter; very large where it is not shared or `unseen`."""
+    effects = _effects(library)
+    width = np.where(np.isin(effects, UNKNOWN), LOOSE, PRIOR) * (library.high - library.low)
+    precision = (
+        1.0 / np.asarray([KNOWN.get(e, w) for e, w in zip(effects, width, strict=True)]) ** 2
+    )
+    precision[np.isin(effects, UNSHARED) | unseen] *= UNSEEN
+    return precision
+
+
+def _descended(
+    likelihood: Likelihood, library: Library, start: Float[np.ndarray, " params"] | None = None
+) -> Float[np.ndarray, " params"]:
+    """The whole library fitted from `start`, as a shift of its neutral vector."""
+    problem, nothing = Problem(likelihood, library.neutral, np.diag(_prior(library))), Set()
+    vector = library.neutral if start is None else start
+    fit = problem.made(nothing, vector, vector - library.neutral)
+    problem.fits[nothing] = fit
+    # Gains count in units of the misfit, by which the noise is enlarged in the end.
+    problem.phi = max(1.0, fit.normal.chi2 / float(fit.normal.dof.sum()))
+    return problem.polish(nothing, STEPS).vector

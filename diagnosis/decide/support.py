@@ -1,0 +1,85 @@
+"""What flights say of each effect when they are left out of the fit.
+
+Where the simulator does not follow the flights (real ones, mostly), errors are correlated within a
+flight and log evidence counts them as independent. Whole flights still are replications: an effect
+helps if, without it and with the others fitted again, flights that were left out in turn are
+followed less well, by more than they differ among each other (t-interval, 95 %).
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import stats
+
+from diagnosis.decide.verdict import STRUCTURE, Floor, Verdict, judge
+from diagnosis.fit.fit import Fit
+from diagnosis.fit.search import Problem
+from diagnosis.fit.shrinkage import FEW, misfits
+
+
+@dataclasses.dataclass(frozen=True)
+class Support:
+    """By how much an effect lowers the misfit (chi-square) of flights left out in turn."""
+
+    effect: str
+    """Name."""
+    percent: float | None
+    """100 (1 - with / without), geometric mean over flights; None with fewer than three."""
+    low: float | None
+    """Lower end of its interval."""
+    high: float | None
+    """Upper end."""
+    n: int
+    """Flights."""
+
+    @property
+    def clear(self) -> bool:
+        """Whether the effect helps beyond what flights differ."""
+        return self.low is not None and self.low > 0.0
+
+    @property
+    def idle(self) -> bool:
+        """Whether there are flights enough to say so, and they do not."""
+        return self.percent is not None and not self.clear
+
+
+def support(problem: Problem, fit: Fit) -> list[Support]:
+    """What each effect of a set does for flights left out in turn; most helpful first."""
+    found = [_of(problem, fit, name) for name in sorted(fit.effects)]
+    return sorted(found, key=lambda one: -(one.percent or 0.0))
+
+
+def judged(
+    problem: Problem, fits: Sequence[Fit], floor: Floor
+) -> tuple[Verdict, tuple[Support, ...]]:
+    """The verdict, and what left-out flights say where the simulator does not follow flights.
+
+    Only beside reference flights that it does not follow at all are effects dropped that they do
+    not confirm: there, evidence would name a small second one for what is only the simulator's.
+    Those stand last.
+    """
+    verdict, dropped = judge(problem, fits, floor), []
+    while verdict.kind == "unexplained" or floor.unlike > 0.0:
+        lines = support(problem, verdict.chosen.fit)
+        idle = [one for one in lines if one.idle]
+        if not idle or verdict.kind != "effect" or floor.value <= STRUCTURE:
+            return verdict, (*lines, *dropped)
+        dropped.append(idle[-1])
+        gone = {one.effect for one in dropped}
+        verdict = judge(problem, [f for f in problem.ranked() if not gone & f.effects], floor)
+    return verdict, ()
+
+
+def _of(problem: Problem, fit: Fit, name: str) -> Support:
+    n = len(np.unique(fit.normal.flight))
+    if n < FEW:
+        return Support(name, None, None, None, n)
+    # A flight is left out to first order, which needs fits that have ended, the worse one too.
+    fit = problem.polish(fit.effects, hopeless=np.inf)
+    without = problem.without(fit, name, hopeless=np.inf)
+    without = problem.polish(without.effects, hopeless=np.inf)
+    ratio = np.log(misfits(problem, fit) / misfits(problem, without))
+    half = stats.t.ppf(0.975, n - 1) * np.std(ratio, ddof=1) / np.sqrt(n)
+    percent = -100.0 * np.expm1(ratio.mean() + half * np.asarray([0.0, 1.0, -1.0]))
+    return Support(name, float(percent[0]), float(percent[1]), float(percent[2]), n)

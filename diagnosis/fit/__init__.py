@@ -1,0 +1,1 @@
+"""Effects fitted to windows of flights."""

@@ -1,0 +1,270 @@
+"""Where the gap lies: per channel, per regime, and in time.
+
+Three kinds of channels, all from the same replayed windows:
+
+- specific force along the body axes: the constant acceleration that would close the window's gap
+  in position and velocity [m/s^2];
+- attitude: measured minus predicted roll, pitch, yaw [rad];
+- drift of position [m] and velocity [m/s] at the end of a window that started at the measured
+  state.
+
+The noise floor is what measurement noise alone would give. Intervals resample whole flights.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from diagnosis.fit.likelihood import Tracks
+from diagnosis.logs.noise import UNSEEN
+from diagnosis.logs.segments import WINDOW
+
+N_RESAMPLES = 400
+"""Bootstrap samples of flights."""
+N_BINS = 5
+"""Bins of a regime, of equal numbers of windows."""
+FEWEST = 4
+"""Windows that a bin needs."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Channel:
+    """One number a window and drone."""
+
+    name: str
+    """As it stands in the diagnosis."""
+    unit: str
+    """Unit of the gap."""
+    value: Float[np.ndarray, " lines"]
+    """Measured minus predicted; NaN where a window cannot tell."""
+    noise: float
+    """RMS that noise alone would give."""
+
+
+def channels(tracks: Tracks, sigma: Float[np.ndarray, " 9"], shake: float = 0.0) -> list[Channel]:
+    """Every channel of replayed windows; none of an attitude that was prescribed.
+
+    `shake` is the noise of a window's mean force [m/s^2], along x and y, that comes with it.
+    """
+    force, force_noise = _specific_force(tracks, sigma)
+    force_noise[:2] = np.hypot(force_noise[:2], shake)
+    found = [
+        Channel(f"specific force {axis}", "m/s^2", force[:, i], force_noise[i])
+        for i, axis in enumerate("xyz")
+    ]
+    angle = np.where(tracks.valid[..., None], tracks.residual[..., 6:], np.nan)
+    # The mean over a window keeps the sign, which an RMS over nodes would lose.
+    nodes = np.maximum(tracks.valid.sum(axis=1), 1)
+    mean = np.nansum(angle, axis=1) / nodes[:, None]
+    for i, axis in enumerate(("roll", "pitch", "yaw")):
+        if sigma[6 + i] >= UNSEEN:
+            continue
+        noise = float(sigma[6 + i] * np.sqrt(np.mean(1.0 / nodes)))
+        found.append(Channel(f"attitude {axis}", "rad", mean[:, i], noise))
+    return found + _drifts(tracks, sigma, shake)
+
+
+def _drifts(tracks: Tracks, sigma: Float[np.ndarray, " 9"], shake: float) -> list[Channel]:
+    drift = drifts(tracks)
+    found = []
+    for kind, unit, first, start in (("position", "m", 0, 0.4), ("velocity", "m/s", 3, 0.4)):
+        for i, axis in enumerate("xyz"):
+            at = sigma[first + i]
+            # The smoothed start keeps about 0.4 of a sample's noise; its velocity error drifts.
+            grown = sigma[3 + i] * start * WINDOW if first == 0 else 0.0
+            # White noise of a force, integrated once and twice over the window.
+            driven = shake * (WINDOW**2 / np.sqrt(3.0) if first == 0 else WINDOW) * (i < 2)
+            noise = float(np.sqrt(at**2 + (start * at) ** 2 + grown**2 + driven**2))
+            found.append(Channel(f"{kind} drift {axis}", unit, drift[:, first + i], noise))
+    return found
+
+
+def drifts(tracks: Tracks) -> Float[np.ndarray, "lines 6"]:
+    """Position [m] and velocity [m/s] gap at the end of each window; NaN where nothing was seen."""
+    last = tracks.valid.shape[1] - 1 - np.argmax(tracks.valid[:, ::-1], axis=1)
+    late = tracks.time[np.arange(len(last)), last] > 0.9 * WINDOW
+    value = tracks.residual[np.arange(len(last)), last, :6]
+    return np.where(late[:, None], value, np.nan)
+
+
+def _specific_force(
+    tracks: Tracks, sigma: Float[np.ndarray, " 9"]
+) -> tuple[Float[np.ndarray, "lines 3"], Float[np.ndarray, " 3"]]:
+    """Acceleration gap along the body axes and the noise of its components [m/s^2]."""
+    on = tracks.valid.astype(float)
+    t = tracks.time
+    world = np.full((len(t), 3), np.nan)
+    variance = np.full((len(t), 3), np.nan)
+    for axis in range(3):
+        at_pos, at_vel = sigma[axis], sigma[3 + axis]
+        one, zero = np.ones_like(t), np.zeros_like(t)
+        pos = np.stack([one, t, t * t / 2], axis=-1) * on[..., None] / at_pos
+        vel = np.stack([zero, one, t], axis=-1) * on[..., None] / at_vel
+        design = np.concatenate([pos, vel], axis=1)
+        y = np.concatenate(
+            [
+                tracks.residual[..., axis] * on / at_pos,
+                tracks.residual[..., 3 + axis] * on / at_vel,
+            ],
+            axis=1,
+        )
+        H = np.swapaxes(design, 1, 2) @ design
+        good = tracks.valid.sum(axis=1) >= 5
+        inverse = np.linalg.inv(H[good] + 1e-9 * np.eye(3))
+        right = np.einsum("lmi,lm->li", design[good], y[good])
+        world[good, axis] = np.einsum("lij,lj->li", inverse, right)[:, 2]
+        variance[good, axis] = inverse[:, 2, 2]
+    body = np.einsum("lij,li->lj", _body_axes(tracks), world)
+    return body, np.sqrt(np.nanmean(variance, axis=0))
+
+
+def _body_axes(tracks: Tracks) -> Float[np.ndarray, "lines 3 3"]:
+    """Rotation matrix body to world at the middle of each window."""
+    rpy = _middle(tracks)[:, 6:]
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy).T, np.cos(rpy).T
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.moveaxis(np.asarray(rows), -1, 0)
+
+
+def _middle(tracks: Tracks) -> Float[np.ndarray, "lines 9"]:
+    """What was measured at the middle of the valid nodes."""
+    count = tracks.valid.cumsum(axis=1)
+    middle = np.argmax(count >= (count[:, -1:] + 1) // 2, axis=1)
+    return tracks.row[np.arange(len(middle)), middle]
+
+
+def regimes(tracks: Tracks) -> dict[str, tuple[str, Float[np.ndarray, " lines"]]]:
+    """What a window flew through: unit and value per line, by name."""
+    state = _middle(tracks)
+    speed = np.linalg.norm(state[:, 3:6], axis=1)
+    tilt = np.arccos(np.clip(np.cos(state[:, 6]) * np.cos(state[:, 7]), -1.0, 1.0))
+    found = {
+        "speed": ("m/s", speed),
+        "tilt": ("rad", tilt),
+        "thrust": ("N", tracks.thrust),
+        "climb rate": ("m/s", state[:, 5]),
+        "height": ("m", state[:, 2]),
+        "time": ("s", tracks.t),
+    }
+    if np.isfinite(tracks.distance).any():
+        found["distance to a neighbour"] = ("m", tracks.distance)
+    if np.isfinite(tracks.battery).any():
+        found["battery"] = ("V", tracks.battery)
+    return found
+
+
+def where(
+    tracks: Tracks,
+    sigma: Float[np.ndarray, " 9"],
+    shake: float = 0.0,
+    seed: int = 0,
+) -> list[dict]:
+    """The diagnosis' `where`: one entry a channel; `shake` as in `channels`."""
+    found = channels(tracks, sigma, shake)
+    conditions = regimes(tracks)
+    excess = [max(rms(c.value) ** 2 / c.noise**2 - 1.0, 0.0) for c in found]
+    total = sum(excess)
+    draws = _flight_draws(tracks, seed)
+    return [
+        {
+            "channel": channel.name,
+            "unit": channel.unit,
+            "gap_rms": rms(channel.value),
+            "noise_floor": channel.noise,
+            "share": part / total if total else 0.0,
+            **_interval(channel.value, tracks, draws),
+            "regimes": _binned(channel.value, conditions),
+            "onset_s": onset(channel, tracks),
+        }
+        for channel, part in zip(found, excess, strict=True)
+    ]
+
+
+def rms(value: np.ndarray) -> float:
+    """Root mean square of the finite values, zero without any."""
+    finite = value[np.isfinite(value)]
+    return float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0
+
+
+def _flight_draws(tracks: Tracks, seed: int) -> np.ndarray:
+    """Resampled flights, as how often each is drawn."""
+    n = int(tracks.flight.max()) + 1
+    rng = np.random.default_rng(seed)
+    return rng.multinomial(n, np.full(n, 1.0 / n), size=N_RESAMPLES)
+
+
+def _interval(value: np.ndarray, tracks: Tracks, draws: np.ndarray) -> dict[str, float | None]:
+    """95 % interval of the RMS over whole flights; none for a single flight."""
+    if draws.shape[1] < 2:
+        return {"low": None, "high": None}
+    ok = np.isfinite(value)
+    squares = np.bincount(tracks.flight[ok], value[ok] ** 2, minlength=draws.shape[1])
+    counts = np.bincount(tracks.flight[ok], minlength=draws.shape[1])
+    sizes = np.sqrt((draws @ squares) / np.maximum(draws @ counts, 1))
+    low, high = np.percentile(sizes, [2.5, 97.5])
+    return {"low": float(low), "high": float(high)}
+
+
+def _binned(value: np.ndarray, conditions: Mapping) -> list[dict]:
+    found = []
+    for name, (unit, x) in conditions.items():
+        ok = np.isfinite(value) & np.isfinite(x)
+        if ok.sum() < 2 * FEWEST or np.ptp(x[ok]) <= 1e-6:
+            continue
+        edges = np.unique(np.quantile(x[ok], np.linspace(0.0, 1.0, N_BINS + 1)))
+        at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+        gaps = [value[ok & (at == i)] for i in range(len(edges) - 1)]
+        sizes = [rms(g) if len(g) >= FEWEST else None for g in gaps]
+        found.append({"variable": name, "unit": unit, "edges": edges.tolist(), "gap": sizes})
+    return found
+
+
+def onset(channel: Channel, tracks: Tracks) -> float | None:
+    """The time [s] since the start at which a channel's mean jumps, if it clearly does.
+
+    The jump is clear where it lowers the sum of squares by more than a third and by more than
+    noise would in one of a hundred flights.
+    """
+    ok = np.isfinite(channel.value)
+    t, y = tracks.t[ok], channel.value[ok]
+    times, at = np.unique(t, return_inverse=True)
+    if len(times) < 8:
+        return None
+    y = y - y.mean()
+    whole = np.sum(y**2)
+    before = np.cumsum(np.bincount(at, weights=y))[1:-3]
+    count = np.cumsum(np.bincount(at))[1:-3]
+    # With means taken off both sides; the sums of both sides cancel, because y has mean zero.
+    left = whole - before**2 * (1.0 / count + 1.0 / (len(y) - count))
+    best = int(np.argmin(left))
+    clear = whole - left[best] > max(whole / 3.0, 15.0 * channel.noise**2)
+    return float(times[2:-2][best]) if clear else None
+
+
+def in_time(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> list[dict]:
+    """Per channel, the RMS over flights against time since the start, with its spread."""
+    found = []
+    for channel in channels(tracks, sigma):
+        ok = np.isfinite(channel.value)
+        size = np.abs(channel.value[ok])
+        frame = pd.DataFrame({"square": size**2, "low": size, "high": size})
+        how = {"square": "mean", "low": "min", "high": "max"}
+        then = frame.groupby(tracks.t[ok]).agg(how).reset_index().to_numpy()
+        found.append(
+            {
+                "channel": channel.name,
+                "unit": channel.unit,
+                "t": then[:, 0].tolist(),
+                "gap": np.sqrt(then[:, 1]).tolist(),
+                "low": then[:, 2].tolist(),
+                "high": then[:, 3].tolist(),
+            }
+        )
+    return found

@@ -1,0 +1,237 @@
+r"""Normal equations of candidate sets, with what the reference flights share eliminated.
+
+With a reference, what the nominal simulator lacks on both sets is a shared vector s with a
+Gaussian precision S from the reference flights. It is eliminated from every solve to first order,
+so that only effects are searched for in the simulator.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from diagnosis.fit.equations import bounded_step, loosened, moved, scale_of, scaled
+from diagnosis.fit.fit import Fit, Set
+from diagnosis.fit.likelihood import Likelihood, Normal
+from diagnosis.logs.segments import WINDOW
+from diagnosis.replay.library import Library, Slot
+
+QUIET = 3
+"""Windows before the earliest onset: a gust that blows from the start is a wind."""
+
+
+class Equations:
+    """Target flights, the nominal (or reference) vector, and what is known of it."""
+
+    def __init__(
+        self,
+        likelihood: Likelihood,
+        base: Float[np.ndarray, " params"] | None = None,
+        precision: Float[np.ndarray, "params params"] | None = None,
+        spread: Float[np.ndarray, " params"] | None = None,
+    ) -> None:
+        self.likelihood, self.phi = likelihood, 1.0
+        self.library: Library = likelihood.replay.library
+        self.precision = precision
+        self.base = self.library.neutral if base is None else base
+        self.low, self.high = bounds(self.library.slots, self.base)
+        self.spread = np.zeros(len(self.base)) if spread is None else spread
+        self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
+
+    def free(self, effects: Iterable[str]) -> list[int]:
+        """Entries of the vector that a set sets free."""
+        return [i for name in sorted(effects) for i in self.library.indices(name)]
+
+    def made(
+        self,
+        effects: Set,
+        vector: np.ndarray,
+        shared: np.ndarray | None = None,
+        whole: bool = True,
+    ) -> Fit:
+        """The fit of a set at `vector`, the rest of the shared shift taken to first order.
+
+        Unless `whole`, the normal equations need not be along more than the set's parameters; what
+        a reference shares has the slopes of the last fit that was whole.
+        """
+        shared, ahead = np.zeros(len(vector)) if shared is None else shared, np.zeros(len(vector))
+        along = None if whole else self.free(effects)
+        normal = self.likelihood.normal(vector, along, others=self.precision is not None)
+        if self.precision is None:
+            return Fit(effects, vector, normal, shared, ahead, 0.0)
+        normal = loosened(normal, self.spread)
+        H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
+        if np.isfinite(H).all():
+            ahead = self._ahead(H + self.precision, g - self.precision @ shared, vector)
+        shift = shared + ahead
+        penalty = float(shift @ self.precision @ shift)
+        return Fit(effects, vector, moved(normal, ahead), shared, ahead, penalty)
+
+    def as_flown(self, fit: Fit) -> Fit:
+        """`fit` without what first order promises of the shared shift."""
+        if self.precision is None:
+            return fit
+        back, penalty = -fit.ahead, float(fit.shared @ self.precision @ fit.shared)
+        normal, nothing = moved(fit.normal, back), np.zeros(len(back))
+        return dataclasses.replace(fit, normal=normal, ahead=nothing, penalty=penalty)
+
+    def _ahead(self, H: np.ndarray, g: np.ndarray, vector: np.ndarray) -> np.ndarray:
+        """Solution of H x = g that keeps `vector` + x within the bounds of all parameters."""
+        low, high = self.low - vector, self.high - vector
+        try:
+            free = np.linalg.solve(H, g)
+        except np.linalg.LinAlgError:  # so far from its flights that first order says nothing
+            return np.zeros(len(g))
+        inside = bool(np.all((free >= low) & (free <= high)))
+        return free if inside else bounded_step(H, g, low, high)
+
+    def _place(self, effect: str, parameter: str) -> int:
+        slots = self.library.slots
+        return next(i for i in self.library.indices(effect) if slots[i].parameter == parameter)
+
+    def _within(self, vector: np.ndarray, free: list[int]) -> np.ndarray:
+        vector = vector.copy()
+        vector[free] = np.clip(vector[free], *self._bounds(free))
+        return vector
+
+    def _bounds(self, free: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        low, high = self.low.copy(), self.high
+        if "gust" in self.library.effects:
+            low[self._place("gust", "onset")] = self.earliest
+        return low[free], high[free]
+
+    def _bounded(
+        self, normal: Normal, fit: Fit, free: list[int]
+    ) -> tuple[Float[np.ndarray, " free"], float]:
+        """Linear step within the bounds, and the fall in chi-square that it promises."""
+        H, g = self.reduced(normal, fit, free)
+        if not free or not np.isfinite(H).all():
+            return np.zeros(len(free)), 0.0
+        low, high = self._bounds(free)
+        step = bounded_step(H, g, low - fit.vector[free], high - fit.vector[free])
+        return step, float(2 * g @ step - step @ H @ step)
+
+    def _following(
+        self, fit: Fit, free: list[int], step: Float[np.ndarray, " free"]
+    ) -> Float[np.ndarray, " params"]:
+        """How the shared shift follows a step of the free parameters, to first order.
+
+        An offset of the centre of mass and the stiffness of the loop, say, can only grow together.
+        """
+        if self.precision is None:
+            return np.zeros(len(fit.vector))
+        H = fit.normal.H.sum(axis=0)
+        return -np.linalg.solve(H + self.precision, H[:, free] @ step)
+
+    def joint_step(
+        self, fit: Fit, damping: float = 0.0, others: Normal | None = None
+    ) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
+        """Beside a reference, the vector and the shared shift one step from `fit`, as flown.
+
+        Levenberg and Marquardt's step of the free parameters and of the shift at once: the
+        curvature of each is raised by a share `damping` of its own. With `others`, normal
+        equations at the fit, it is the step that those ask for.
+        """
+        free, n, normal = self.free(fit.effects), len(fit.vector), others or fit.normal
+        H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
+        every = [*free, *range(n)]
+        joint, right = H[np.ix_(every, every)], g[every]
+        joint[np.diag_indices_from(joint)] *= 1.0 + damping
+        joint[-n:, -n:] += self.precision
+        right[-n:] -= self.precision @ fit.shared
+        bounds = zip(self._bounds(free), (self.low, self.high), strict=True)
+        low, high = (np.concatenate(ends) for ends in bounds)
+        step = bounded_step(joint, right, low - fit.vector[every], high - fit.vector[every])
+        shift = step[-n:].copy()
+        shared = self._walked(self.base + fit.shared, shift) - self.base
+        shift[free] += step[:-n]
+        return self._walked(fit.vector, shift), shared
+
+    def _walked(
+        self, vector: Float[np.ndarray, " params"], by: Float[np.ndarray, " params"]
+    ) -> Float[np.ndarray, " params"]:
+        """`vector` a step further (`Slot.walked`), and within the bounds that it was within."""
+        slots = self.library.slots
+        new = [slot.walked(x, step) for slot, x, step in zip(slots, vector, by, strict=True)]
+        return np.clip(new, np.minimum(self.low, vector), np.maximum(self.high, vector))
+
+    def _inwards(
+        self, vector: Float[np.ndarray, " params"], by: Float[np.ndarray, " params"]
+    ) -> Float[np.ndarray, " params"]:
+        """As much of the step `by` as leaves no bound behind."""
+        low = np.minimum(self.low, vector)
+        return np.clip(vector + by, low, np.maximum(self.high, vector)) - vector
+
+    def solve(
+        self, normal: Normal, fit: Fit, free: list[int]
+    ) -> tuple[Float[np.ndarray, " free"], float]:
+        """Linear step of the free parameters, and the fall in chi-square that it promises."""
+        H, g = self.reduced(normal, fit, free)
+        if not free:
+            return np.zeros(0), 0.0
+        step = np.linalg.lstsq(*scaled(H, g), rcond=1e-9)[0] / scale_of(H)
+        return step, float(2 * g @ step - step @ H @ step)
+
+    def reduced(
+        self, normal: Normal, fit: Fit, free: list[int]
+    ) -> tuple[Float[np.ndarray, "free free"], Float[np.ndarray, " free"]]:
+        """Normal equations of the free parameters, the shared shift eliminated."""
+        H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
+        inner, right = H[np.ix_(free, free)], g[free]
+        if self.precision is None:
+            return inner, right
+        known = H + self.precision
+        pull = np.linalg.solve(known, np.column_stack([H[:, free], g - self.precision @ fit.shift]))
+        return inner - H[free] @ pull[:, :-1], right - H[free] @ pull[:, -1]
+
+    def variance(
+        self, fit: Fit, free: list[int], following: Float[np.ndarray, " free"]
+    ) -> Float[np.ndarray, " free"]:
+        """Variance over `phi` of free parameters plus `following` times their shared shifts.
+
+        Infinite where flights say nothing of a parameter.
+        """
+        own, _ = self.reduced(fit.normal, fit, free)
+        told, along, n = np.diag(own) > 0.0, np.eye(len(free)), len(fit.vector)
+        scale = scale_of(own)
+        inverse = np.linalg.pinv(own / np.outer(scale, scale)) / np.outer(scale, scale)
+        if self.precision is None:
+            found = np.diag(inverse)
+            return np.where(told & (found > 0.0), found, np.inf)
+        H, shift = fit.normal.H.sum(axis=0), np.zeros((len(free), n))
+        shift[np.arange(len(free)), free] = following
+        pull = np.linalg.solve(H + self.precision, np.column_stack([H[:, free], shift.T]))
+        along = along - shift @ pull[:, : len(free)]
+        loose = np.sum(shift * pull[:, len(free) :].T, axis=1)
+        found = np.einsum("ij,jk,ik->i", along, inverse, along) + loose
+        return np.where(told & (found > 0.0), found, np.inf)
+
+    def log_evidence(self, fit: Fit) -> float:
+        """Laplace's log evidence [nats]; of parameters that cannot be flown minus infinity."""
+        free = self.free(fit.effects)
+        H, _ = self.reduced(fit.normal, fit, free)
+        if not np.isfinite(H).all():
+            return -np.inf
+        return -0.5 * fit.objective / self.phi - self.occam(H, free)
+
+    def occam(self, H: Float[np.ndarray, "free free"], free: list[int]) -> float:
+        """What the parameters cost: ln of prior range over posterior width [nats]."""
+        if not free:
+            return 0.0
+        width = (self.library.high - self.library.low)[free]
+        sizes = np.linalg.slogdet(H / self.phi + np.diag(2 * np.pi / width**2))[1]
+        return float(np.sum(np.log(width / np.sqrt(2 * np.pi))) + 0.5 * sizes)
+
+
+def bounds(
+    slots: Sequence[Slot], base: Float[np.ndarray, " params"]
+) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
+    """Bounds of a vector whose effects act on top of `base`: those of factors go with it."""
+    within = np.asarray([(slot.low, slot.high) for slot in slots])
+    on_top = [
+        (slot.on_top(slot.low, at), slot.on_top(slot.high, at)) if slot.factor else ends
+        for slot, at, ends in zip(slots, base, within, strict=True)
+    ]
+    low, high = np.asarray(on_top).T
+    return np.minimum(within[:, 0], low), np.maximum(within[:, 1], high)

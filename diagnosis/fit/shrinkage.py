@@ -1,0 +1,136 @@
+"""How far the gap shrinks: drift over half a second on flights that the fit never saw.
+
+With ten flights or more, a third of them is kept out of everything. With fewer, every flight is
+scored under parameters fitted to the others (leave one flight out, by one step from the fit to all;
+which effects were chosen, and which windows count nowhere, all flights have said). The drift is
+measured from the smoothed measured state, noise not subtracted. Flights weigh as they have windows,
+in the percentage and in its interval, which is a t-interval of the log ratio by the jackknife over
+flights (in a mean of the flights' own log ratios, one of a second would weigh like one of a
+minute):
+
+    r = ln(RMS after / RMS before),     r_f the same without flight f,     n flights
+    r +- t(0.975, n - 1) sqrt((n - 1) / n sum_f (r_f - mean r_f)^2)
+
+Source of the jackknife: Efron (1982).
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+from diagnosis.fit.fit import Fit
+from diagnosis.fit.gap import channels, drifts, rms
+from diagnosis.fit.likelihood import Likelihood, Tracks
+from diagnosis.fit.search import Problem
+from diagnosis.logs.segments import WINDOW
+
+MANY = 10
+"""Flights from which some are held out of everything."""
+FEW = 3
+"""Flights below which nothing is said."""
+
+
+def split(n_flights: int) -> tuple[list[int], list[int]]:
+    """Flights to fit and flights to hold out; the same ones twice where there are too few."""
+    every = list(range(n_flights))
+    if n_flights < MANY:
+        return every, every
+    held = every[1::3]
+    return [i for i in every if i not in held], held
+
+
+@dataclasses.dataclass(frozen=True)
+class Drift:
+    """Position drift of scored windows, nominal and corrected."""
+
+    before: Tracks
+    """Under the nominal simulator (with a reference: under what fits the reference)."""
+    after: Tracks
+    """With the chosen effects; parameters from other flights."""
+
+
+def left_out(problem: Problem, fit: Fit, flight: int) -> Float[np.ndarray, " params"]:
+    """The fit's parameters without one flight, by the normal equations at the fit.
+
+    What the flights share with a reference is estimated from those that are left, too.
+    """
+    kept = fit.normal.flight != flight
+    if problem.precision is not None:
+        flown = problem.as_flown(fit)
+        return problem.joint_step(flown, others=flown.normal.of(kept))[0]
+    free = problem.free(fit.effects)
+    step, _ = problem.solve(fit.normal.of(kept), fit, free)
+    vector = fit.total.copy()
+    vector[free] = np.clip(vector[free] + step, problem.low[free], problem.high[free])
+    return vector
+
+
+def score(problem: Problem, fit: Fit, scored: Likelihood, n_flights: int, lofo: bool) -> Drift:
+    """Tracks of the flights in `scored`; leaving one out in turn where `lofo`."""
+    before = scored.tracks(problem.base)
+    if not lofo:
+        return Drift(before, scored.tracks(fit.total))
+    vectors = np.stack([left_out(problem, fit, flight) for flight in range(n_flights)])
+    return Drift(before, scored.tracks(vectors))
+
+
+def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> dict:
+    """The diagnosis' `shrink`."""
+    before, after = (np.linalg.norm(drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after))
+    seen = np.isfinite(before)
+    before, after, flown = before[seen], after[seen], drift.before.flight[seen]
+    sizes = {f: (rms(before[flown == f]), rms(after[flown == f])) for f in np.unique(flown)}
+    flights = [f for f, pair in sizes.items() if min(pair) > 0.0]
+    n, lost = len(flights), int(np.sum(~np.isfinite(after)))
+    unit = {"horizon_s": WINDOW, "unit": "m", "n": n}
+    if lost or n < FEW:
+        few = f"{n} flight{'s' if n != 1 else ''} with windows; at least {FEW} are needed"
+        cannot = f"with the chosen effects the simulator cannot be flown in {lost} windows"
+        reason = cannot if lost else few
+        empty = dict.fromkeys(("before", "after", "percent", "low", "high"))
+        return {**unit, **empty, "by_channel": {}, "reason": reason}
+
+    def log_ratio(chosen: np.ndarray) -> float:
+        return float(np.log(rms(after[chosen]) / rms(before[chosen])))
+
+    kept = np.isin(flown, flights)
+    ratio, without = log_ratio(kept), np.asarray([log_ratio(kept & (flown != f)) for f in flights])
+    half = stats.t.ppf(0.975, n - 1) * np.sqrt((n - 1) * np.var(without))
+    return {
+        **unit,
+        "before": rms(before[kept]),
+        "after": rms(after[kept]),
+        "percent": 100.0 * (1.0 - float(np.exp(ratio))),
+        "low": 100.0 * (1.0 - float(np.exp(ratio + half))),
+        "high": 100.0 * (1.0 - float(np.exp(ratio - half))),
+        "by_channel": _by_channel(drift, sigma),
+        "how": "leave one flight out" if lofo else "flights held out",
+    }
+
+
+def _by_channel(drift: Drift, sigma: Float[np.ndarray, " 9"]) -> dict[str, dict]:
+    found = {}
+    pairs = zip(channels(drift.before, sigma), channels(drift.after, sigma), strict=True)
+    for old, new in pairs:
+        a, b = rms(old.value), rms(new.value)
+        percent = 100.0 * (1.0 - b / a) if a > 0 else None
+        found[old.name] = {"before": a, "after": b, "percent": percent, "unit": old.unit}
+    return found
+
+
+def misfits(problem: Problem, fit: Fit) -> Float[np.ndarray, " flights"]:
+    """Chi-square of every flight under parameters fitted to the others, to first order."""
+    found = []
+    for flight in np.unique(fit.normal.flight):
+        mine = fit.normal.of(fit.normal.flight == flight)
+        step = left_out(problem, fit, int(flight)) - fit.total
+        found.append(mine.c.sum() - 2 * mine.g.sum(0) @ step + step @ mine.H.sum(0) @ step)
+    return np.asarray(found)
+
+
+def evidence(problem: Problem, fit: Fit) -> float:
+    """Log-likelihood gain over no effect on flights left out in turn, in nats."""
+    both = (misfits(problem, one).sum() for one in (problem.nominal(), fit))
+    return float(0.5 * np.subtract(*both) / problem.phi)

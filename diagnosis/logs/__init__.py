@@ -1,0 +1,1 @@
+"""Flight logs: read, checked, cut into windows."""

@@ -1,0 +1,1 @@
+"""Logs replayed through a simulator with candidate effects."""

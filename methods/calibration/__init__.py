@@ -1,0 +1,1 @@
+"""What is learned from calibration flights: residuals, lags, effects."""

@@ -1,0 +1,229 @@
+r"""Calibration flights: stages 1 and 2 of the paper's pipeline, and the residual's targets.
+
+1. A low-fidelity policy is rolled out in the low-fidelity simulator. Flight i of the pool takes
+   role i mod N of an episode of its own; accelerations are exact differences of velocity.
+2. One isolated drone tracks that reference in reality under the PD controller.
+3. Each transition of that flight is compared with one nominal step from the same position and
+   velocity under the same command: target = (v' - v) / dt - a_nominal.
+
+Two readings of "attitude" in the features and in a_nominal, the paper leaves it open:
+
+- `measured`: the nominal lag starts from the attitude that the drone has.
+- `filtered`: the nominal lag runs along the flight on the same commands. This is what a policy
+  will meet in the corrected simulator, whose attitude is never set to a measured one.
+
+Excitation. On a tracked path position, velocity and command hang together, so a flexible residual
+can predict the acceleration from where the drone is instead of from what was commanded; in the
+corrected simulator a policy's actions then hardly matter. A dither on the actions (uniform, held
+for 0.2 s, zero mean) takes that dependence apart. The paper has none.
+"""
+
+import dataclasses
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+
+from methods.calibration.reference_paths import Reference, team_reference
+from methods.calibration.residual_effect import features
+from methods.policy import Policy, PolicyController
+from methods.residuals.contract import Transitions
+from simulators.contract import AbstractSimulator
+from simulators.flight import Flight
+from simulators.tracking import PDTracker
+from simulators.vehicle import CONTROL_DT
+from tasks.contact import in_contact, onsets
+from tasks.contract import AbstractTask
+
+Attitude = Literal["filtered", "measured"]
+
+HOVER_SPEED = 0.2
+"""Speed below which a transition counts as near hover [m/s]; a choice."""
+DITHER_STEPS = 10
+"""Control steps for which each value of the dither is held; a choice."""
+_BATCH = 64
+
+
+def pool_size(n_drones: int) -> int:
+    """Flights in the calibration pool of a team; paper, Sec. V-A."""
+    return 60 * (n_drones + 1)
+
+
+class TrackingFlight(eqx.Module):
+    """A flown reference, one isolated drone, one row a control step."""
+
+    before: Flight
+    """The drone before the step."""
+    after: Flight
+    """The drone after the step."""
+    nominal_quat: Float[Array, "*time 1 4"]
+    """Attitude after one step of the nominal simulator."""
+    nominal_thrust: Float[Array, "*time 1"]
+    """Thrust of that step [N]."""
+    action: Float[Array, "*time 1 3"]
+    """What was flown, within [-1, 1]."""
+    clipped: Bool[Array, "*time 1"]
+    """Whether controller and dither asked for more than that."""
+    contact: Bool[Array, "*time 1"]
+    """Whether the drone touched the floor."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """What the calibration flights gave."""
+
+    transitions: Transitions
+    """Rows for the residual's fit."""
+    flights: int
+    """How many were flown."""
+    fleet_seconds: float
+    """Flight time [s]."""
+    crashes: int
+    """Crashes of the isolated drone."""
+    clipped_share: float
+    """Share of actions that had to be clipped."""
+    tracking_error: float
+    """Mean distance to the reference [m]."""
+    pos_remainder: float
+    """RMS of p' - (p + dt v'), which no correction of acceleration can reproduce [m]."""
+
+
+def calibrate(
+    task: AbstractTask,
+    nominal: AbstractSimulator,
+    reality: AbstractSimulator,
+    policy: Policy,
+    key: PRNGKeyArray,
+    n_flights: int,
+    attitude: Attitude,
+    hover_weight: float,
+    excitation: float,
+) -> Calibration:
+    """Flies `n_flights` single-drone references of `policy` in `reality`.
+
+    `excitation` is the amplitude of the dither on the actions [-], see the top of this module.
+
+    `hover_weight` is the extra weight of a transition at rest, falling as
+    exp(-|v|^2 / (2 HOVER_SPEED^2)).
+    """
+    role = jnp.arange(n_flights) % task.n_drones
+    keys = jax.random.split(key, n_flights)
+    references, flights = _fly(task, nominal, reality, policy, attitude, excitation, keys, role)
+    before, after = flights.before, flights.after
+
+    seen = eqx.tree_at(
+        lambda f: (f.quat, f.thrust), before, (flights.nominal_quat, flights.nominal_thrust)
+    )
+    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), _per_row(seen))
+    x = features(flat, nominal.spec.mass)
+    change = (after.vel - before.vel).reshape(-1, 3) / CONTROL_DT
+    speed = jnp.linalg.norm(before.vel.reshape(-1, 3), axis=-1)
+    weight = 1.0 + hover_weight * jnp.exp(-0.5 * (speed / HOVER_SPEED) ** 2)
+    remainder = after.pos - before.pos - CONTROL_DT * after.vel
+    error = jnp.linalg.norm(before.pos[:, :, 0] - references.pos, axis=-1)
+    return Calibration(
+        transitions=Transitions(features=x, target=change - x[:, 9:], weight=weight),
+        flights=n_flights,
+        fleet_seconds=n_flights * task.horizon * CONTROL_DT,
+        crashes=int(jnp.sum(onsets(flights.contact))),
+        clipped_share=float(jnp.mean(flights.clipped)),
+        tracking_error=float(jnp.mean(error)),
+        pos_remainder=float(np.sqrt(np.mean(np.sum(np.asarray(remainder) ** 2, axis=-1)))),
+    )
+
+
+def _per_row(flight: Flight) -> Flight:
+    """A batch of one-drone flights whose scalar times are repeated per drone."""
+    return eqx.tree_at(lambda f: f.t, flight, flight.t[..., None])
+
+
+@eqx.filter_jit
+def _fly(
+    task: AbstractTask,
+    nominal: AbstractSimulator,
+    reality: AbstractSimulator,
+    policy: Policy,
+    attitude: Attitude,
+    excitation: float,
+    keys: Key[Array, " flights"],
+    roles: Int[Array, " flights"],
+) -> tuple[Reference, TrackingFlight]:
+    def one(args: tuple[PRNGKeyArray, Array]) -> tuple[Reference, TrackingFlight]:
+        key, role = args
+        reference = make_reference(task, nominal, policy, key, role)
+        return reference, track(nominal, reality, reference, attitude, excitation, key)
+
+    return jax.lax.map(one, (keys, roles), batch_size=_BATCH)
+
+
+def make_reference(
+    task: AbstractTask,
+    nominal: AbstractSimulator,
+    policy: Policy,
+    key: PRNGKeyArray,
+    role: Array,
+) -> Reference:
+    """The path of one role in a low-fidelity episode, from the spawn to the last step but one."""
+    team = team_reference(task, nominal, PolicyController(task, policy), key)
+    return jax.tree.map(lambda x: x[:, role], team)
+
+
+def track(
+    nominal: AbstractSimulator,
+    reality: AbstractSimulator,
+    reference: Reference,
+    attitude: Attitude,
+    excitation: float,
+    key: PRNGKeyArray,
+) -> TrackingFlight:
+    """One isolated drone tracks a reference in `reality`, a nominal lag running along.
+
+    `excitation` is the amplitude of the dither on the actions [-].
+    """
+    n_steps = len(reference.pos)
+    drawn = jax.random.uniform(key, (-(-n_steps // DITHER_STEPS), 1, 3), minval=-1.0)
+    dither = excitation * jnp.repeat(drawn, DITHER_STEPS, axis=0)[:n_steps]
+    return track_dithered(nominal, reality, reference, attitude, dither, key)
+
+
+def track_dithered(
+    nominal: AbstractSimulator,
+    reality: AbstractSimulator,
+    reference: Reference,
+    attitude: Attitude,
+    dither: Float[Array, "time 1 3"],
+    key: PRNGKeyArray,
+) -> TrackingFlight:
+    """The same with a dither that is given [-]."""
+    tracker = PDTracker(mass=reality.spec.mass, action_space=reality.action_space)
+    start = reference.pos[:1]
+
+    def step(carry: tuple, inputs: tuple[Reference, Array]) -> tuple[tuple, TrackingFlight]:
+        (state, shadow), (target, dither) = carry, inputs
+        before = reality.flight(state)
+        action, clipped = tracker.action(
+            before, target.pos[None], target.vel[None], target.acc[None]
+        )
+        asked = action + dither
+        clipped = clipped | jnp.any(jnp.abs(asked) > 1.0, axis=-1)
+        action = jnp.clip(asked, -1.0, 1.0)
+        if attitude == "measured":
+            history = nominal.action_space.to_cmd(action)[None]
+            shadow = nominal.restore(before, history, key)
+        shadow, state = nominal.step(shadow, action), reality.step(state, action)
+        after, lagged = reality.flight(state), nominal.flight(shadow)
+        return (state, shadow), TrackingFlight(
+            before=before,
+            after=after,
+            nominal_quat=lagged.quat,
+            nominal_thrust=lagged.thrust,
+            action=action,
+            clipped=clipped,
+            contact=in_contact(after.pos, after.t),
+        )
+
+    carry = (reality.reset(start, key), nominal.reset(start, key))
+    return jax.lax.scan(step, carry, (reference, dither))[1]

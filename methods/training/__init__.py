@@ -1,0 +1,1 @@
+"""Training a policy by gradients through a simulator, and evaluating it."""

@@ -1,0 +1,32 @@
+"""What HF scratch and HF hot start share: BPTT in one high-fidelity world, billed in full."""
+
+from jaxtyping import PRNGKeyArray
+
+from methods.contract import Ledger, Setup, Trained
+from methods.policy import Policy
+from methods.training.bptt import BPTT
+from simulators.vehicle import CONTROL_DT
+
+
+def train_in_reality(
+    trainer: BPTT, setup: Setup, policy: Policy, key: PRNGKeyArray, stage: str
+) -> Trained:
+    """`policy` trained in `setup.reality`, with its fleet-seconds and crashes."""
+    task = setup.task
+    training = trainer.train(task, setup.reality, policy, key, setup.progress, stage)
+    steps = training.epochs * trainer.worlds(task.n_drones) * task.horizon
+    status = "budget" if training.out_of_budget else "ok"
+    return Trained(
+        policy=training.policy,
+        ledger=Ledger(
+            hf_fleet_seconds=steps * CONTROL_DT * task.n_drones,
+            training_crashes=training.crashes,
+            training_crash_step_rate=training.contact_steps / steps,
+            epochs=training.epochs,
+            skipped_updates=training.skipped,
+            train_seconds=training.seconds,
+        ),
+        curves=training.curves,
+        status="diverged" if training.diverged else status,
+        notes={"training_reward": training.final_reward},
+    )

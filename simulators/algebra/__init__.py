@@ -1,0 +1,1 @@
+"""Rotations and small products, written out for speed and gradients."""

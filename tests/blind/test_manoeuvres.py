@@ -1,0 +1,82 @@
+"""What is flown is what the advice says, and it separates what it should."""
+
+import numpy as np
+import pytest
+
+from blind.fly import paths
+from blind.fly.realities import DT
+from blind.score.manoeuvres import TRIALS, Range, directions
+from diagnosis.decide.advice import MANOEUVRES
+from diagnosis.decide.decidable import DECIDABLE
+from simulators import registry
+
+T = np.arange(round(12.0 / DT)) * DT
+
+
+def test_every_advice_is_flown_in_both_directions_and_for_as_long_as_bland_flights():
+    assert set(TRIALS) == set(MANOEUVRES)
+    assert {frozenset(d) for d in directions()} == set(MANOEUVRES)
+    assert len(set(directions())) == 2 * len(MANOEUVRES)
+    for trial in TRIALS.values():
+        advised, bland = (f.n * f.seconds for f in (trial.advised, trial.bland))
+        assert advised == bland
+
+
+@pytest.mark.parametrize(
+    "path", dict.fromkeys(t.advised.path for t in TRIALS.values()), ids=lambda p: p.__name__
+)
+def test_targets_start_at_rest_and_belong_together(path):
+    target = path(T)
+    assert np.linalg.norm(target.vel[0]) < 0.05
+    assert np.allclose(np.diff(target.pos, axis=0) / DT, target.vel[:-1], atol=0.05)
+    # No more than the controller may ask for.
+    assert np.abs(target.acc[:, :2]).max() < 0.6 * 9.81
+    assert target.pos[:, 2].min() >= 0.05 - 1e-9
+
+
+def test_steps_are_as_large_and_as_frequent_as_advised():
+    sharp = paths.attitude_steps(T).dither[:, :2]
+    steps = np.flatnonzero(np.abs(np.diff(sharp, axis=0)).sum(axis=1) > 1e-9)
+    assert np.diff(steps) * DT == pytest.approx(paths.STEP_EVERY, abs=2 * DT)
+    assert np.ptp(sharp, axis=0) == pytest.approx([0.3, 0.3])
+    both = paths.both_steps(T).dither
+    assert not np.any(np.any(both[:, :2] != 0, axis=1) & (both[:, 3] != 0))
+    assert np.ptp(both[:, 3]) == pytest.approx(0.3)
+
+
+def test_speeds_heights_and_turns_are_as_advised():
+    speed = np.abs(paths.two_speeds(T).vel[:, 0])
+    for wanted in (0.5, 3.0):
+        assert np.sum(np.abs(speed - wanted) < 1e-3) * DT > 1.9
+    assert np.abs(paths.fast_lines(T).vel[:, 0]).max() > 2.0
+    height = paths.heights(T).pos[:, 2]
+    for wanted in (1.0, 0.3, 0.1, 0.05):
+        assert np.sum(np.abs(height - wanted) < 1e-3) * DT > 1.0
+    yaw = paths.turning(T).yaw
+    assert np.abs(yaw).max() < np.pi
+    assert yaw[np.searchsorted(T, [2.9, 5.9, 8.9, 11.9])] == pytest.approx(
+        np.pi / 2 * np.asarray([0.0, 1.0, 0.0, -1.0])
+    )
+    swing = paths.pumping(T).acc[:, 2] / 9.81
+    assert np.abs(swing).max() == pytest.approx(0.5, abs=0.1)
+
+
+def test_fast_lines_tell_mass_from_thrust_where_hover_does_not():
+    others = set(registry.load_all("effect")) - {"mass", "thrust_gain"}
+    found = Range(exclude=others).margins("mass", "thrust_gain")
+    assert found.bland < DECIDABLE < found.advised
+    assert found.separated
+    assert found.seconds == 10.0
+
+
+@pytest.mark.parametrize(("truth", "rival"), [("rotor_drag", "drag"), ("drag", "rotor_drag")])
+def test_tumbling_tells_drag_of_the_rotors_from_drag_of_the_body(truth, rival):
+    others = set(registry.load_all("effect")) - {truth, rival}
+    found = Range(exclude=others).margins(truth, rival)
+    assert found.bland < DECIDABLE < found.advised
+    assert found.separated
+
+
+def test_a_pair_without_advice_is_refused():
+    with pytest.raises(ValueError, match=r"must be a pair that there is advice for .* got 'drag'"):
+        Range().margins("drag", "wind")

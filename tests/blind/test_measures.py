@@ -1,0 +1,40 @@
+"""What a case allows, measured with its label, on a short case in crazyflow."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from blind.draw.cases import make_case, write_cases
+from blind.draw.catalogue import Withheld
+from blind.score.measures import Workbench, measure
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    runs = tmp_path_factory.mktemp("runs")
+    drawn = make_case("single", (), np.random.default_rng(0), n_flights=3, seconds=4.0)
+    lost = Withheld("thrust_gain", {"e": -0.1})
+    case = dataclasses.replace(drawn, drones=1, effects=(lost,), size="large")
+    write_cases(runs / "cases", runs / "labels", [case])
+    return measure(Workbench(runs, with_reference=False), case)
+
+
+def test_a_tenth_less_thrust_is_decidable_and_bounded(measured):
+    assert measured["decidable"]
+    assert measured["fitted"]["thrust_gain"]["e"] == pytest.approx(-0.1, abs=0.002)
+    assert 0.0 < measured["bound"]["thrust_gain"]["e"] < 0.01
+
+
+def test_the_true_set_shrinks_the_drift_more_than_the_best_wrong_one(measured):
+    assert measured["oracle"]["thrust_gain"]["e"] == pytest.approx(-0.1, abs=0.01)
+    assert measured["shrink_oracle"] > 30.0
+    assert measured["wrong"] == "mass"  # hardly another, in flights of 4 s
+    assert measured["shrink_wrong"] < measured["shrink_oracle"]
+
+
+def test_an_undisturbed_case_is_decidable_by_definition(tmp_path):
+    clean = make_case("clean", (), np.random.default_rng(0))
+    found = measure(Workbench(tmp_path, with_reference=False), clean)
+    assert set(found) == {"decidable", "seconds"}
+    assert found["decidable"] is True
