@@ -30,6 +30,7 @@ import zlib
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import networkx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import stats
@@ -165,21 +166,8 @@ def tie_groups(above: Bool[np.ndarray, "samples samples"]) -> list[tuple[int, ..
     """
     tied = ~(above | above.T)
     np.fill_diagonal(tied, False)
-    others = [set(np.flatnonzero(row).tolist()) for row in tied]
-    found: list[tuple[int, ...]] = []
-
-    def grow(group: set[int], may: set[int], seen: set[int]) -> None:
-        """Bron and Kerbosch (1973) with the pivot of Tomita, Tanaka and Takahashi (2006)."""
-        if not may and not seen:
-            found.append(tuple(sorted(group)))
-            return
-        pivot = max(may | seen, key=lambda i: len(may & others[i]))
-        for i in sorted(may - others[pivot]):
-            grow(group | {i}, may & others[i], seen & others[i])
-            may, seen = may - {i}, seen | {i}
-
-    grow(set(), set(range(len(above))), set())
-    return sorted(found)
+    groups = networkx.find_cliques(networkx.from_numpy_array(tied))
+    return sorted(tuple(sorted(group)) for group in groups)
 
 
 Deviations = dict[Hashable, dict[int, float]]
