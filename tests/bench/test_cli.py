@@ -3,10 +3,11 @@ import sys
 
 import pytest
 
-from bench.cli.app import documents_of, main
+from bench.cli.app import main
 from bench.execution.progress import _clock
 from bench.plan import listing
 from bench.plan.expansion import PlanError
+from bench.text.pages import documents_of
 
 
 def complaint(capsys, *arguments):

@@ -70,7 +70,8 @@ def test_the_order_of_imports_does_not_matter_once_the_variable_is_set():
 def quick(monkeypatch):
     """Neither graphics nor plug-ins are tried."""
     monkeypatch.setattr(film, "graphics", lambda: {"egl": "", "osmesa": "not here"})
-    monkeypatch.setattr(registry, "names", lambda kind: [])
+    commands = registry.names("command")
+    monkeypatch.setattr(registry, "names", lambda kind: commands if kind == "command" else [])
     monkeypatch.setenv("COLUMNS", "200")
 
 

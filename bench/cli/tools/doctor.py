@@ -6,8 +6,7 @@ def doctor() -> int:
 
     Exit status 1 if anything was found that breaks runs.
     """
-    from bench.conformance.doctor import (
-        doctor as examine,  # before anything imports SciPy, which it looks for
-    )
+    # Before anything imports SciPy, which it looks for.
+    from bench.conformance.doctor import doctor as examine
 
     return examine()
