@@ -15,7 +15,8 @@ from simulators.vehicle import CONTROL_DT, GRAVITY, VEHICLES
 
 SPEC = VEHICLES["cf21B_500"]
 HOVER = SPEC.mass * GRAVITY
-SIMULATORS = registry.load_all("simulator")
+SIMULATORS = {name: registry.load("simulator", name) for name in ("point_mass", "crazyflow")}
+"""The twins, which believe the same airframe; RotorPy flies another (`test_rotorpy.py`)."""
 EFFECTS = registry.load_all("effect")
 TASKS = registry.load_all("task")
 KEY = jax.random.key(0)

@@ -84,7 +84,7 @@ def _shown(flights: Path, reference: Path | None = None) -> dict[str, Any]:
 
 def _keys() -> dict[str, Any]:
     """The keys of all runs of the suites, hashed a suite; of the quick one each."""
-    names = sorted(path.stem for path in (HOUSE / "bench" / "suites").glob("*.toml"))
+    names = sorted(path.stem for path in (HOUSE / "bench" / "plan" / "suites").glob("*.toml"))
     found: dict[str, Any] = {}
     for name in names:
         keys = {run.name: run.key for run in expand(load_suite(name)).runs}
