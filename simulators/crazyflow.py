@@ -97,6 +97,7 @@ class Crazyflow(AbstractSimulator):
         "plant",
         "wrench",
         "rotation",
+        "rotors",
         "state",
     )
 

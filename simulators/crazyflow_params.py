@@ -2,10 +2,10 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.algebra.products import opaque
 from simulators.vehicle import GRAVITY, AutopilotGains, Vehicle
 
 SimData = Any
@@ -68,15 +68,6 @@ def limited(data: SimData, low: float, high: float) -> SimData:
     limits = {"thrust_min": low / 4.0, "thrust_max": high / 4.0}
     force = force.replace(params=force.params | limits)
     return data.replace(controls=data.controls.replace(attitude=attitude, force_torque=force))
-
-
-def opaque(mass: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """`mass`, hidden from the compiler.
-
-    It divides by a constant as x * (1 / mass), which rounds otherwise than a division by the mass
-    that an effect computes, so that a neutral effect would not be exactly nominal.
-    """
-    return jax.lax.optimization_barrier(mass)
 
 
 def rotor_wrench(

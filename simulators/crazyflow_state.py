@@ -4,7 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from simulators.crazyflow_params import SimData, opaque
+from simulators.algebra.products import opaque
+from simulators.crazyflow_params import SimData
 
 
 class CrazyflowState(eqx.Module):

@@ -56,8 +56,13 @@ the loop rings with the motor's lag (damping 0.06) and is unstable with motors 2
 these give a pole at 7 rad/s and a pair at 20 rad/s with a damping of 0.31, stable with slow motors
 too."""
 
-AIRFRAME = {**quad_params, **ATTITUDE_GAINS}
-"""Parameters of the undisturbed vehicle."""
+AIRFRAME = {
+    **quad_params,
+    **ATTITUDE_GAINS,
+    "rotor_directions": np.asarray(quad_params["rotor_directions"], float),
+}
+"""Parameters of the undisturbed vehicle. Whole numbers become floats: JAX keeps programs of 32-bit
+integers that it then hands 64-bit ones where double precision is switched on and off."""
 
 GROUND = 0.001
 """Height at and below which a drone stands on the floor [m]; RotorPy's `_on_ground`."""

@@ -30,6 +30,7 @@ PROBES = {
     "wrench": ("wind", {"x": 3.0, "y": -2.0}),
     "state": ("floor", {"height": 0.5}),
     "rotation": ("inertia", {"e": 0.5}),
+    "rotors": ("rotor_inertia", {"e": 2.0}),
 }
 """A registered effect for each door that must change a flight there."""
 

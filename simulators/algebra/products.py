@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 LARGEST = 16
 """Longest contraction, and most columns of the smaller factor, that is written out."""
@@ -42,7 +42,8 @@ def _evaluated(jaxpr: Jaxpr, consts: list, args: list) -> list:
         if eqn.primitive.name in ("jit", "pjit") and isinstance(inner, ClosedJaxpr):
             out = _evaluated(inner.jaxpr, inner.consts, found)
         elif eqn.primitive.name == "dot_general" and _small(eqn):
-            out = [_product(found[0], found[1], eqn.params["dimension_numbers"])]
+            left, right = map(jnp.asarray, found)
+            out = [_product(left, right, eqn.params["dimension_numbers"])]
         else:
             primitive: Any = eqn.primitive
             out = primitive.bind(*found, **primitive.get_bind_params(eqn.params))
@@ -69,3 +70,12 @@ def _product(left: Array, right: Array, dimension_numbers: Any) -> Array:
     left = jnp.expand_dims(left, tuple(range(n + n_l, n + n_l + n_r)))
     right = jnp.expand_dims(right, tuple(range(n, n + n_l)))
     return jnp.sum(left * right, axis=tuple(range(n + n_l + n_r, left.ndim)))
+
+
+def opaque(mass: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """`mass`, hidden from the compiler.
+
+    It divides by a constant as x * (1 / mass), which rounds otherwise than a division by the mass
+    that an effect computes, so that a neutral effect would not be exactly nominal.
+    """
+    return jax.lax.optimization_barrier(mass)

@@ -15,8 +15,9 @@ from jaxtyping import Array, Float
 from simulators.flight import Flight
 from simulators.vehicle import AutopilotGains, Vehicle
 
-DOORS = ("command", "autopilot", "plant", "response", "rotation", "wrench", "state")
-"""The hooks that a simulator may have; `rotation` means that torque and inertia act."""
+DOORS = ("command", "autopilot", "plant", "response", "rotation", "rotors", "wrench", "state")
+"""The hooks that a simulator may have; `rotation` means that torque and inertia act, `rotors` that
+the rotors' own inertia and the curve of their response do, beside one time constant."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

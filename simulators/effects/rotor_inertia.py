@@ -28,7 +28,7 @@ class RotorInertia(PlantEffect):
         )
     }
     door: ClassVar[str] = "plant"
-    needs: ClassVar[tuple[str, ...]] = ("rotation",)
+    needs: ClassVar[tuple[str, ...]] = ("rotation", "rotors")
     order: ClassVar[int] = 6
     version: ClassVar[str] = "1"
 

@@ -43,7 +43,7 @@ class RotorResponse(PlantEffect):
         ),
     }
     door: ClassVar[str] = "plant"
-    needs: ClassVar[tuple[str, ...]] = ("rotation",)
+    needs: ClassVar[tuple[str, ...]] = ("rotation", "rotors")
     order: ClassVar[int] = 7
     version: ClassVar[str] = "1"
 

@@ -15,28 +15,19 @@ from blind.draw.catalogue import Withheld
 from blind.fly import rotorpy_reality as rp
 from blind.fly.realities import DT
 from blind.score.identifiable import ROTORPY_INERTIA, seen
+from simulators import rotorpy
 from simulators.effects.translational_lift import TranslationalLift
 from simulators.flight import Flight
 from simulators.vehicle import GRAVITY, VEHICLES
 
-HOVER_SPEED = (rp.AIRFRAME["mass"] * GRAVITY / 4 / rp.AIRFRAME["k_eta"]) ** 0.5
-HOVER = rp.AIRFRAME["mass"] * GRAVITY
+HOVER_SPEED = (rotorpy.AIRFRAME["mass"] * GRAVITY / 4 / rotorpy.AIRFRAME["k_eta"]) ** 0.5
+HOVER = rotorpy.AIRFRAME["mass"] * GRAVITY
 
 
 def disturbance(name=None, **parameters):
     effects = () if name is None else (Withheld(name, parameters),)
     made = catalogue.make_disturbance(effects, 1, np.random.default_rng(0))
     return jax.tree.map(lambda x: x[0], made)
-
-
-def random_body(seed):
-    """Position, velocity, quaternion, angular velocity and rotor speeds."""
-    rng = np.random.default_rng(seed)
-    quat = rng.normal(size=4) * [0.3, 0.3, 0.3, 1.0]
-    speeds = HOVER_SPEED * rng.uniform(0.8, 1.2, 4)
-    return np.concatenate(
-        [rng.normal(size=6), quat / np.linalg.norm(quat), rng.normal(size=3), speeds]
-    )
 
 
 def hover_body():
@@ -51,34 +42,6 @@ def acceleration(made, body=None, t=0.0):
     state = dataclasses.replace(state, body=body, steps=jnp.asarray(round(t / DT)))
     after = reality.step(made, state, jnp.asarray([[0.0, 0.0, 0.0, HOVER]]))
     return np.asarray(after.body[0, 3:6] - body[0, 3:6]) / DT
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_derivative_is_the_packages_own(seed):
-    body, still = random_body(seed), np.zeros(3)
-    own = Multirotor(rp.AIRFRAME, control_abstraction="cmd_ctatt")
-    speeds = np.linspace(0.9, 1.1, 4) * HOVER_SPEED
-    expected = own._s_dot_fn(0.0, np.concatenate([body[:13], still, body[13:]]), speeds)
-    with jax.enable_x64(True):
-        none = jnp.zeros(3)
-        found = rp.derivative(
-            rp.make_multirotor(rp.AIRFRAME), *map(jnp.asarray, (body, speeds, none, none))
-        )
-    np.testing.assert_allclose(found, np.delete(expected, [13, 14, 15]), rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_attitude_loop_is_the_packages_own(seed):
-    body = random_body(seed)
-    own = Multirotor(rp.AIRFRAME, control_abstraction="cmd_ctatt")
-    yaw = 0.3
-    control = {"cmd_thrust": 0.45, "cmd_q": np.asarray([0, 0, np.sin(yaw / 2), np.cos(yaw / 2)])}
-    expected = own.get_cmd_motor_speeds({"q": body[6:10], "w": body[10:13]}, control)
-    with jax.enable_x64(True):
-        cmd = jnp.asarray([0.0, 0.0, yaw, 0.45])
-        found = rp.motor_speeds(rp.make_multirotor(rp.AIRFRAME), jnp.asarray(body), cmd)
-    expected = np.clip(expected, quad_params["rotor_speed_min"], quad_params["rotor_speed_max"])
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_the_undisturbed_vehicle_hovers():
@@ -204,9 +167,11 @@ def test_offset_inertia_and_arms_that_grow_together_turn_a_drone_alike():
     for grown in (1.0, 1.3):
         places = {n: grown * (r - offset) for n, r in quad_params["rotor_pos"].items()}
         own = {"rotor_pos": places, "Ixx": grown * 3.3e-5, "Iyy": grown * 3.6e-5}
-        vehicle = rp.make_multirotor({**rp.AIRFRAME, **own})
+        vehicle = rotorpy.make_multirotor({**rotorpy.AIRFRAME, **own})
         nothing = jnp.zeros(3)
-        turned.append(rp.derivative(vehicle, body, jnp.asarray(speeds), nothing, nothing)[10:12])
+        turned.append(
+            rotorpy.derivative(vehicle, body, jnp.asarray(speeds), nothing, nothing)[10:12]
+        )
     assert float(jnp.abs(turned[0]).max()) > 1.0
     np.testing.assert_allclose(turned[0], turned[1], rtol=1e-4)
     told = seen(Withheld("center_of_mass", {"x": 3e-3, "y": -2e-3}), "rotorpy").parameters
