@@ -15,15 +15,9 @@ from diagnosis.fit.outliers import standing_out
 from diagnosis.fit.search import Problem
 from diagnosis.logs.flights import FlightLog, FlightSet
 from diagnosis.logs.noise import CHANNELS
-from diagnosis.replay.library import (
-    LEFT_OUT,
-    NEEDS_ATTITUDE_CMD,
-    NEEDS_THRUST_CMD,
-    NEEDS_VOLTAGE,
-    NEVER_BLAMED,
-    Library,
-)
+from diagnosis.replay.library import Library
 from simulators import registry
+from simulators.effects.card import Input
 
 SCHEMA = 1
 """Version of `diagnosis.json`."""
@@ -243,26 +237,14 @@ def _along(drift: shrinkage.Drift, logs: Sequence[FlightLog]) -> list[dict[str, 
 def _not_observable(study: Study, exclude: Collection[str]) -> list[dict[str, str]]:
     """Registered effects that are no candidates, and why."""
     library = study.problem.library
-    simulator, found = library.simulator, []
+    found = []
     for name, kind in sorted(registry.load_all("effect").items()):
         if name in library.candidates:
             continue
-        missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]
+        why = library.why_out(name, kind)
         if name in exclude:
             why = "excluded by request, or cannot be told from what was"
-        elif missing:
-            why = f"simulator '{simulator.name}' has no door '{missing[0]}'"
-        elif name in NEVER_BLAMED:
-            why = "it tells one airframe from another; reference flights may show it"
-        elif name in LEFT_OUT:
-            why = "a floor is seen or not; it has no slope to follow"
-        elif name in NEEDS_VOLTAGE:
-            why = "not every flight is of one drone that logs commands and its battery's voltage"
-        elif name in NEEDS_THRUST_CMD and study.inputs.produced:
-            why = "the rotors' speeds are measured, so that how they lag cannot be seen"
-        elif name in NEEDS_ATTITUDE_CMD:
-            why = f"the attitude is prescribed from measurement ({study.inputs.kind})"
-        else:
-            why = "no flight has two drones"
+        elif why == Input.ATTITUDE_CMD.value:
+            why += f" ({study.inputs.kind})"
         found.append({"effect": name, "why": why})
     return found

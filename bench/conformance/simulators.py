@@ -19,20 +19,9 @@ from bench.conformance.suite import (
 )
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
+from simulators.effects.card import load_cards
 from simulators.effects.contract import DOORS
 from simulators.vehicle import CONTROL_DT
-
-PROBES = {
-    "command": ("trim", {"roll": 0.2, "pitch": -0.1}),
-    "autopilot": ("roll_pitch_gains", {"stiffness": 1.0}),
-    "plant": ("mass", {"e": 0.3}),
-    "response": ("thrust_lag", {"up": 0.1, "down": 0.1}),
-    "wrench": ("wind", {"x": 3.0, "y": -2.0}),
-    "state": ("floor", {"height": 0.5}),
-    "rotation": ("inertia", {"e": 0.5}),
-    "rotors": ("rotor_inertia", {"e": 2.0}),
-}
-"""A registered effect for each door that must change a flight there."""
 
 
 def declarations(cls: type[Any]) -> list[Check]:
@@ -232,8 +221,12 @@ def _duration(simulator: AbstractSimulator) -> None:
 
 
 def _door(simulator: AbstractSimulator, door: str) -> None:
-    name, values = PROBES[door]
-    cls = registry.load("effect", name)
+    name, probe = next(
+        (name, card.probe)
+        for name, card in load_cards().items()
+        if card.probe is not None and card.probe.door == door
+    )
+    cls, values = registry.load("effect", name), probe.values
     if not {cls.door, *cls.needs} <= set(simulator.doors):
         return
     effect = cls(**{key: jnp.asarray(value) for key, value in values.items()})

@@ -13,15 +13,16 @@ from typing import Any
 import numpy as np
 
 from blind.draw import catalogue
-from blind.draw.catalogue import FAMILIES, LIBRARY, SIZES, UNKNOWN, Withheld
+from blind.draw.catalogue import SIZES, UNKNOWN, Withheld
 from blind.fly import flying, references
 from blind.fly.realities import DRONE, DT, MASS
+from simulators.effects.card import Input, load_card
 
 KINDS = ("single", "pair", "clean", "unknown", "excluded")
 """What a case can be: one effect, two, none, one outside the library, one withheld from it."""
 
 TWO_DRONES = 0.1
-"""Share of the cases without downwash in which two drones fly."""
+"""Share of the cases in which two drones fly though no effect needs them."""
 
 VEHICLE = f"""\
 name = "Crazyflie, blind case"
@@ -66,7 +67,7 @@ def draw_cases(
     counts: Mapping[str, int],
     reality: str = "crazyflow",
     entropy: int | None = None,
-    names: Sequence[str] = (*LIBRARY,),
+    names: Sequence[str] | None = None,
 ) -> list[Case]:
     """Cases in random order, balanced over effects and sizes.
 
@@ -74,7 +75,7 @@ def draw_cases(
         counts: Number of cases by kind.
         reality: Where they are flown, one of `realities.REALITIES`.
         entropy: Seed of everything that is drawn; from the operating system if None.
-        names: Effects of the library to draw from.
+        names: Effects of the library to draw from; all that the reality can fly if None.
 
     Raises:
         ValueError: A kind or an effect is not known, or a count is negative.
@@ -85,8 +86,10 @@ def draw_cases(
                 f"`counts` must give numbers from 0 for kinds among {', '.join(KINDS)}, "
                 f"got {kind!r}: {count}."
             )
-    if unknown := [name for name in names if name not in LIBRARY]:
-        raise ValueError(f"`names` must be among {', '.join(LIBRARY)}, got {unknown[0]!r}.")
+    known = catalogue.known(reality)
+    names = known if names is None else names
+    if unknown := [name for name in names if name not in known]:
+        raise ValueError(f"`names` must be among {', '.join(known)}, got {unknown[0]!r}.")
     rng = np.random.default_rng(secrets.randbits(128) if entropy is None else entropy)
     plans: list[tuple[str, list[tuple[str, int]]]] = []
     for kind in KINDS:
@@ -104,7 +107,7 @@ def make_case(
     """
     seconds = settings.get("seconds", Case.seconds)
     effects = tuple(catalogue.draw_effect(name, size, rng, seconds) for name, size in plan)
-    two = any(name == "downwash" for name, _ in plan) or rng.random() < TWO_DRONES
+    two = any(Input.NEIGHBOUR in load_card(n).inputs for n, _ in plan) or rng.random() < TWO_DRONES
     return Case(
         id=rng.bytes(8).hex(),
         kind=kind,
@@ -123,7 +126,7 @@ def _plans(
     if kind == "clean":
         return [[] for _ in range(count)]
     if kind == "pair":
-        singles = [(a, b) for a in names for b in names if a < b and not _alike(a, b)]
+        singles = [(a, b) for a in names for b in names if a < b and not catalogue.alike(a, b)]
         chosen = _rounds(singles, count, rng)
         return [[(a, int(rng.integers(1, 3))), (b, int(rng.integers(1, 3)))] for a, b in chosen]
     pool = UNKNOWN if kind == "unknown" else names
@@ -135,10 +138,6 @@ def _rounds(pool: list, count: int, rng: np.random.Generator) -> list:
     while len(order) < count:
         order += [pool[i] for i in rng.permutation(len(pool))]
     return order[:count]
-
-
-def _alike(a: str, b: str) -> bool:
-    return any({a, b} <= family for family in FAMILIES)
 
 
 def fly_case(case: Case) -> list[flying.Flown]:

@@ -1,7 +1,9 @@
 """What can be withheld: how large it is drawn, and which numbers of the generator it sets.
 
 An effect's parameters carry the names and meanings of the effect library, so that labels and
-answers can be compared; the physics behind them is the generator's own (`disturbances.py`).
+answers can be compared; the physics behind them is the generator's own (`disturbances.py`). An
+effect without any here, a third party's for instance, is drawn as its card says and flown by its
+own class, in crazyflow alone.
 """
 
 import dataclasses
@@ -13,6 +15,8 @@ import numpy as np
 
 from blind.fly.disturbances import CommandDisturbance, PlantDisturbance, WrenchDisturbance
 from blind.fly.realities import Disturbance
+from simulators import registry
+from simulators.effects.card import load_card, load_cards
 
 SIZES = ("small", "medium", "large")
 """Sizes of an effect, in order."""
@@ -33,7 +37,10 @@ class Withheld:
 
 def draw_effect(name: str, size: int, rng: np.random.Generator, seconds: float) -> Withheld:
     """The effect at a size (index into `SIZES`), its signs, directions and times at random."""
-    return Withheld(name, {**LIBRARY, **UNKNOWN}[name](size, rng, seconds))
+    own = {**LIBRARY, **UNKNOWN}
+    if name in own:
+        return Withheld(name, own[name](size, rng, seconds))
+    return Withheld(name, {**load_card(name).drawn[size]})
 
 
 def _fixed(parameter: str, *values: float) -> Draw:
@@ -102,7 +109,7 @@ LIBRARY: dict[str, Draw] = {
     "yaw_misalignment": _signed("angle", 0.05, 0.12, 0.25),
     "delay": _fixed("seconds", 0.01, 0.02, 0.05),
 }
-"""Effects of the library, as the issue names them."""
+"""Effects of the library that the generator has its own physics for."""
 
 FAMILIES: tuple[frozenset[str], ...] = (
     frozenset({"mass", "thrust_gain"}),
@@ -112,6 +119,22 @@ FAMILIES: tuple[frozenset[str], ...] = (
     frozenset({"wind", "gust"}),
 )
 """Effects that short flights can hardly tell apart; pairs are drawn from different families."""
+
+BORROWING = "crazyflow"
+"""The reality that flies effects of the library by their own classes."""
+
+
+def known(reality: str) -> tuple[str, ...]:
+    """Registered effects that cases of a reality are drawn from."""
+    borrowed = [name for name, card in load_cards().items() if card.drawn and name not in LIBRARY]
+    return (*LIBRARY, *borrowed) if reality == BORROWING else (*LIBRARY,)
+
+
+def alike(a: str, b: str) -> bool:
+    """Whether short flights can hardly tell two effects apart; pairs are of others."""
+    if a in LIBRARY and b in LIBRARY:
+        return any({a, b} <= family for family in FAMILIES)
+    return bool({*load_card(a).families} & {*load_card(b).families})
 
 
 def _between(**ranges: tuple[float, float]) -> Draw:
@@ -153,17 +176,28 @@ def make_disturbance(
         for i, fields in enumerate(_fields(effect)):
             parts[i].update({name: jnp.asarray(value, float) for name, value in fields.items()})
     neutral = (CommandDisturbance(), PlantDisturbance(), WrenchDisturbance())
+    borrowed = tuple(
+        registry.load("effect", effect.name)(**effect.parameters)
+        for effect in effects
+        if _is_borrowed(effect.name)
+    )
     phases = rng.uniform(0.0, 2 * np.pi, n_flights)
     seeds = rng.integers(0, 2**31 - 1, n_flights)
     made = tuple(
         dataclasses.replace(n, **part)  # pyright: ignore[reportArgumentType]
         for n, part in zip(neutral, parts, strict=True)
     )
-    command, plant, wrench = jax.tree.map(lambda x: _spread(x, n_flights), made)
+    command, plant, wrench, *borrowed = jax.tree.map(
+        lambda x: _spread(x, n_flights), (*made, *borrowed)
+    )
     wrench = dataclasses.replace(
         wrench, swing_phase=jnp.asarray(phases, jnp.float32), seed=jnp.asarray(seeds, jnp.int32)
     )
-    return command, plant, wrench
+    return Disturbance(command, plant, wrench, tuple(borrowed))
+
+
+def _is_borrowed(name: str) -> bool:
+    return name not in LIBRARY and name not in UNKNOWN
 
 
 def _spread(value: float | int | jax.Array, n_flights: int) -> jax.Array:
@@ -173,6 +207,8 @@ def _spread(value: float | int | jax.Array, n_flights: int) -> jax.Array:
 
 def _fields(effect: Withheld) -> tuple[Mapping, Mapping, Mapping]:
     """Fields of the command, plant and wrench class that an effect sets."""
+    if _is_borrowed(effect.name):
+        return {}, {}, {}
     p = effect.parameters
     horizontal = [np.cos(p.get("angle", 0.0)), np.sin(p.get("angle", 0.0)), 0.0]
     if effect.name in _COMMANDS:

@@ -22,7 +22,7 @@ class CrazyflowReality(AbstractReality):
         thrust = jnp.full(n_drones, HOVER)
         flight = Flight(jnp.asarray(0.0), pos, still, level, still, thrust, still)
         hover = jnp.zeros((25, n_drones, 4)).at[:, :, 3].set(HOVER)
-        return with_effects(Crazyflow(), disturbance).restore(flight, hover, jax.random.key(0))
+        return _disturbed(disturbance).restore(flight, hover, jax.random.key(0))
 
     def truth(self, state: CrazyflowState) -> Float[Array, "drones 13"]:
         """As the state has it."""
@@ -32,4 +32,9 @@ class CrazyflowReality(AbstractReality):
         self, disturbance: Disturbance, state: CrazyflowState, cmd: Float[Array, "drones 4"]
     ) -> CrazyflowState:
         """One physics step of crazyflow."""
-        return with_effects(Crazyflow(), disturbance).step_cmd(state, cmd, DT)
+        return _disturbed(disturbance).step_cmd(state, cmd, DT)
+
+
+def _disturbed(disturbance: Disturbance) -> Crazyflow:
+    *own, borrowed = disturbance
+    return with_effects(Crazyflow(), [*own, *borrowed])

@@ -2,16 +2,28 @@
 
 import abc
 import importlib
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 from jaxtyping import Array, Float
 
 from blind.fly.disturbances import CommandDisturbance, PlantDisturbance, WrenchDisturbance
+from simulators.effects.contract import AbstractEffect
 from simulators.vehicle import GRAVITY, VEHICLES
 
-Disturbance = tuple[CommandDisturbance, PlantDisturbance, WrenchDisturbance]
-"""Everything that may be different, neutral where it is not."""
+
+class Disturbance(NamedTuple):
+    """Everything that may be different, neutral where it is not."""
+
+    command: CommandDisturbance
+    """What the commands meet."""
+    plant: PlantDisturbance
+    """What the vehicle's constants are."""
+    wrench: WrenchDisturbance
+    """What pushes and turns."""
+    borrowed: tuple[AbstractEffect, ...] = ()
+    """Effects of the library that the laboratory has no physics of its own for."""
+
 
 DRONE = "cf21B_500"
 """The airframe of every case."""

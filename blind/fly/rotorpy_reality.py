@@ -47,8 +47,15 @@ class RotorpyReality(AbstractReality):
     """An independent reality; compared with flights of its own undisturbed vehicle."""
 
     def start(self, disturbance: Disturbance, pos: Float[Array, "drones 3"]) -> RotorpyState:
-        """Rotors turn at the speed of the believed hover thrust."""
-        command, _, wrench = disturbance
+        """Rotors turn at the speed of the believed hover thrust.
+
+        Raises:
+            ValueError: An effect acts through the doors of our simulators, which RotorPy lacks.
+        """
+        if disturbance.borrowed:
+            names = ", ".join(type(effect).__name__ for effect in disturbance.borrowed)
+            raise ValueError(f"RotorPy has no doors for effects; fly {names} in 'crazyflow'.")
+        command, wrench = disturbance.command, disturbance.wrench
         n_drones = len(pos)
         body = jnp.zeros((n_drones, 17)).at[:, :3].set(pos).at[:, 9].set(1.0)
         body = body.at[:, 13:].set((HOVER / 4.0 / quad_params["k_eta"]) ** 0.5)
@@ -66,7 +73,7 @@ class RotorpyReality(AbstractReality):
         self, disturbance: Disturbance, state: RotorpyState, cmd: Float[Array, "drones 4"]
     ) -> RotorpyState:
         """One step; commands, wrench and motor speeds are held during it."""
-        command, _, wrench = disturbance
+        command, wrench = disturbance.command, disturbance.wrench
         t = state.steps * DT
         airframe = disturbed_airframe(disturbance, t)
         multirotor, believed = make_multirotor(airframe), make_multirotor(AIRFRAME)
@@ -91,7 +98,7 @@ class RotorpyReality(AbstractReality):
 
 def disturbed_airframe(disturbance: Disturbance, t: Float[Array, ""]) -> dict[str, Any]:
     """RotorPy's parameters of the disturbed vehicle at time `t` [s]."""
-    _, plant, wrench = disturbance
+    plant, wrench = disturbance.plant, disturbance.wrench
     mass = quad_params["mass"]
     axial, lateral = (
         c * mass / _rotor_speed_sum(AIRFRAME) for c in (wrench.axial_drag, wrench.lateral_drag)

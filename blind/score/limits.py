@@ -37,7 +37,7 @@ from diagnosis.fit.reduced import QUIET
 from diagnosis.fit.search import Problem
 from diagnosis.fit.shrinkage import split
 from diagnosis.logs.segments import WINDOW
-from diagnosis.replay.library import LOCAL
+from simulators.effects.card import Input, load_card
 
 SECONDS = 10.0
 """Duration of a flight [s]."""
@@ -93,14 +93,14 @@ def drawn(name: str, size: int = 1, seed: int = SEED) -> Withheld:
 
 
 def make_single(effect: Withheld, n_flights: int, noise: float = 1.0, seed: int = SEED) -> Case:
-    """A case in which nothing but `effect` is different; two drones fly only for downwash."""
+    """A case in which nothing but `effect` is different; two drones fly where it needs them."""
     return Case(
         id=f"{seed:016x}",
         kind="single",
         effects=(effect,),
         size="",
         seed=seed,
-        drones=2 if effect.name == "downwash" else 1,
+        drones=2 if Input.NEIGHBOUR in load_card(effect.name).inputs else 1,
         n_flights=n_flights,
         seconds=SECONDS,
         noise=noise,
@@ -290,7 +290,7 @@ def _local(linear: Linear) -> tuple[Float[np.ndarray, " windows"], int]:
     And how many numbers it has for that.
     """
     normal, library = linear.normal, linear.problem.library
-    at = [i for name in LOCAL if name in library.effects for i in library.indices(name)]
+    at = library.local
     H = normal.H[:, at][:, :, at]
     wanted = normal.H[:, at] @ linear.unit
     inverse = np.linalg.pinv(H, rcond=1e-6, hermitian=True)

@@ -22,7 +22,6 @@ from blind.fly import flying, paths
 from blind.fly.realities import DT
 from blind.fly.references import Reference
 from blind.score.measures import OWN
-from diagnosis.decide.advice import MANOEUVRES
 from diagnosis.decide.decidable import DECIDABLE, truth_fit
 from diagnosis.diagnose import STEPS, make_likelihood, nominal_simulator
 from diagnosis.fit.fit import Fit, Set
@@ -30,6 +29,7 @@ from diagnosis.fit.search import Problem
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import Replay, make_replay
+from simulators.effects.card import manoeuvre
 
 MEDIUM = 1
 """The size of every true effect: the catalogue's second."""
@@ -135,8 +135,8 @@ TRIALS: Mapping[frozenset[str], Trial] = {
 
 
 def directions() -> list[tuple[str, str]]:
-    """Every pair of the advice in both directions: truth and rival."""
-    pairs = [tuple(sorted(pair)) for pair in MANOEUVRES]
+    """Every pair of `TRIALS` in both directions: truth and rival."""
+    pairs = [tuple(sorted(pair)) for pair in TRIALS]
     return list(itertools.chain.from_iterable(((a, b), (b, a)) for a, b in pairs))
 
 
@@ -164,11 +164,12 @@ class Range:
                 f"`truth` and `rival` must be a pair that there is advice for ({known}), got "
                 f"'{truth}' and '{rival}'."
             )
-        trial = TRIALS[pair]
+        trial, advice = TRIALS[pair], manoeuvre(truth, rival)
+        assert advice is not None, "there are trials only of pairs with advice"
         return Margins(
             truth=truth,
             rival=rival,
-            advice=MANOEUVRES[pair],
+            advice=advice,
             seconds=trial.advised.n * trial.advised.seconds,
             bland=self._margin(truth, rival, trial.bland, trial.sizes),
             advised=self._margin(truth, rival, trial.advised, trial.sizes),

@@ -25,6 +25,7 @@ from jaxtyping import Float
 from diagnosis.decide.verdict import sizes
 from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.search import Problem
+from simulators.effects.card import load_card
 
 DECIDABLE = 25.0
 """Smallest chi-square between the truth and its best rival; from the issue of this capability."""
@@ -32,9 +33,6 @@ CLOSE = 0.03
 """Share of the gap by which a screened rival may be worse and still be refitted; a choice."""
 REFITS = 4
 """Most rivals that are refitted, the most promising first; a choice."""
-SPECIAL_CASES: Mapping[str, str] = {"wind": "gust"}
-"""Effects that are another one at the edge of its range: a gust from the start is wind."""
-
 Parameters = Mapping[str, Mapping[str, float]]
 """Values by effect and parameter."""
 
@@ -163,7 +161,8 @@ def rivals(truth: Set, names: Collection[str]) -> Iterator[Set]:
 
 def contains(effects: Set, truth: Set) -> bool:
     """Whether each true effect is there, by itself or as a special case of another one."""
-    return all({name, SPECIAL_CASES.get(name, name)} & effects for name in truth)
+    found = effects.union(*(load_card(name).special_cases for name in effects))
+    return found >= truth
 
 
 def _screened(problem: Problem, true: Fit) -> Iterator[tuple[Set, float]]:

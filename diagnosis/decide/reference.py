@@ -1,11 +1,11 @@
 r"""What separates the nominal simulator from reference flights, as knowledge for the next set.
 
 The whole library is fitted to the reference flights with a Gaussian prior on every parameter
-(`PRIOR`, `LOOSE`, `KNOWN`), so that what these flights cannot tell stays near neutral. Three
-things carry over to the target flights: the vector itself, its precision, and the noise, which is
-enlarged per channel until the reference flights agree with their own fit. What no effect explains
-on both sets is thereby noise and not a finding. And parameters in which reference flights differ
-from each other by more than that may differ between the target flights, too (`spread`).
+(`PRIOR`, `LOOSE`, `EffectCard.prior`), so that what these flights cannot tell stays near neutral.
+Three things carry over to the target flights: the vector itself, its precision, and the noise,
+which is enlarged per channel until the reference flights agree with their own fit. What no effect
+explains on both sets is thereby noise and not a finding. And parameters in which reference flights
+differ from each other by more than that may differ between the target flights, too (`spread`).
 """
 
 import dataclasses
@@ -21,31 +21,17 @@ from diagnosis.fit.fit import Set
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.outliers import beyond
 from diagnosis.fit.search import Problem
-from diagnosis.replay.library import FAMILIES, NEVER_BLAMED, Library
+from diagnosis.replay.library import Library
 
-UNSHARED = ("gust", "attitude_loop", "mass")
-"""Effects that are not fitted to the reference: the slopes of two say nothing at neutral, the third
-would run against its alias thrust_gain, which stands for it."""
 PRIOR = 0.1
 """Standard deviation of the prior over the allowed range; a choice."""
 LOOSE = 0.5
-"""The same for what nobody believes to know (`UNKNOWN`): to keep it near neutral moves others away
-from it. With 0.1, a share of gyro compensation of 1 that RotorPy has was found as 0.86."""
-UNKNOWN = (
-    "gyro_compensation",
-    "roll_pitch_gains",
-    "rotor_inertia",
-    "rotor_response",
-    "rotor_torque",
-    "yaw_gains",
-)
-"""Effects of another autopilot or other rotors. How a drone turns tells gains, arms and inertia up
-to one common scale, which should be set by what is believed of the airframe (`KNOWN`): RotorPy's
-gains are a fifth of crazyflow's, and with a pull on them its flights said arms of -19.7 % and an
-inertia of +9.8 %; without it they say -14.4 % and +17.4 %, true are -14.1 % and +20 to 32 %."""
-KNOWN = {"inertia": 0.2, "rotor_arm": 0.1}
-"""Standard deviation of what an airframe file says instead, relative. crazyflow's and RotorPy's
-files of one Crazyflie differ by 0.20 to 0.32 and by 0.14."""
+"""The same for what nobody believes to know (`EffectCard.unbelieved`): to keep it near neutral
+moves others away from it. With 0.1, a share of gyro compensation of 1 that RotorPy has was found as
+0.86. How a drone turns tells gains, arms and inertia up to one common scale, which should be set by
+what is believed of the airframe (`EffectCard.prior`): RotorPy's gains are a fifth of crazyflow's,
+and with a pull on them its flights said arms of -19.7 % and an inertia of +9.8 %; without it they
+say -14.4 % and +17.4 %, true are -14.1 % and +20 to 32 %."""
 UNSEEN = 1e12
 """Times as precise as the prior is what is not fitted to the reference, or is not seen in it, such
 as the downwash among drones that flew alone: what later flights show of it is a change."""
@@ -121,7 +107,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     likelihood.settle(vector, beyond(6.0))
     normal = likelihood.normal(vector)
     floor, prior = floor_of(library, normal), _prior(library)
-    spread = spread_between(normal, np.isin(_effects(library), UNSHARED, invert=True))
+    spread = spread_between(normal, _shared(library))
     normal = loosened(normal, spread)
     phi = dispersion(normal, n_flights)
     H = normal.H.sum(axis=0)
@@ -142,29 +128,38 @@ def pinned(
 ) -> Float[np.ndarray, "params params"]:
     """`precision` with which neither excluded effects nor those that act like them shift.
 
-    Other effects that may not be blamed (`NEVER_BLAMED`) shift as far as the reference leaves open.
+    Those of the airframe (`EffectCard.airframe`) shift as far as the reference leaves open.
     """
-    excluded = set(library.withheld) - set(NEVER_BLAMED)
-    alike = {name for name in NEVER_BLAMED if FAMILIES.get(name, frozenset()) & excluded}
+    airframe = {name for name in library.effects if library.card(name).airframe}
+    excluded = set(library.withheld) - airframe
+    families = {family for name in excluded for family in library.card(name).families}
+    alike = {name for name in airframe if families & {*library.card(name).families}}
     firm, at = precision.copy(), [i for n in sorted(excluded | alike) for i in library.indices(n)]
     firm[at, at] *= FIRM
     return firm
 
 
-def _effects(library: Library) -> list[str]:
-    return [slot.effect for slot in library.slots]
+def _shared(library: Library) -> Bool[np.ndarray, " params"]:
+    """Which parameters are fitted to the reference: none whose slope at neutral says nothing."""
+    silent = {
+        name for name in library.effects if library.card(name).start or name in library.onsets
+    }
+    kept = [library.card(s.effect).shared and s.effect not in silent for s in library.slots]
+    return np.asarray(kept, bool)
 
 
 def _prior(
     library: Library, unseen: Bool[np.ndarray, " params"] | bool = False
 ) -> Float[np.ndarray, " params"]:
     """Prior precision of every parameter; very large where it is not shared or `unseen`."""
-    effects = _effects(library)
-    width = np.where(np.isin(effects, UNKNOWN), LOOSE, PRIOR) * (library.high - library.low)
-    precision = (
-        1.0 / np.asarray([KNOWN.get(e, w) for e, w in zip(effects, width, strict=True)]) ** 2
-    )
-    precision[np.isin(effects, UNSHARED) | unseen] *= UNSEEN
+    cards = [library.card(slot.effect) for slot in library.slots]
+    width = np.where([card.unbelieved for card in cards], LOOSE, PRIOR)
+    width = width * (library.high - library.low)
+    believed = [
+        w if card.prior is None else card.prior for card, w in zip(cards, width, strict=True)
+    ]
+    precision = 1.0 / np.asarray(believed) ** 2
+    precision[~_shared(library) | unseen] *= UNSEEN
     return precision
 
 

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.likelihood import Normal
 from diagnosis.fit.search import Problem
-from diagnosis.replay.library import LOCAL, Library
+from diagnosis.replay.library import Library
 
 EFFECT_COST = 4.0
 """Log prior odds against one effect more [nats]; about one over the number of effects, squared
@@ -221,8 +221,8 @@ def beyond_chance(threshold: float, count: float | int) -> float:
 
 
 def structure(library: Library, normal: Normal) -> Structure:
-    """What windows want for themselves along the slopes of `LOCAL`."""
-    columns = [i for name in LOCAL for i in library.indices(name)]
+    """What windows want for themselves along the slopes of local effects."""
+    columns = library.local
     normal = normal.of(normal.dof > 0)  # windows alone, without what `loosened` added
     H, g = normal.H[:, columns][:, :, columns], normal.g[:, columns]
     scale = np.sqrt(np.clip(np.einsum("wii->wi", H), 1e-12, None))

@@ -93,6 +93,14 @@ class Switched:
         return dataclasses.replace(self._whole, H=H, g=g)
 
 
+def muted(normal: Normal, columns: list[int], onset: float) -> Normal:
+    """Normal equations in which some parameters act only from an `onset` [s] on, as `Switched`."""
+    on = np.ones_like(normal.g)
+    on[:, columns] = (normal.t >= onset - WINDOW / 2)[:, None]
+    H, g = normal.H * on[:, :, None] * on[:, None, :], normal.g * on
+    return dataclasses.replace(normal, H=H, g=g)
+
+
 def _left_after(x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Sums over the first axis of each entry and all that follow, and zero after the last."""
     nothing = np.zeros_like(x[:1])

@@ -6,19 +6,27 @@ so that only effects are searched for in the simulator.
 """
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.fit.equations import bounded_step, loosened, moved, scale_of, scaled
+from diagnosis.fit.equations import (
+    Switched,
+    bounded_step,
+    loosened,
+    moved,
+    muted,
+    scale_of,
+    scaled,
+)
 from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.likelihood import Likelihood, Normal
 from diagnosis.logs.segments import WINDOW
 from diagnosis.replay.library import Library, Slot
 
 QUIET = 3
-"""Windows before the earliest onset: a gust that blows from the start is a wind."""
+"""Windows before the earliest onset: what acts from the start is another effect."""
 
 
 class Equations:
@@ -97,8 +105,7 @@ class Equations:
 
     def _bounds(self, free: list[int]) -> tuple[np.ndarray, np.ndarray]:
         low, high = self.low.copy(), self.high
-        if "gust" in self.library.effects:
-            low[self._place("gust", "onset")] = self.earliest
+        low[list(self.library.onsets.values())] = self.earliest
         return low[free], high[free]
 
     def _bounded(
@@ -184,6 +191,44 @@ class Equations:
         known = H + self.precision
         pull = np.linalg.solve(known, np.column_stack([H[:, free], g - self.precision @ fit.shift]))
         return inner - H[free] @ pull[:, :-1], right - H[free] @ pull[:, -1]
+
+    def _silent(self, effects: Set, near: Fit) -> dict[str, int]:
+        """Where the onsets stand of effects that are in `effects`, but not in `near` yet."""
+        return {n: i for n, i in self.library.onsets.items() if n in effects - near.effects}
+
+    def _felt(self, effects: Set, near: Fit) -> list[int]:
+        """Entries that a linear step from `near` may move: the onset of nothing has no slope.
+
+        Rounding leaves one that is next to nothing, of which a linear step would make any time.
+        """
+        silent = self._silent(effects, near).values()
+        return [i for i in self.free(effects) if i not in silent]
+
+    def set_in(self, effects: Set, near: Fit) -> tuple[Normal, dict[str, float]]:
+        """Normal equations at `near`, and when the effects that it has not yet set in [s].
+
+        Each sets in when it explains most beside those before it, by name.
+        """
+        normal, found = near.normal, {}
+        for name in sorted(self._silent(effects, near)):
+            switched = self._switched(near.normal, name, found)
+            later = self._silent(effects, near).keys() - found.keys() - {name}
+            free = self._felt(effects - later, near)
+            times = np.unique(near.normal.t)[QUIET:]
+            gains = [self.solve(switched(t), near, free)[1] for t in times[:-1]]
+            found[name] = float(times[int(np.argmax(gains))]) if gains else 0.0
+            normal = switched(found[name])
+        return normal, found
+
+    def _switched(
+        self, normal: Normal, name: str, before: Mapping[str, float]
+    ) -> Callable[[float], Normal]:
+        """Normal equations by an effect's onset [s], those `before` set; what is loose, is so."""
+        normal = normal.of(normal.dof > 0)
+        for other, onset in before.items():
+            normal = muted(normal, self.library.indices(other), onset)
+        switched = Switched(normal, self.library.indices(name))
+        return lambda onset: loosened(switched.at(onset), self.spread)
 
     def variance(
         self, fit: Fit, free: list[int], following: Float[np.ndarray, " free"]

@@ -19,22 +19,17 @@ eliminated to first order (`reduced.py`); the sets that end on top are flown wit
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.fit.equations import Switched, loosened, summed
+from diagnosis.fit.equations import summed
 from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.likelihood import Likelihood, Normal
-from diagnosis.fit.reduced import QUIET, Equations
+from diagnosis.fit.reduced import Equations
 from diagnosis.logs.segments import WINDOW
 
-START = {
-    "attitude_loop": {"natural_freq": 15.0, "damping": 1.0},
-    "gust": {"onset": 0.0},
-}
-"""Where a fit starts whose slope at neutral vanishes; gust's onset is found by scanning."""
 LARGEST = 3
 """Most effects of a set."""
 REFITS = 4
@@ -142,8 +137,8 @@ class Problem(Equations):
             ]
             best = min(fits, key=lambda fit: fit.objective)
             best = self._descended(best, self.free(effects))
-            if "gust" in effects:
-                best = min(best, self._across(best), key=lambda fit: fit.objective)
+            for name in sorted(effects & self.library.onsets.keys()):
+                best = min(best, self._across(best, name), key=lambda fit: fit.objective)
             self.fits[effects] = self._whole(best)
         return self.fits[effects]
 
@@ -155,13 +150,13 @@ class Problem(Equations):
         further = self._descended(found, self.free(fit.effects), hopeless)
         return self.made(fit.effects, further.vector, further.shared)
 
-    def _across(self, fit: Fit) -> Fit:
-        """The fit whose gust begins on the other side of the nearest edge between windows.
+    def _across(self, fit: Fit, name: str) -> Fit:
+        """The fit whose effect `name` sets in on the other side of the nearest edge of a window.
 
         An onset shortly before an edge leaves a second minimum shortly behind it: to the window
-        after, a start that is off and a gust that begins late look much the same.
+        after, a start that is off and a push that sets in late look much the same.
         """
-        at = self._place("gust", "onset")
+        at = self.library.onsets[name]
         edge = WINDOW * round(fit.vector[at] / WINDOW)
         if abs(fit.vector[at] - edge) > ACROSS:
             return fit
@@ -172,54 +167,30 @@ class Problem(Equations):
         return self._descended(self.made(fit.effects, vector, fit.shared, whole=False), free)
 
     def _starts(self, effects: Set, near: Fit) -> list[Float[np.ndarray, " params"]]:
-        """Where to start: one vector, but two where a gust may begin in either of two windows.
+        """Where to start: one vector, but two where an onset may lie in either of two windows.
 
         An onset has a slope only while it lies within its window and between two steps.
         """
-        start = self._start(effects, near)
-        if "gust" not in effects - near.effects:
-            return [start]
-        at, found = self._place("gust", "onset"), []
-        for shift in (-0.4987, 0.5013):
-            other = start.copy()
-            other[at] += shift * WINDOW
-            found.append(other)
-        return found
+        starts, silent = [self._start(effects, near)], self._silent(effects, near)
+        for at in silent.values():
+            either = [(start, shift) for start in starts for shift in (-0.4987, 0.5013)]
+            starts = [start.copy() for start, _ in either]
+            for start, (_, shift) in zip(starts, either, strict=True):
+                start[at] += shift * WINDOW
+        return starts
 
     def _start(self, effects: Set, near: Fit) -> Float[np.ndarray, " params"]:
         """Inside the bounds: the linear solution at `near`, or the start that is declared."""
         fresh = near.vector.copy()
         for name in effects - near.effects:
-            for parameter, value in START.get(name, {}).items():
+            for parameter, value in self.library.card(name).start.items():
                 fresh[self._place(name, parameter)] = value
-        normal = near.normal
-        if "gust" in effects - near.effects:
-            onset = self.onset(near, effects)
-            fresh[self._place("gust", "onset")] = onset
-            normal = self._gusty(normal)(onset)
+        normal, times = self.set_in(effects, near)
+        for name, time in times.items():
+            fresh[self.library.onsets[name]] = time
         fresh, free = self._within(fresh, self.free(effects)), self._felt(effects, near)
         fresh[free] += self._bounded(normal, dataclasses.replace(near, vector=fresh), free)[0]
         return fresh
-
-    def _felt(self, effects: Set, near: Fit) -> list[int]:
-        """Entries that a linear step from `near` may move: the onset of no gust has no slope.
-
-        Rounding leaves one that is next to nothing, of which a linear step would make any time.
-        """
-        silent = {self._place("gust", "onset")} if "gust" in effects - near.effects else set()
-        return [i for i in self.free(effects) if i not in silent]
-
-    def onset(self, near: Fit, effects: Set) -> float:
-        """The time [s] at which a gust would begin to explain most."""
-        free, gusty = self._felt(effects, near), self._gusty(near.normal)
-        times = np.unique(near.normal.t)[QUIET:]
-        gains = [self.solve(gusty(t), near, free)[1] for t in times[:-1]]
-        return float(times[int(np.argmax(gains))]) if gains else 0.0
-
-    def _gusty(self, normal: Normal) -> Callable[[float], Normal]:
-        """Normal equations by a gust's onset [s]; what is loose, is so with it."""
-        switched = Switched(normal.of(normal.dof > 0), self.library.indices("gust"))
-        return lambda onset: loosened(switched.at(onset), self.spread)
 
     def _descended(self, fit: Fit, free: list[int], hopeless: float = HOPELESS) -> Fit:
         best = max((self.log_evidence(other) for other in self.fits.values()), default=-np.inf)
@@ -258,10 +229,8 @@ class Problem(Equations):
         return self._screened(near, effects)[1]
 
     def _screened(self, near: Fit, effects: Set) -> tuple[Normal, float]:
-        """Normal equations at `near`, a gust's from where it begins, and the promised fall."""
-        normal = near.normal
-        if "gust" in effects - near.effects:
-            normal = self._gusty(normal)(self.onset(near, effects))
+        """Normal equations at `near`, of what sets in from where it does, and the promised fall."""
+        normal, _ = self.set_in(effects, near)
         return normal, self.solve(normal, near, self._felt(effects, near))[1]
 
     def search(self, largest: int = LARGEST) -> list[Fit]:
@@ -389,7 +358,7 @@ class Problem(Equations):
         ranked = sorted(promised.items(), key=lambda item: item[1][0], reverse=True)
         top, kept = ranked[0][1][0] - base if ranked else 0.0, -np.inf
         for count, (effects, (value, near)) in enumerate(ranked):
-            declared = any(name in START and name != "gust" for name in effects - near.effects)
+            declared = any(self.library.card(name).start for name in effects - near.effects)
             # What the others must come near to: a promise, until it turns out to be too large.
             goal = min(top, kept)
             close = value - base > max(WORTH, NEAR * goal) or value - base > goal - 30.0

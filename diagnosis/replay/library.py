@@ -14,78 +14,17 @@ from jaxtyping import Array, Float
 
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
-from simulators.effects.contract import AbstractEffect
-
-LEFT_OUT = ("floor",)
-"""Effects that are no candidates: a floor is seen or not, it is not estimated from its slope."""
-
-NEVER_BLAMED = ("gyro_compensation", "rotor_arm", "rotor_response", "rotor_torque")
-"""Effects that tell one airframe from another and do not come or go; reference flights may show
-them."""
-
-LOCAL = ("wind", "trim", "yaw_misalignment")
-"""Effects along whose slopes every window may want something for itself (`verdict.structure`);
-attached always, so that what is left over is measured alike whatever is excluded."""
-
-NEEDS_NEIGHBOUR = ("downwash",)
-"""Effects that do nothing to a drone that flies alone."""
-
-NEEDS_VOLTAGE = ("voltage_sag",)
-"""Effects that follow a logged voltage, of which a vehicle has one."""
-
-NEEDS_ATTITUDE_CMD = (
-    "attitude_gain",
-    "attitude_lag",
-    "attitude_loop",
-    "center_of_mass",
-    "delay",
-    "gyro_compensation",
-    "inertia",
-    "roll_pitch_gains",
-    "rotor_arm",
-    "rotor_inertia",
-    "rotor_torque",
-    "trim",
-    "yaw_gains",
-    "yaw_misalignment",
+from simulators.effects.card import EffectCard, Input, load_card, load_cards, plain_card
+from simulators.effects.contract import (
+    AbstractEffect,
+    BrakingEffect,
+    OnsetEffect,
+    VoltageEffect,
+    WeightEffect,
 )
-"""Effects that are not observable where the attitude is prescribed from measurement."""
-
-NEEDS_THRUST_CMD = ("motor_lag", "rotor_response", "thrust_lag")
-"""Effects that are not observable where the rotors' speeds are measured."""
-
-FAMILIES: Mapping[str, frozenset[str]] = {
-    name: frozenset(family)
-    for family in (
-        ("mass", "thrust_gain"),
-        ("drag", "quadratic_drag", "rotor_drag"),
-        ("wind", "gust"),
-        (
-            "attitude_lag",
-            "attitude_loop",
-            "delay",
-            "motor_lag",
-            "inertia",
-            "roll_pitch_gains",
-            "rotor_arm",
-            "rotor_inertia",
-            "rotor_torque",
-            "yaw_gains",
-        ),
-        ("thrust_lag", "motor_lag", "rotor_response"),
-        ("trim", "center_of_mass"),
-        ("battery", "voltage_sag"),
-    )
-    for name in family
-}
-"""Effects that ordinary flights often cannot tell apart, and that are excluded together."""
-
 
 FAR = 1e9
 """Stands for an infinite neutral value (a natural frequency), so that vectors can be compared."""
-WEAKEST = -0.8
-"""Least thrust gain of a map from PWM and voltage: that of one drone gave 2.0 times its weight in
-hover; the bound is a guess."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,13 +81,41 @@ class Library(eqx.Module):
     slots: tuple[Slot, ...] = eqx.field(static=True)
     """The vector's entries."""
     withheld: frozenset[str] = eqx.field(static=True, default=frozenset())
-    """Effects that are attached and are no candidates: for their slopes (`LOCAL`), or because they
-    may describe what reference flights show."""
+    """Effects that are attached and are no candidates: for their slopes (`EffectCard.local`), or
+    because they may describe what reference flights show."""
+    absent: frozenset[Input] = eqx.field(static=True, default=frozenset())
+    """What the flights do not offer."""
 
     @property
     def candidates(self) -> list[str]:
         """Effects that may be blamed."""
         return [name for name in self.effects if name not in self.withheld]
+
+    @property
+    def onsets(self) -> dict[str, int]:
+        """Where the moments stand from which on effects act, by the effects' names."""
+        return {
+            name: next(i for i in self.indices(name) if self.slots[i].parameter == "onset")
+            for name, kind in self.effects.items()
+            if issubclass(kind, OnsetEffect)
+        }
+
+    @property
+    def local(self) -> list[int]:
+        """Where the parameters stand that every window may want some of for itself."""
+        return [i for name in self.effects if self.card(name).local for i in self.indices(name)]
+
+    def why_out(self, name: str, kind: type[AbstractEffect]) -> str:
+        """Why a registered effect is no candidate, unless that was asked for."""
+        if door := _missing_door(kind, self.simulator):
+            return f"simulator '{self.simulator.name}' has no door '{door}'"
+        if _card(name, kind).airframe:
+            return "it tells one airframe from another; reference flights may show it"
+        return _unseen(name, kind, self.absent)
+
+    def card(self, name: str) -> EffectCard:
+        """The card of one of its effects."""
+        return _card(name, self.effects[name])
 
     @property
     def neutral(self) -> Float[np.ndarray, " params"]:
@@ -182,22 +149,25 @@ class Library(eqx.Module):
     ) -> Float[np.ndarray, "*n 3"]:
         """Rate [1/s] at which drag at `vector` takes small changes of `vel` away, along each axis.
 
-        Of a level drone in hover, by the nominal drag and the effects that are named here.
+        Of a level drone in hover, by the nominal drag and the effects that say so of themselves.
         """
-        rotors = self.named(vector, "rotor_drag")
-        axial, lateral = rotors.get("axial", 0.0), rotors.get("lateral", 0.0)
-        heavier = 1.0 + self.named(vector, "mass").get("e", 0.0)
         spec, drags = self.simulator.spec, "rotation" in self.simulator.doors
-        own = np.asarray(spec.drag) / spec.mass if drags else np.zeros(3)
-        linear = own + self.named(vector, "drag").get("c", 0.0)
-        linear = linear + np.asarray([lateral, lateral, axial])
-        speed = np.maximum(np.linalg.norm(vel, axis=-1, keepdims=True), 1e-6)
-        quadratic = self.named(vector, "quadratic_drag").get("k", 0.0)
-        return (linear + quadratic * (speed + vel**2 / speed)) / heavier
+        rate = (np.asarray(spec.drag) / spec.mass if drags else np.zeros(3)) * np.ones_like(vel)
+        weight = 1.0
+        for name, kind in self.effects.items():
+            if issubclass(kind, BrakingEffect):
+                rate = rate + kind.braking(vel, self.named(vector, name))
+            if issubclass(kind, WeightEffect):
+                weight *= kind.weight(self.named(vector, name))
+        return rate / weight
 
     def named(self, vector: Float[np.ndarray, " params"], effect: str) -> dict[str, float]:
         """The parameters of one effect at `vector`, in their units."""
         return {self.slots[i].parameter: float(vector[i]) for i in self.indices(effect)}
+
+
+def _card(name: str, kind: type[AbstractEffect]) -> EffectCard:
+    return kind.card or plain_card(name)
 
 
 def _made(kind: Callable[..., AbstractEffect], values: dict[str, Array]) -> AbstractEffect:
@@ -217,38 +187,52 @@ def make_library(
     """Every registered effect that `simulator` has the doors for, without those excluded.
 
     `prescribed`: the attitude comes from measurement, so that effects on it cannot be seen.
+    `several_drones`: some flights have neighbours.
     `referenced`: there are reference flights, which those excluded may describe; what changed since
     is still none of them.
     `voltage`: every flight is of one drone that logged its battery's voltage.
     `produced`: the rotors' speeds are measured, so that how they lag cannot be seen.
     `mapped`: thrust is known by a map from PWM and voltage alone, whose scale may be far off.
     """
-    exclude = {*exclude, *NEVER_BLAMED}
-    effects, slots = {}, []
+    offered = {
+        Input.NEIGHBOUR: several_drones,
+        Input.ATTITUDE_CMD: not prescribed,
+        Input.THRUST_CMD: not produced,
+        Input.VOLTAGE: voltage,
+    }
+    absent = frozenset(which for which, there in offered.items() if not there)
+    effects, slots, withheld = {}, [], set()
     for name, kind in sorted(registry.load_all("effect").items()):
-        missing = [door for door in (kind.door, *kind.needs) if door not in simulator.doors]
-        unseen = (
-            (name in NEEDS_NEIGHBOUR and not several_drones)
-            or (name in NEEDS_ATTITUDE_CMD and prescribed)
-            or (name in NEEDS_THRUST_CMD and produced)
-            or (name in NEEDS_VOLTAGE and not voltage)
-        )
-        hidden = name in exclude and name not in LOCAL and not referenced
-        if missing or unseen or hidden or name in LEFT_OUT:
+        card = _card(name, kind)
+        excluded = name in exclude or card.airframe
+        hidden = excluded and not card.local and not referenced
+        if hidden or _missing_door(kind, simulator) or _unseen(name, kind, absent):
             continue
         effects[name] = kind
+        withheld |= {name} if excluded else set()
         for parameter, info in kind.parameters.items():
             neutral = min(info.neutral, FAR)
-            low = WEAKEST if mapped and name == "thrust_gain" else info.low
+            low = card.low_if_mapped.get(parameter, info.low) if mapped else info.low
             slots.append(Slot(name, parameter, info.unit, neutral, low, info.high, info.factor))
-    withheld = frozenset(name for name in effects if name in exclude)
-    return Library(simulator, effects, tuple(slots), withheld)
+    return Library(simulator, effects, tuple(slots), frozenset(withheld), absent)
+
+
+def _missing_door(kind: type[AbstractEffect], simulator: AbstractSimulator) -> str | None:
+    doors = (door for door in (kind.door, *kind.needs) if door not in simulator.doors)
+    return next(doors, None)
+
+
+def _unseen(name: str, kind: type[AbstractEffect], absent: Collection[Input]) -> str:
+    """Why an effect cannot be fitted to flights that lack `absent`; empty if it can."""
+    card = _card(name, kind)
+    wanted = {*card.inputs, *([Input.VOLTAGE] if issubclass(kind, VoltageEffect) else [])}
+    lacking = (which.value for which in Input if which in wanted and which in absent)
+    return card.no_candidate or next(lacking, "")
 
 
 def with_aliases(exclude: Collection[str]) -> set[str]:
-    """`exclude` and every effect that is statically an alias of one of them."""
-    wanted = set(exclude)
-    for name in exclude:
-        wanted |= set(FAMILIES.get(name, ()))
-        wanted |= {other for other, family in FAMILIES.items() if name in family}
-    return wanted
+    """`exclude` and every effect of a family that one of them belongs to."""
+    if not exclude:
+        return set()
+    families = {family for name in exclude for family in load_card(name).families}
+    return {*exclude} | {name for name, card in load_cards().items() if families & {*card.families}}

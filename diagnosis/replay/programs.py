@@ -94,7 +94,9 @@ def _key(library: Library, settings: str, args: tuple, *code: str) -> str:
 
 def _shown(library: Library) -> str:
     """The library's constants as text; which effects may be blamed changes no program."""
-    leaves, structure = jax.tree.flatten(dataclasses.replace(library, withheld=frozenset()))
+    leaves, structure = jax.tree.flatten(
+        dataclasses.replace(library, withheld=frozenset(), absent=frozenset())
+    )
     return repr(([str(leaf) for leaf in leaves], structure, library.slots))
 
 

@@ -30,7 +30,7 @@ from diagnosis.replay.library import Library
 from diagnosis.replay.programs import cached
 from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
 from simulators.contract import AbstractSimulator
-from simulators.effects.voltage_sag import VoltageSag
+from simulators.effects.contract import VoltageEffect
 from simulators.flight import Flight
 
 LANES = 4
@@ -219,7 +219,7 @@ def _fly(
 ) -> tuple[eqx.Module, Float[Array, "steps drones 9"]]:
     def step(state: eqx.Module, inputs: tuple[Array, Array]) -> tuple[eqx.Module, Array]:
         cmd, voltage = inputs
-        state = _told(simulator, state, voltage)
+        state = _at_voltage(simulator, state, voltage)
         if replay.prescribed:
             everyone = jnp.ones(len(cmd), bool)
             still = jnp.zeros_like(cmd[:, :3])
@@ -234,11 +234,11 @@ def _fly(
     return state, jnp.concatenate([first[None], track])
 
 
-def _told(simulator: AbstractSimulator, state: Any, voltage: Array) -> Any:
+def _at_voltage(simulator: AbstractSimulator, state: Any, voltage: Array) -> Any:
     """The state with the battery's voltage [V] known to the effects that follow it."""
     for i, effect in enumerate(simulator.effects):
-        if isinstance(effect, VoltageSag):
-            state = eqx.tree_at(lambda s, i=i: s.memory[i], state, effect.told(voltage))
+        if isinstance(effect, VoltageEffect):
+            state = eqx.tree_at(lambda s, i=i: s.memory[i], state, effect.at_voltage(voltage))
     return state
 
 

@@ -45,9 +45,10 @@ from diagnosis.replay.library import Library, make_library
 from diagnosis.replay.replay import make_replay
 from methods.calibration.pool import TrackingFlight, track_dithered
 from methods.calibration.reference_paths import Reference
+from simulators import registry
 from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
 from simulators.contract import AbstractSimulator, with_effects
-from simulators.effects.contract import AbstractEffect
+from simulators.effects.contract import AbstractEffect, OnsetEffect
 from simulators.effects.delay import LONGEST, Delay
 from simulators.effects.floor import Floor
 from simulators.flight import Flight
@@ -73,9 +74,9 @@ SETTLING = 0.1
 """Time after that which is left out, because the rotors spin up otherwise than they run [s]."""
 EQUAL = 2.0
 """Sets whose log evidence differs by less count as equally likely [nats]; a choice."""
-NO_CANDIDATES = ("gust", "rotor_drag")
-"""What begins at a time of one flight is nothing to train for. And a point mass cannot tell drag of
-the rotors, which acts along the axis too, from the way in which thrust follows its command."""
+NO_CANDIDATES = ("rotor_drag",)
+"""A point mass cannot tell drag of the rotors, which acts along the axis too, from the way in which
+thrust follows its command."""
 _HEIGHT = 1.2
 _RISE = ((2.0, 0.5), (3.0, -0.5), (4.0, -0.3), (4.7, 0.6), (5.6, -0.6), (6.4, 0.7), (7.6, -0.4))
 _STEPS_X = ((1.5, 0.8), (3.0, -0.8), (4.0, -0.6), (5.5, 1.0), (7.0, -0.8), (8.5, 0.6))
@@ -125,7 +126,7 @@ def identify(
     """
     flights = fly(nominal, reality, key)
     logs = [_log(nominal, flights, i, name) for i, name in enumerate(paths())]
-    library = make_library(with_effects(nominal, [Delay(dt / 2)]), exclude=NO_CANDIDATES)
+    library = make_library(with_effects(nominal, [Delay(dt / 2)]), exclude=_no_candidates())
     likelihood = Likelihood(make_replay(library, dt), cut(logs, dt), SIGMA)
     fit = choose(likelihood, len(logs), largest)
     found: dict[str, dict[str, Any]] = {
@@ -145,6 +146,12 @@ def identify(
     notes = {f"{name}.{p}": value for name, values in found.items() for p, value in values.items()}
     notes["identification_chi2"] = fit.normal.chi2 / float(fit.normal.dof.sum())
     return Identification(flights=flights, effects=effects, notes=notes)
+
+
+def _no_candidates() -> list[str]:
+    """Effects that are not identified: what begins at a time of one flight is none to train for."""
+    kinds = registry.load_all("effect").items()
+    return [*NO_CANDIDATES, *(name for name, kind in kinds if issubclass(kind, OnsetEffect))]
 
 
 def _acts(library: Library, name: str, values: Mapping[str, float]) -> bool:

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, percent
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
@@ -30,6 +31,15 @@ class AttitudeGain(CommandEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="attitude gain",
+        noun="another attitude gain",
+        physics="The drone tilts more or less than commanded, by a constant factor.",
+        more="roll and pitch that come out {} larger than {base}",
+        less="roll and pitch that come out {} smaller than {base}",
+        shown={"g": percent()},
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

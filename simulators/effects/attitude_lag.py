@@ -15,6 +15,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Shown
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
@@ -34,6 +35,25 @@ class AttitudeLag(CommandEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="attitude lag",
+        noun="an attitude lag",
+        physics="The drone follows attitude commands later than the simulator believes.",
+        more="an attitude that follows its commands with {} more lag than {base}",
+        shown={"tau": Shown("time constant", 1000.0, "ms")},
+        families=("how fast it turns",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        separated_from={
+            "delay": (
+                "attitude steps of 0.3 rad every 0.4 s: a delay shifts the response, a lag rounds "
+                "it"
+            ),
+            "motor_lag": (
+                "attitude steps and thrust steps in turn: slow rotors delay thrust as well"
+            ),
+            "inertia": "attitude steps of 0.3 rad every 0.4 s, as sharp as the controller allows",
+        },
+    )
 
     def init(self, n_drones: int, dt: float) -> Memory:
         """Lagged angles [rad], and whether there was a command yet: the first one is not lagged."""

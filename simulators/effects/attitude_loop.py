@@ -18,6 +18,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Shown
 from simulators.effects.contract import Parameter, ResponseEffect
 
 Memory = tuple[Float[Array, "drones 2"], Float[Array, "drones 2"]]
@@ -51,6 +52,15 @@ class AttitudeLoop(ResponseEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="attitude loop",
+        noun="an attitude loop of second order",
+        physics="The drone follows attitude commands like a damped oscillator.",
+        shown={"natural_freq": Shown("natural frequency")},
+        families=("how fast it turns",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        start={"natural_freq": 15.0, "damping": 1.0},
+    )
 
     def init(self, n_drones: int, dt: float) -> Memory:
         """Attitude [rad] and its rate [rad/s], level and at rest."""

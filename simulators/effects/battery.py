@@ -9,6 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Shown
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -34,6 +35,20 @@ class Battery(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="battery",
+        noun="a fading battery",
+        physics="Thrust at the same command fades in the course of the flight.",
+        more="thrust that fades by {}",
+        less="thrust that grows by {}",
+        shown={"rate": Shown("thrust lost", 6000.0, "% a minute")},
+        families=("fading thrust",),
+        flight="one flight of several minutes",
+        separated_from={
+            "thrust_gain": "one flight of a minute or more: a weak battery grows with time",
+            "mass": "one flight of a minute or more: a weak battery grows with time",
+        },
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

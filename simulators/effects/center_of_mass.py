@@ -9,6 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Shown
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -35,6 +36,14 @@ class CenterOfMass(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 5
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="centre of mass",
+        noun="a centre of mass off the middle",
+        physics="The centre of mass is off the middle, so that thrust tilts the drone.",
+        shown={"x": Shown("forward", 1000.0, "mm"), "y": Shown("to the left", 1000.0, "mm")},
+        families=("lean in hover",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

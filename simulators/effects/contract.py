@@ -3,15 +3,21 @@
 A simulator calls the hooks once per integration step: command, autopilot, plant, response or
 rotation, wrench, state. Every hook takes and returns the effect's own memory, is written for one
 world and all its drones, and is exactly nominal when the parameters stand at their neutral values.
+
+What a diagnosis must do otherwise for some effects is a type beside the door: `OnsetEffect`,
+`VoltageEffect`, `BrakingEffect`, `WeightEffect`.
 """
 
 import abc
 import dataclasses
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard
 from simulators.flight import Flight
 from simulators.vehicle import AutopilotGains, Vehicle
 
@@ -51,6 +57,8 @@ class AbstractEffect(eqx.Module):
     """Place among the effects of the same door; smaller acts first."""
     version: eqx.AbstractClassVar[str]
     """Declared version; results are reused only while it stays the same."""
+    card: ClassVar[EffectCard | None] = None
+    """What everybody else needs to know of the effect; None stands for a plain one."""
 
     @abc.abstractmethod
     def init(self, n_drones: int, dt: float) -> Any:
@@ -133,3 +141,44 @@ class StateEffect(AbstractEffect):
     @abc.abstractmethod
     def project(self, memory: Any, flight: Flight) -> tuple[Any, Flight]:
         """The flight after the restriction; only `pos` and `vel` may change."""
+
+
+class OnsetEffect(AbstractEffect):
+    """An effect that is not there before a moment: no slope at neutral says when that is.
+
+    Replays try the moments one by one. `parameters` must list `onset`, too.
+    """
+
+    onset: eqx.AbstractVar[Float[Array, ""]]
+    """Time since the reset from which on it acts [s]."""
+
+
+class VoltageEffect(AbstractEffect):
+    """An effect that follows the battery's voltage, which a replay knows from the log."""
+
+    @abc.abstractmethod
+    def at_voltage(self, voltage: Float[Array, ""]) -> Any:
+        """The memory at a measured voltage [V], the same for all drones."""
+
+
+class BrakingEffect(AbstractEffect):
+    """An effect by which the velocity of a level drone in hover fades."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def braking(
+        vel: Float[np.ndarray, "*n 3"], values: Mapping[str, float]
+    ) -> Float[np.ndarray, "*n 3"]:
+        """Rate [1/s] at which small changes of `vel` [m/s, world] fade along each axis.
+
+        Of a drone of the believed mass; `values` are the effect's parameters by name.
+        """
+
+
+class WeightEffect(AbstractEffect):
+    """An effect that makes the drone heavier or lighter than believed."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def weight(values: Mapping[str, float]) -> float:
+        """Mass over the believed mass [-]; `values` are the effect's parameters by name."""

@@ -11,6 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Shown
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
@@ -35,6 +36,25 @@ class Delay(CommandEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 9
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="delay",
+        noun="a command delay",
+        physics="Commands take effect a fixed time later than the simulator believes.",
+        more="commands that take effect {} later than {base}",
+        less="commands that take effect {} earlier than {base}",
+        shown={"seconds": Shown("delay", 1000.0, "ms")},
+        families=("how fast it turns",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        separated_from={
+            "inertia": (
+                "attitude steps of 0.3 rad every 0.4 s: a delay shifts the response, inertia "
+                "rounds it"
+            ),
+            "motor_lag": (
+                "attitude steps and thrust steps in turn: slow rotors round the thrust's response"
+            ),
+        },
+    )
 
     def init(self, n_drones: int, dt: float) -> Memory:
         """Past commands, newest first, their ages [s], and whether there was a command yet."""

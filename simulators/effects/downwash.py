@@ -11,6 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Shown
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -44,6 +45,14 @@ class Downwash(WrenchEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 5
     version: ClassVar[str] = "2"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="downwash",
+        noun="a downwash below other drones",
+        physics="The air of a drone overhead pushes the one below down.",
+        shown={"width": Shown("width", 1000.0, "mm")},
+        inputs=frozenset({Input.NEIGHBOUR}),
+        flight="two drones, one passing 0.5 m below the other",
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -6,18 +6,21 @@ Here and in all effects like it m is the mass that the operator believes: a payl
 change the force of the air.
 """
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.effects.card import EffectCard, Shown
+from simulators.effects.contract import BrakingEffect, Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
 
-class Drag(WrenchEffect):
+class Drag(WrenchEffect, BrakingEffect):
     """Excess aerodynamic drag. Source: paper, Sec. V-C (c = 2.0 1/s)."""
 
     c: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
@@ -37,6 +40,23 @@ class Drag(WrenchEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "2"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="linear drag",
+        noun="another linear air drag",
+        physics=(
+            "Air brakes the drone in proportion to its speed, more or less than in the simulator."
+        ),
+        more="{} more linear air drag than {base}",
+        less="{} less linear air drag than {base}",
+        shown={"c": Shown("coefficient c")},
+        families=("drag of the air",),
+        flight="straight lines at 1 to 2 m/s",
+        separated_from={
+            "quadratic_drag": (
+                "straight lines at two very different speeds, 0.5 and 3 m/s, each held for 2 s"
+            ),
+        },
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -45,3 +65,9 @@ class Drag(WrenchEffect):
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
         return None, -self.c * vehicle.believed_mass * flight.vel, jnp.zeros_like(flight.vel)
+
+    @staticmethod
+    def braking(
+        vel: Float[np.ndarray, "*n 3"], values: Mapping[str, float]
+    ) -> Float[np.ndarray, "*n 3"]:
+        return values["c"] * np.ones_like(vel)

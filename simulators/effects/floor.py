@@ -10,6 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Probe
 from simulators.effects.contract import Parameter, StateEffect
 from simulators.flight import Flight
 
@@ -29,6 +30,15 @@ class Floor(StateEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="floor",
+        noun="a floor",
+        physics="The ground stops the drone at a certain height.",
+        more="a floor at a height of {}",
+        less="a floor at a height of -{}",
+        no_candidate="a floor is seen or not; it has no slope to follow",
+        probe=Probe("state", {"height": 0.5}),
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.algebra.rotation import body_z
+from simulators.effects.card import EffectCard, Shown
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -39,6 +40,19 @@ class GroundEffect(WrenchEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 4
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="ground effect",
+        noun="a ground effect",
+        physics="The rotors make more thrust close to the ground.",
+        more="a ground effect of strength {}",
+        less="a negative ground effect of strength {}",
+        shown={"c": Shown("strength c")},
+        flight="hover below 0.1 m",
+        separated_from={
+            "thrust_gain": "hover at 0.05, 0.1, 0.3 and 1 m: ground effect vanishes with height",
+            "mass": "hover at 0.05, 0.1, 0.3 and 1 m: ground effect vanishes with height",
+        },
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -13,7 +13,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.effects.card import EffectCard, Shown
+from simulators.effects.contract import OnsetEffect, Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -23,7 +24,7 @@ _HORIZONTAL = Parameter(
 _VERTICAL = Parameter(unit="m/s^2", low=-1.0, high=1.0, neutral=0.0, source="a guess")
 
 
-class Gust(WrenchEffect):
+class Gust(WrenchEffect, OnsetEffect):
     """Wind that sets in during a flight. Source: a step, the simplest onset; a guess."""
 
     x: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
@@ -47,6 +48,14 @@ class Gust(WrenchEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 3
     version: ClassVar[str] = "2"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="gust",
+        noun="a wind push that sets in during the flight",
+        physics="A push of the air in a fixed direction of the world, from a certain moment on.",
+        shown={"x": Shown("x"), "y": Shown("y"), "z": Shown("z")},
+        families=("push of the air",),
+        special_cases=("wind",),  # from the start
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.algebra.rotation import rotate
+from simulators.effects.card import EffectCard, Input, percent
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -41,6 +42,16 @@ class GyroCompensation(WrenchEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 9
     version: ClassVar[str] = "2"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="gyro compensation",
+        noun="an autopilot that cancels gyroscopic torques",
+        physics="Rolling while yawing does not pitch the drone as far as in the simulator.",
+        shown={"share": percent("share that is cancelled")},
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        airframe=True,
+        unbelieved=True,
+        flight="circles at 2 m/s under yaw sweeps of 1 rad/s",
+    )
 
     def init(self, n_drones: int, dt: float) -> Memory:
         """Torque of the rotors [N m, body], and whether they turned yet: the first is not late."""

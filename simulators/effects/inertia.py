@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Probe, percent
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -32,6 +33,25 @@ class Inertia(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 3
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="inertia",
+        noun="another inertia",
+        physics="The drone resists rotation more or less than the simulator believes.",
+        more="{} more inertia than {base}",
+        less="{} less inertia than {base}",
+        shown={"e": percent()},
+        families=("how fast it turns",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        prior=0.2,  # crazyflow's and RotorPy's files of one Crazyflie differ by 0.20 to 0.32
+        flight="attitude steps of 0.3 rad every 0.4 s",
+        separated_from={
+            "motor_lag": (
+                "attitude steps and thrust steps in turn: inertia rounds the first alone, slow "
+                "rotors round both"
+            ),
+        },
+        probe=Probe("rotation", {"e": 0.5}),
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -1,17 +1,19 @@
 """Mass: m = m_nominal (1 + e), with the inertia about the centre of mass unchanged."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.contract import Parameter, PlantEffect
+from simulators.effects.card import EffectCard, Probe, percent
+from simulators.effects.contract import Parameter, PlantEffect, WeightEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
 
-class Mass(PlantEffect):
+class Mass(PlantEffect, WeightEffect):
     """A vehicle heavier or lighter than believed. Source: paper, Sec. V-C (+20 %)."""
 
     e: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
@@ -31,6 +33,27 @@ class Mass(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="mass",
+        noun="another mass",
+        physics="The drone is heavier or lighter than the simulator believes.",
+        more="{} more mass than {base}",
+        less="{} less mass than {base}",
+        shown={"e": percent()},
+        families=("thrust over mass",),
+        shared=False,  # would run against its alias, the thrust's gain, which stands for it
+        separated_from={
+            "thrust_gain": (
+                "fast straight lines at 2 m/s or more: drag slows a heavier drone less, while a "
+                "weaker rotor leaves that unchanged"
+            ),
+            "wind": (
+                "climbs and descents at 1 m/s with hard turns: a mass error grows with thrust and "
+                "tilts with the drone, a vertical wind does neither"
+            ),
+        },
+        probe=Probe("plant", {"e": 0.3}),
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -40,3 +63,7 @@ class Mass(PlantEffect):
     ) -> tuple[None, Vehicle]:
         mass = vehicle.mass * (1.0 + self.e)
         return None, eqx.tree_at(lambda v: v.mass, vehicle, mass)
+
+    @staticmethod
+    def weight(values: Mapping[str, float]) -> float:
+        return 1.0 + values["e"]

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Shown
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -32,6 +33,19 @@ class MotorLag(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 4
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="motor lag",
+        noun="another motor lag",
+        physics="The rotors change speed more slowly or quickly than the simulator believes.",
+        more="rotor time constants {} times as long as {base}",
+        shown={"scale": Shown("time constants, times nominal")},
+        families=(
+            "how fast it turns",
+            "how fast rotors follow",
+        ),
+        inputs=frozenset({Input.THRUST_CMD}),
+        flight="thrust steps of 30 % every 0.4 s",
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -1,17 +1,20 @@
 """Quadratic drag, isotropic: f = -k m |v| v, in the world frame."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.effects.card import EffectCard, Shown
+from simulators.effects.contract import BrakingEffect, Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
 
-class QuadraticDrag(WrenchEffect):
+class QuadraticDrag(WrenchEffect, BrakingEffect):
     """Drag of a bluff body, beside the linear drag of the rotors. Source: Rayleigh's equation."""
 
     k: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
@@ -31,6 +34,16 @@ class QuadraticDrag(WrenchEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
     version: ClassVar[str] = "2"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="quadratic drag",
+        noun="another quadratic air drag",
+        physics="Air brakes the drone in proportion to its speed squared.",
+        more="{} more quadratic air drag than {base}",
+        less="{} less quadratic air drag than {base}",
+        shown={"k": Shown("coefficient k")},
+        families=("drag of the air",),
+        flight="straight lines at 3 m/s",
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -43,3 +56,10 @@ class QuadraticDrag(WrenchEffect):
         speed = jnp.where(moving, jnp.sqrt(jnp.where(moving, square, 1.0)), 0.0)
         force = -self.k * vehicle.believed_mass * speed * flight.vel
         return None, force, jnp.zeros_like(flight.vel)
+
+    @staticmethod
+    def braking(
+        vel: Float[np.ndarray, "*n 3"], values: Mapping[str, float]
+    ) -> Float[np.ndarray, "*n 3"]:
+        speed = np.maximum(np.linalg.norm(vel, axis=-1, keepdims=True), 1e-6)
+        return values["k"] * (speed + vel**2 / speed)

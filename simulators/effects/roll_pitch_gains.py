@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Probe, percent
 from simulators.effects.contract import AutopilotEffect, Parameter
 from simulators.flight import Flight
 from simulators.vehicle import AutopilotGains
@@ -53,6 +54,22 @@ class RollPitchGains(AutopilotEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="roll and pitch gains",
+        noun="other gains of the roll and pitch loop",
+        physics="The autopilot holds roll and pitch more or less firmly than the simulated one.",
+        shown={
+            "stiffness": percent("gain on the angle"),
+            "damping": percent("gain on the rate"),
+            "acceleration": percent("gain on the acceleration"),
+            "roll": percent("roll over pitch"),
+        },
+        families=("how fast it turns",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        unbelieved=True,
+        flight="attitude steps of 0.3 rad every 0.4 s",
+        probe=Probe("autopilot", {"stiffness": 1.0}),
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, percent
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -35,6 +36,17 @@ class RotorArm(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 9
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="rotor arm",
+        noun="rotors nearer or further out",
+        physics="Thrusts that differ turn the drone more or less than in the simulator.",
+        shown={"e": percent()},
+        families=("how fast it turns",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        airframe=True,
+        prior=0.1,  # crazyflow's and RotorPy's files of one Crazyflie differ by 0.14
+        flight="attitude steps of 0.3 rad every 0.4 s",
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -15,21 +15,24 @@ whose own motion by w is left out. A simulator without rotation ignores the torq
 | l | the vehicle's arm | m |
 """
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from simulators.algebra.rotation import along, body_z, rotate
-from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.effects.card import EffectCard, Shown
+from simulators.effects.contract import BrakingEffect, Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import GRAVITY, Vehicle
 
 _SOURCE = "1.77 along and 0.75 across the axis in RotorPy's Crazyflie Brushless; rotors do not push"
 
 
-class RotorDrag(WrenchEffect):
+class RotorDrag(WrenchEffect, BrakingEffect):
     """Inflow along rotors and blade drag across them. Source: RotorPy (2023), its k_z and k_d."""
 
     axial: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
@@ -45,6 +48,23 @@ class RotorDrag(WrenchEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 7
     version: ClassVar[str] = "3"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="rotor drag",
+        noun="another drag of the rotors",
+        physics="Turning rotors brake the drone in proportion to their speed and to its own.",
+        shown={"axial": Shown("along the rotor axis"), "lateral": Shown("across it")},
+        families=("drag of the air",),
+        flight="climbs and descents at 1 m/s",
+        separated_from={
+            "quadratic_drag": (
+                "straight lines at two very different speeds, 0.5 and 3 m/s, each held for 2 s"
+            ),
+            "drag": (
+                "climbs and descents at 1 m/s with hard turns: rotors brake more the faster they "
+                "turn, and more along their axis"
+            ),
+        },
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None
@@ -74,3 +94,10 @@ class RotorDrag(WrenchEffect):
         torque = torque + vehicle.at_center(flight.quat, force)
         braked = [jnp.where(turning[:, None], -x, 0.0) for x in (force, torque)]
         return None, braked[0], braked[1]
+
+    @staticmethod
+    def braking(
+        vel: Float[np.ndarray, "*n 3"], values: Mapping[str, float]
+    ) -> Float[np.ndarray, "*n 3"]:
+        along = np.asarray([values["lateral"], values["lateral"], values["axial"]])
+        return along * np.ones_like(vel)

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Probe, percent
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -31,6 +32,21 @@ class RotorInertia(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation", "rotors")
     order: ClassVar[int] = 6
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="rotor inertia",
+        noun="another inertia of the rotors",
+        physics=(
+            "Rotors that speed up turn the drone the other way, more or less than in the simulator."
+        ),
+        more="{} more rotor inertia than {base}",
+        less="{} less rotor inertia than {base}",
+        shown={"e": percent()},
+        families=("how fast it turns",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        unbelieved=True,
+        flight="yaw steps of 0.5 rad every second",
+        probe=Probe("rotors", {"e": 2.0}),
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

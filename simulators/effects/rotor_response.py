@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Shown
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -46,6 +47,23 @@ class RotorResponse(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation", "rotors")
     order: ClassVar[int] = 7
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="rotor response",
+        noun="rotors that follow their commands by another law",
+        physics=(
+            "Rotors slow down more slowly or faster than they speed up, in another proportion than "
+            "the simulated ones."
+        ),
+        shown={
+            "slowing": Shown("time constant of slowing down, times nominal"),
+            "quadratic": Shown("quadratic part of the lag, times nominal"),
+        },
+        families=("how fast rotors follow",),
+        inputs=frozenset({Input.THRUST_CMD}),
+        airframe=True,
+        unbelieved=True,
+        flight="thrust steps of 30 % every 0.4 s",
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

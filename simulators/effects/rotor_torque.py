@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, percent
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -36,6 +37,17 @@ class RotorTorque(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 8
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="rotor torque",
+        noun="propellers of another drag",
+        physics="The rotors' torque for a given thrust is not the simulated one.",
+        shown={"e": percent()},
+        families=("how fast it turns",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        airframe=True,
+        unbelieved=True,
+        flight="yaw steps of 0.5 rad every second",
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

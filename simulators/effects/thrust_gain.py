@@ -6,9 +6,14 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, percent
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
+
+WEAKEST = -0.8
+"""Least gain of a map from PWM and voltage: that of one drone gave 2.0 times its weight in hover;
+the bound is a guess."""
 
 
 class ThrustGain(PlantEffect):
@@ -32,6 +37,22 @@ class ThrustGain(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="thrust gain",
+        noun="another thrust gain",
+        physics="The rotors make more or less thrust than commanded, by a constant factor.",
+        more="{} more thrust at the same command than {base}",
+        less="{} less thrust at the same command than {base}",
+        shown={"e": percent()},
+        families=("thrust over mass",),
+        low_if_mapped={"e": WEAKEST},
+        separated_from={
+            "wind": (
+                "climbs and descents at 1 m/s with hard turns: a thrust error grows with thrust "
+                "and tilts with the drone, a vertical wind does neither"
+            ),
+        },
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -13,6 +13,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, Probe, Shown
 from simulators.effects.contract import Parameter, ResponseEffect
 
 _TIME = Parameter(
@@ -38,6 +39,18 @@ class ThrustLag(ResponseEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="thrust lag",
+        noun="a thrust lag",
+        physics="Thrust follows its command with a lag, as rotors need time to change speed.",
+        shown={
+            "up": Shown("time constant, rising", 1000.0, "ms"),
+            "down": Shown("time constant, falling", 1000.0, "ms"),
+        },
+        families=("how fast rotors follow",),
+        inputs=frozenset({Input.THRUST_CMD}),
+        probe=Probe("response", {"up": 0.1, "down": 0.1}),
+    )
 
     def init(self, n_drones: int, dt: float) -> Float[Array, " drones"]:
         """Thrust [N] of standing rotors."""

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.algebra.rotation import along, body_z, rotate
+from simulators.effects.card import EffectCard, Shown
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -39,6 +40,17 @@ class TranslationalLift(WrenchEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 8
     version: ClassVar[str] = "4"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="translational lift",
+        noun="another translational lift",
+        physics=(
+            "Flying forward adds thrust, in proportion to the speed across the rotor axis squared."
+        ),
+        more="{} more translational lift than {base}",
+        less="{} less translational lift than {base}",
+        shown={"k": Shown("coefficient k")},
+        flight="level straight lines at 2 m/s",
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

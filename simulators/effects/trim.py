@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import DEGREES, EffectCard, Input, Probe, Shown
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
@@ -31,6 +32,26 @@ class Trim(CommandEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="trim",
+        noun="a trim error",
+        physics="The drone leans by a constant angle where level flight is commanded.",
+        shown={"roll": Shown("roll", DEGREES, "°"), "pitch": Shown("pitch", DEGREES, "°")},
+        families=("lean in hover",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        local=True,
+        separated_from={
+            "center_of_mass": (
+                "up and down by 25 cm every 1.4 s, so that the thrust swings by half of the "
+                "weight: the tilt that an offset of the centre of mass causes grows with thrust, a "
+                "trim does not"
+            ),
+            "wind": (
+                "hover with the yaw turned by 90 degrees every 3 s: a trim turns with the drone"
+            ),
+        },
+        probe=Probe("command", {"roll": 0.2, "pitch": -0.1}),
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -1,7 +1,7 @@
 """Voltage sag: thrust fades with the battery's voltage, gain 1 - k (4.2 V - V).
 
-V is the voltage that was logged, where a replay tells it (`told`); in a simulation it falls from a
-full cell's 4.2 V by `FALL` t. The time-driven stand-in for logs without voltage is `battery`.
+V is the voltage that was logged, where a replay knows it (`at_voltage`); in a simulation it falls
+from a full cell's 4.2 V by `FALL` t. For logs without voltage, `battery` goes by time instead.
 """
 
 from typing import ClassVar
@@ -10,7 +10,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.contract import Parameter, PlantEffect
+from simulators.effects.card import EffectCard, Shown
+from simulators.effects.contract import Parameter, PlantEffect, VoltageEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -20,7 +21,7 @@ FALL = 0.4 / 60.0
 """How fast the voltage falls in a simulation [V/s]; 0.3 to 0.5 V a minute were published."""
 
 
-class VoltageSag(PlantEffect):
+class VoltageSag(PlantEffect, VoltageEffect):
     """A battery whose voltage is not compensated for. Source: linear form of thrust over V^2."""
 
     k: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
@@ -39,12 +40,22 @@ class VoltageSag(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 7
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="voltage sag",
+        noun="a battery that is not compensated for",
+        physics="Thrust at the same command falls with the battery's voltage.",
+        more="thrust that falls with the battery's voltage by {}",
+        less="thrust that grows as the battery's voltage falls, by {}",
+        shown={"k": Shown("thrust lost", 100.0, "% a volt")},
+        families=("fading thrust",),
+        flight="two flights of a minute, one from a full and one from a half-empty battery",
+    )
 
     def init(self, n_drones: int, dt: float) -> Float[Array, " 2"]:
-        """One once a voltage was told, and how far it was below a full cell [V]."""
+        """One once a voltage was known, and how far it was below a full cell [V]."""
         return jnp.zeros(2)
 
-    def told(self, voltage: Float[Array, ""]) -> Float[Array, " 2"]:
+    def at_voltage(self, voltage: Float[Array, ""]) -> Float[Array, " 2"]:
         """The memory at a measured voltage [V], the same for all drones."""
         return jnp.stack([jnp.ones_like(voltage), FULL - voltage])
 

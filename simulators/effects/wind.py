@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Probe, Shown
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -35,6 +36,18 @@ class Wind(WrenchEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
     version: ClassVar[str] = "2"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="wind",
+        noun="a steady wind push",
+        physics="A steady push of the air in a fixed direction of the world.",
+        shown={"x": Shown("x"), "y": Shown("y"), "z": Shown("z")},
+        families=("push of the air",),
+        local=True,
+        separated_from={
+            "gust": "10 s of hover that begin well before the disturbance does",
+        },
+        probe=Probe("wrench", {"x": 3.0, "y": -2.0}),
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import EffectCard, Input, percent
 from simulators.effects.contract import AutopilotEffect, Parameter
 from simulators.flight import Flight
 from simulators.vehicle import AutopilotGains
@@ -41,6 +42,20 @@ class YawGains(AutopilotEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="yaw gains",
+        noun="other gains of the yaw loop",
+        physics="The autopilot holds the heading more or less firmly than the simulated one.",
+        shown={
+            "stiffness": percent("gain on the angle"),
+            "integral": percent("gain on its integral"),
+            "damping": percent("gain on the rate"),
+        },
+        families=("how fast it turns",),
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        unbelieved=True,
+        flight="yaw steps of 0.5 rad every second",
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

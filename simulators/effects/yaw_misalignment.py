@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from simulators.effects.card import DEGREES, EffectCard, Input, Shown
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
@@ -23,6 +24,16 @@ class YawMisalignment(CommandEffect):
     needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 3
     version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="yaw misalignment",
+        noun="a yaw misalignment",
+        physics="The drone's forward axis is turned against the one that the logs assume.",
+        more="a yaw misalignment of {}",
+        less="a yaw misalignment of -{}",
+        shown={"angle": Shown("angle", DEGREES, "°")},
+        inputs=frozenset({Input.ATTITUDE_CMD}),
+        local=True,
+    )
 
     def init(self, n_drones: int, dt: float) -> None:
         return None

@@ -6,7 +6,6 @@ import diagnoses_for_tests
 import pytest
 from diagnoses_for_tests import HOSTILE
 
-from bench.diagnosis_report.effect_words import EFFECTS, PARAMETERS
 from bench.diagnosis_report.numbers import clean, estimate, number, probability, quantity
 from bench.diagnosis_report.sentences import (
     Request,
@@ -17,6 +16,7 @@ from bench.diagnosis_report.sentences import (
     where_sentence,
 )
 from simulators import registry
+from simulators.effects.card import load_card, load_cards
 
 REQUEST = Request(HOSTILE)
 AGAINST = Request("changed", reference="plain")
@@ -144,16 +144,17 @@ def test_half_seconds_that_count_nowhere_are_counted_beside_the_shrink():
 
 
 def test_every_registered_effect_and_parameter_has_words():
-    for name in registry.names("effect"):
-        assert name in EFFECTS
-        for parameter in registry.load("effect", name).parameters:
-            assert ((name, parameter) in PARAMETERS) != ((name, parameter) in PLAIN)
+    for name, kind in registry.load_all("effect").items():
+        assert kind.card is not None
+        assert kind.card.shown.keys() <= kind.parameters.keys()
+        for parameter in kind.parameters:
+            assert (parameter in kind.card.shown) != ((name, parameter) in PLAIN)
 
 
-@pytest.mark.parametrize("name", [*EFFECTS, "third_party"])
+@pytest.mark.parametrize("name", [*load_cards(), "third_party"])
 @pytest.mark.parametrize("value", [-0.2, 0.0, 0.3, None])
 def test_every_effect_can_be_told_in_a_sentence(name, value):
-    names = [p for effect, p in PARAMETERS if effect == name] or ["p"]
+    names = [*load_card(name).shown] or ["p"]
     ends = (None, None) if value is None else (value - 0.01, value + 0.01)
     parameters = {p: diagnoses_for_tests.parameter(value, *ends, "-") for p in names}
     said = effect_phrase({"name": name, "parameters": parameters}, "believed")

@@ -1,6 +1,7 @@
 """Limits on a linear toy with closed forms, and how effects are sized."""
 
 import types
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from diagnosis.decide.verdict import EFFECT_COST
 from diagnosis.fit.likelihood import Likelihood, Normal
 from diagnosis.fit.search import Problem
 from diagnosis.replay.library import Slot
+from simulators.effects.card import plain_card
 
 NAMES = ("drag", "mass", "trim", "wind")
 WINDOWS = 4000
@@ -27,10 +29,14 @@ class Library:
     slots = tuple(
         Slot(effect=n, parameter="x", unit="m", neutral=0.0, low=-1.0, high=1.0) for n in NAMES
     )
+    onsets, local = MappingProxyType({}), [NAMES.index("trim"), NAMES.index("wind")]
     neutral, low, high = np.zeros(4), np.full(4, -1.0), np.full(4, 1.0)
 
     def indices(self, effect):
         return [NAMES.index(effect)] if effect in NAMES else []
+
+    def card(self, name):
+        return plain_card(name)
 
 
 class Flat(Likelihood):

@@ -6,17 +6,18 @@ import pytest
 from blind.fly import paths
 from blind.fly.realities import DT
 from blind.score.manoeuvres import TRIALS, Range, directions
-from diagnosis.decide.advice import MANOEUVRES
 from diagnosis.decide.decidable import DECIDABLE
 from simulators import registry
+from simulators.effects.card import load_cards
 
 T = np.arange(round(12.0 / DT)) * DT
 
 
 def test_every_advice_is_flown_in_both_directions_and_for_as_long_as_bland_flights():
-    assert set(TRIALS) == set(MANOEUVRES)
-    assert {frozenset(d) for d in directions()} == set(MANOEUVRES)
-    assert len(set(directions())) == 2 * len(MANOEUVRES)
+    advised = [{name, other} for name, c in load_cards().items() for other in c.separated_from]
+    assert set(TRIALS) == {frozenset(pair) for pair in advised}
+    assert {frozenset(d) for d in directions()} == set(TRIALS)
+    assert len(set(directions())) == len(directions()) == 2 * len(TRIALS)
     for trial in TRIALS.values():
         advised, bland = (f.n * f.seconds for f in (trial.advised, trial.bland))
         assert advised == bland

@@ -1,6 +1,7 @@
 """Decidability on a linear toy whose chi-squares are known, and the bound against closed forms."""
 
 import types
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from diagnosis.decide.decidable import (
 from diagnosis.fit.likelihood import Likelihood, Normal
 from diagnosis.fit.search import Problem
 from diagnosis.replay.library import Slot
+from simulators.effects.card import plain_card
 
 NAMES = ("drag", "mass", "trim", "wind")
 
@@ -30,6 +32,7 @@ class Library:
     effects = dict.fromkeys(NAMES)
     candidates = NAMES
     withheld = frozenset()
+    onsets = MappingProxyType({})
     slots = tuple(
         Slot(effect=n, parameter="p", unit="-", neutral=0.0, low=-100.0, high=100.0) for n in NAMES
     )
@@ -37,6 +40,9 @@ class Library:
 
     def indices(self, effect):
         return [NAMES.index(effect)]
+
+    def card(self, name):
+        return plain_card(name)
 
 
 class Linear(Likelihood):

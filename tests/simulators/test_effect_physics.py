@@ -78,7 +78,7 @@ def test_thrust_follows_the_voltage_that_was_told_or_else_a_falling_one(name):
     falling = hovering_flight(made).thrust[:, 0] / HOVER
     np.testing.assert_allclose(falling, 1 - 0.3 * 0.4 * T / 60, atol=1e-4)
     state = hovering(made, positions(1))
-    state = eqx.tree_at(lambda s: s.memory[0], state, made.effects[0].told(jnp.asarray(3.7)))
+    state = eqx.tree_at(lambda s: s.memory[0], state, made.effects[0].at_voltage(jnp.asarray(3.7)))
     told = fly(made, state, LEVEL).thrust[:, 0] / HOVER
     np.testing.assert_allclose(told, 1 - 0.3 * 0.5, rtol=1e-4)
 

@@ -1,0 +1,142 @@
+"""What everybody else needs to know of an effect, beside its physics: words, needs, prior, advice.
+
+The card stands in the effect's own file. Whoever speaks of an effect, fits it, withholds it or
+gives advice about it reads the card and names no effect. An effect without a card is shown under
+its registered name, in the units of its parameters, and is a candidate wherever its doors are.
+"""
+
+import dataclasses
+import enum
+import math
+from collections.abc import Mapping
+
+from simulators import registry
+
+DEGREES = 180.0 / math.pi
+"""Degrees per radian."""
+
+
+class Input(enum.Enum):
+    """What flights must offer for an effect to show; each says why an effect is out without it."""
+
+    VOLTAGE = "not every flight is of one drone that logs commands and its battery's voltage"
+    THRUST_CMD = "the rotors' speeds are measured, so that how they lag cannot be seen"
+    ATTITUDE_CMD = "the attitude is prescribed from measurement"
+    NEIGHBOUR = "no flight has two drones"
+
+
+@dataclasses.dataclass(frozen=True)
+class Shown:
+    """How to speak of a parameter."""
+
+    label: str
+    """Short name."""
+    factor: float = 1.0
+    """What a value in SI is multiplied by."""
+    unit: str = ""
+    """Unit after that; empty for the parameter's own."""
+
+
+def percent(label: str = "relative change") -> Shown:
+    """A share that is shown in percent."""
+    return Shown(label, 100.0, "%")
+
+
+@dataclasses.dataclass(frozen=True)
+class Probe:
+    """Proof that a simulator's door reaches its flights."""
+
+    door: str
+    """The door that is proven."""
+    values: Mapping[str, float]
+    """Parameters at which the effect must change a flight."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EffectCard:
+    """What everybody else needs to know of an effect."""
+
+    label: str
+    """Short name."""
+    noun: str
+    """What is there if the effect is, with its article."""
+    physics: str
+    """One sentence on what it does."""
+    more: str = ""
+    """The effect by the size of its only parameter, `{}`; `{base}` is "believed" or "before"."""
+    less: str = ""
+    """The same where the parameter is negative, with its size."""
+    shown: Mapping[str, Shown] = dataclasses.field(default_factory=dict)
+    """How to speak of its parameters; one that is missing goes by its own name and unit."""
+
+    families: tuple[str, ...] = ()
+    """Names of the families of effects that ordinary flights often cannot tell apart, and that are
+    excluded together."""
+    special_cases: tuple[str, ...] = ()
+    """Registered names of effects that this one is at the edge of its range."""
+
+    inputs: frozenset[Input] = frozenset()
+    """What flights must offer for the effect to show."""
+    no_candidate: str = ""
+    """Why the effect is never fitted; empty for one that is."""
+    airframe: bool = False
+    """Whether it tells one airframe from another and does not come or go: it is never blamed, but
+    reference flights may show it."""
+    local: bool = False
+    """Whether every window may want some of it for itself. Its slopes measure what a fit leaves
+    (`diagnosis.decide.verdict.structure`), so that it is attached even where it is excluded."""
+
+    start: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """Where a fit starts whose slope at neutral vanishes."""
+    prior: float | None = None
+    """Standard deviation of what an airframe file says of it; None where the range of its
+    parameters says more than such a file."""
+    unbelieved: bool = False
+    """Whether nobody believes to know it, as of another autopilot or other rotors, so that the
+    prior of a reference hardly keeps it near neutral."""
+    shared: bool = True
+    """Whether it is fitted to reference flights."""
+    low_if_mapped: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """Lower bounds where thrust is known by a map from PWM and voltage alone."""
+
+    flight: str = ""
+    """The flight that shows the effect best."""
+    separated_from: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """By registered names of other effects, the flight that tells this effect from each of them;
+    one of the two cards says it. Both effects act differently there, by their equations."""
+
+    drawn: tuple[Mapping[str, float], ...] = ()
+    """Parameters of a small, a medium and a large case of `bench blind`, for an effect that is
+    neutral at 0 and that the laboratory has no physics of its own for; empty for none."""
+    probe: Probe | None = None
+    """How the conformance suite proves a door with it."""
+
+
+def plain_card(name: str) -> EffectCard:
+    """The card of an effect that has none, by its registered name."""
+    words = name.replace("_", " ")
+    return EffectCard(label=words, noun=f"the effect {words}", physics="")
+
+
+def load_card(name: str) -> EffectCard:
+    """The card of the effect that is registered as `name`, or a plain one.
+
+    A plain one also where nobody has registered the name: documents outlive plug-ins.
+    """
+    try:
+        return registry.load("effect", name).card or plain_card(name)
+    except (registry.UnknownPluginError, registry.BrokenPluginError):
+        return plain_card(name)
+
+
+def load_cards() -> dict[str, EffectCard]:
+    """The cards of all registered effects that import, by name."""
+    return {
+        name: kind.card or plain_card(name) for name, kind in registry.load_all("effect").items()
+    }
+
+
+def manoeuvre(one: str, other: str) -> str | None:
+    """The flight that tells two effects apart, as one of their cards says; None if neither does."""
+    said = load_card(one).separated_from.get(other)
+    return said or load_card(other).separated_from.get(one)

@@ -1,0 +1,144 @@
+"""No file names an effect but its own: what others need to know of it stands on its card.
+
+The laboratory `blind` is excepted, whose physics is doubled on purpose, and so are tests, examples
+and benchmarks, which set scenes. Docstrings may name effects.
+"""
+
+import ast
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from simulators import registry
+from simulators.vehicle import AutopilotGains, Vehicle, VehicleSpec
+
+HOUSE = Path(__file__).parents[2]
+PACKAGES = ("bench", "diagnosis", "methods", "simulators", "tasks")
+OWN = HOUSE / "simulators" / "effects"
+
+KINDS = registry.load_all("effect")
+CONSTANTS = {
+    f.name for kind in (AutopilotGains, Vehicle, VehicleSpec) for f in dataclasses.fields(kind)
+}
+"""Constants of the plant and of its controller, which are no effects."""
+OTHER_MEANINGS = {
+    "battery": "the column of the logs",
+    "floor": "the smallest value of anything; rounding down",
+    "trim_blocks": "an option of jinja",
+}
+"""Identifiers with another meaning."""
+PLAIN = {*CONSTANTS, *OTHER_MEANINGS}
+"""Words that say something else in a text, too: only a text that is nothing but the word counts."""
+
+LOG_COLUMN = {"battery": "a column of the logs"}
+BELIEVED_MASS = {"mass": "a key of vehicle.toml"}
+ALLOWED = {
+    "diagnosis/diagnose.py": BELIEVED_MASS,
+    "diagnosis/fit/gap.py": LOG_COLUMN,
+    "diagnosis/fit/likelihood.py": LOG_COLUMN,
+    "diagnosis/logs/columns.py": LOG_COLUMN,
+    "diagnosis/logs/flights.py": LOG_COLUMN | BELIEVED_MASS,
+    "diagnosis/logs/units.py": LOG_COLUMN,
+    "methods/calibration/identification.py": {
+        "delay": "half a step of it makes up for the integrator",
+        "floor": "it is no candidate of a diagnosis; this method looks for it by itself",
+        "rotor_drag": "a point mass cannot tell it from the thrust's response",
+    },
+    "methods/domain_randomization.py": dict.fromkeys(
+        ("delay", "drag", "thrust_gain", "thrust_lag"), "the method is to draw these four"
+    ),
+}
+"""Why a file may name effects."""
+
+
+def snake(identifier):
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", identifier).lower()
+
+
+def names_in(source):
+    """Effects that a module names: in identifiers, in texts, or by importing them."""
+    tree = ast.parse(source)
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    modules = {kind.__module__: name for name, kind in KINDS.items()}
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            imported = [getattr(node, "module", None), *(alias.name for alias in node.names)]
+            found |= {modules[name] for name in imported if name in modules}
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            text = "" if id(node) in docstrings else node.value
+            said = {name for name in KINDS if re.search(rf"\b{name}\b", text)}
+            found |= {name for name in said if name not in PLAIN or name == text}
+        for field in ("id", "attr", "arg", "name"):
+            identifier = getattr(node, field, None)
+            if not isinstance(identifier, str) or snake(identifier) in PLAIN:
+                continue
+            parts = {n for n in KINDS if re.search(rf"(^|_){n}(_|$)", snake(identifier))}
+            found |= parts - PLAIN
+    return found
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_file_names_an_effect_but_its_own(package):
+    files = [path for path in (HOUSE / package).rglob("*.py") if OWN not in path.parents]
+    assert files
+    for path in files:
+        where = path.relative_to(HOUSE).as_posix()
+        named = names_in(path.read_text(encoding="utf-8"))
+        allowed = ALLOWED.get(where, {}).keys()
+        assert named <= allowed, f"{where} names {', '.join(sorted(named - allowed))}"
+        assert allowed <= named, f"{where} need not be allowed {', '.join(sorted(allowed - named))}"
+
+
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [
+        ('if effect == "gust": pass', "gust"),
+        ('PRIORS = {"mass": 0.1}', "mass"),
+        ('text = "flown with drag=0.3 and a downwash"', "downwash"),
+        ("from simulators.effects.mass import Mass", "mass"),
+        ("import simulators.effects.drag", "drag"),
+        ("def gust_from(x): return x", "gust"),
+        ("found = self._trim", "trim"),
+        ("isinstance(effect, VoltageSag)", "voltage_sag"),
+        ("make(rotor_drag=0.1)", "rotor_drag"),
+    ],
+)
+def test_a_name_is_found(source, name):
+    assert names_in(source) == {name}
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        '"""A gust is found by its onset."""',
+        "weight = vehicle.mass * vehicle.thrust_gain",
+        'raise ValueError("the mass is too large")',
+        "step = np.floor(place)",
+        "windows = window(gusty)",
+    ],
+)
+def test_what_is_no_effect_is_none(source):
+    assert names_in(source) == set()
+
+
+def test_every_effect_stands_in_a_file_of_its_name():
+    assert {path.stem for path in OWN.glob("*.py")} == {
+        *KINDS,
+        *("__init__", "card", "chain", "contract"),
+    }
+
+
+def test_a_family_has_members():
+    """A family of one is a word that was misspelt."""
+    families = [family for kind in KINDS.values() for family in kind.card.families]
+    assert families
+    assert all(families.count(family) > 1 for family in families)
+
+
+def test_every_door_of_a_simulator_can_be_proven_by_one_effect():
+    probes = [kind.card.probe for kind in KINDS.values() if kind.card.probe]
+    doors = {door for kind in registry.load_all("simulator").values() for door in kind.doors}
+    assert sorted(probe.door for probe in probes) == sorted(doors)
