@@ -18,7 +18,6 @@ from methods.policy import Policy, make_policy
 from methods.residuals.contract import AbstractResidual, AbstractResidualModel, Transitions
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
-from methods.training.together import in_turn
 from simulators import registry
 from simulators.contract import with_effects
 
@@ -71,9 +70,9 @@ class Hybrid(AbstractMethod):
         """The same with a residual whose fit goes on from `fitted`."""
         flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
         task, nominal = setup.task, setup.nominal
-        with in_turn():
+        with setup.context.in_turn():
             start = time.perf_counter()
-            setup.progress("calibration flights", 0, 1, float("nan"))
+            setup.context.progress("calibration flights", 0, 1, float("nan"))
             calibration = calibrate(
                 task,
                 nominal,
@@ -85,7 +84,7 @@ class Hybrid(AbstractMethod):
                 excitation=self.excitation,
                 hover_weight=self.hover_weight if task.station_keeping else 0.0,
             )
-            setup.progress("residual fit", 0, 1, float("nan"))
+            setup.context.progress("residual fit", 0, 1, float("nan"))
             model = residual.fit(calibration.transitions, fit_key, fitted)
             before = time.perf_counter() - start
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
