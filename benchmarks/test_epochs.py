@@ -15,10 +15,11 @@ import jax.numpy as jnp
 import pytest
 
 from benchmarks.training import epoch_of
-from methods.contract import Setup, silent
+from methods.contract import Setup
 from methods.hybrid import Hybrid
 from methods.policy import PolicyController, make_policy
 from methods.training.bptt import BPTT
+from methods.training.context import Context
 from methods.training.evaluate import fly
 from methods.training.profile import profile, trained_in
 from methods.training.together import Team
@@ -79,7 +80,8 @@ def test_seeds_in_one_program(benchmark, name, n_drones, seeds):
     def train(team, seed):
         with team.member() if seeds > 1 else contextlib.nullcontext():
             key = jax.random.key(seed)
-            return trainer.train(task, simulator, policy, key, silent, "benchmark").seconds
+            context = Context(team=team if seeds > 1 else None)
+            return trainer.train(task, simulator, policy, key, context, "benchmark").seconds
 
     def together():
         """Time of an epoch of one seed [s]."""

@@ -18,15 +18,15 @@ def train(seed, report):
 
     from methods.policy import make_policy
     from methods.training.bptt import BPTT
+    from methods.training.context import Context
     from simulators.point_mass import PointMass
     from tasks.circle import Circle
 
     task, simulator = Circle(n_drones=3), PointMass()
     policy = make_policy(task, simulator.spec, simulator.action_space, jax.random.key(seed))
-    quiet = lambda *_: None  # noqa: E731
     for trainer in (BPTT(epochs=EPOCHS), BPTT(epochs=EPOCHS)):
         start = time.perf_counter()
-        trainer.train(task, simulator, policy, jax.random.key(seed), quiet, "benchmark")
+        trainer.train(task, simulator, policy, jax.random.key(seed), Context(), "benchmark")
     return time.perf_counter() - start
 
 

@@ -2,7 +2,7 @@
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import ClassVar
 
 import equinox as eqx
@@ -10,16 +10,10 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from methods.policy import Policy
+from methods.training.context import Context
 from simulators.contract import AbstractSimulator
 from simulators.effects.contract import AbstractEffect
 from tasks.contract import AbstractTask
-
-Progress = Callable[[str, int, int, float], None]
-"""Called with (stage, epoch, epochs, training return) after every epoch."""
-
-
-def silent(stage: str, epoch: int, epochs: int, reward: float) -> None:
-    """A `Progress` that shows nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,8 +28,8 @@ class Setup:
     """The high-fidelity simulator, possibly with effects that the nominal one lacks."""
     parents: Mapping[str, "Trained"] = dataclasses.field(default_factory=dict)
     """What the methods named in `AbstractMethod.parents` trained, of the same seed."""
-    progress: Progress = silent
-    """Where to report epochs."""
+    context: Context = dataclasses.field(default_factory=Context)
+    """What the harness gives beside the cell: progress, checkpoints, runs trained together."""
 
 
 @dataclasses.dataclass(frozen=True)

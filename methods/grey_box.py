@@ -36,7 +36,6 @@ from methods.policy import Policy, make_policy
 from methods.residuals.contract import AbstractResidualModel
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
-from methods.training.together import in_turn
 from methods.training.varied import vary_times
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
@@ -82,14 +81,14 @@ class GreyBox(AbstractMethod):
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
         flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
         task, nominal = setup.task, dataclasses.replace(setup.nominal, dt=self.dt)
-        with in_turn():
+        with setup.context.in_turn():
             start = time.perf_counter()
-            setup.progress("identification", 0, 1, float("nan"))
+            setup.context.progress("identification", 0, 1, float("nan"))
             chosen = (self.flights, self.excitation)
             found = identify(nominal, setup.reality, self.dt, self.largest, flight_key, *chosen)
             corrected, model, notes = with_effects(nominal, found.effects), None, dict(found.notes)
             if self.residual is not None:
-                setup.progress("residual fit", 0, 1, float("nan"))
+                setup.context.progress("residual fit", 0, 1, float("nan"))
                 model, fit_notes = fit_residual(self.residual, corrected, found, fit_key)
                 notes |= fit_notes
                 corrected = with_effects(corrected, [ResidualEffect(model, nominal.spec.mass)])

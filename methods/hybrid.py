@@ -21,7 +21,6 @@ from methods.residuals.contract import AbstractResidual, AbstractResidualModel, 
 from methods.residuals.mlp import MLPEnsemble
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
-from methods.training.together import in_turn
 from simulators import registry
 from simulators.contract import with_effects
 
@@ -92,11 +91,11 @@ class Hybrid(AbstractMethod):
         """The same with a residual whose fit goes on from `fitted`."""
         flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
         task, nominal = setup.task, setup.nominal
-        with in_turn():
+        with setup.context.in_turn():
             start = time.perf_counter()
-            setup.progress("calibration flights", 0, 1, float("nan"))
+            setup.context.progress("calibration flights", 0, 1, float("nan"))
             calibration = self._calibration(setup, flight_key)
-            setup.progress("residual fit", 0, 1, float("nan"))
+            setup.context.progress("residual fit", 0, 1, float("nan"))
             model = residual.fit(calibration.transitions, fit_key, fitted)
             before = time.perf_counter() - start
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)

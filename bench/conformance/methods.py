@@ -20,6 +20,7 @@ from bench.store.tables import SCHEMAS, STATUSES, UNITS
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import Policy, make_policy
 from methods.training.bptt import BPTT
+from methods.training.context import Context
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.point_mass import PointMass
@@ -111,7 +112,7 @@ class _Watch:
             name: Trained(policy=fresh(i), ledger=Ledger(), curves={})
             for i, name in enumerate(cls.parents)
         }
-        return Setup(task, PointMass(), self.reality(), parents, self._hear)
+        return Setup(task, PointMass(), self.reality(), parents, Context(self._hear))
 
     def _fly(self) -> None:
         self.flown = True
@@ -241,7 +242,7 @@ def _notes(trained: Trained) -> None:
 
 
 def _progress(trained: Trained, watched: _Watch) -> None:
-    demand(watched.heard, "`setup.progress` was never called; call it after every epoch")
+    demand(watched.heard, "`setup.context.progress` was never called; call it after every epoch")
     for message in watched.heard:
         demand(
             len(message) == 4

@@ -26,6 +26,7 @@ from bench.text import markdown
 from bench.text.errors import UsageError
 from methods.contract import Setup, Trained
 from methods.policy import PolicyController
+from methods.training.context import Context
 from methods.training.evaluate import evaluate
 from simulators import registry
 from simulators.contract import AbstractSimulator
@@ -92,7 +93,7 @@ def _seed(
                 status.update(f"seed {seed}, {way}: {stage} {epoch} of {epochs}")
 
             method = registry.load("method", name)(**({"residual": residual} if residual else {}))
-            setup = Setup(task, nominal, reality, parents, shown)
+            setup = Setup(task, nominal, reality, parents, Context(shown))
             trained = method.train(setup, jax.random.fold_in(jax.random.key(seed), 0))
             parents.setdefault(name, trained)
             deployed = evaluate(task, reality, PolicyController(task, trained.policy), seed)

@@ -31,9 +31,9 @@ from bench.store.record import Outcome
 from bench.store.store import Store
 from bench.store.tables import SCHEMAS, STATUSES, UNITS, table
 from methods.calibration.reference_paths import Followers
-from methods.contract import Ledger, Progress, Setup, Trained
+from methods.contract import Ledger, Setup, Trained
 from methods.policy import PolicyController, make_policy
-from methods.training.checkpoint import kept_by
+from methods.training.context import Context, Progress
 from methods.training.evaluate import Evaluation, evaluate, standing_rewards, takeoff_steps
 from methods.training.together import Team
 from simulators import registry
@@ -49,8 +49,10 @@ SAMPLE_EVERY = 5
 """Control steps between two stored positions: 10 Hz."""
 
 
-def do_run(run: Run, directory: Path, report: Report) -> tuple[str, str]:
+def do_run(run: Run, directory: Path, report: Report, team: Team | None = None) -> tuple[str, str]:
     """Status and cause of a run, once it is in the store; one that is there is not done again.
+
+    Its epochs are flown with those of `team`, of which the calling thread is a member.
 
     Raises:
         OSError: It cannot be stored, e.g. because the disk is full.
@@ -74,7 +76,8 @@ def do_run(run: Run, directory: Path, report: Report) -> tuple[str, str]:
     with store.claim(run.name):
         if (status := store.status(run.name)) not in ("", "failed"):
             return status, ""
-        outcome = attempt(run, store, _progress(report))
+        context = Context(_progress(report), team, store.checkpoints(run))
+        outcome = attempt(run, store, context)
         store.commit(run, outcome)
     return outcome.status, outcome.cause
 
@@ -96,7 +99,7 @@ def do_runs(runs: Sequence[Run], directory: Path, report: Report) -> list[Done]:
 
     Reports are those of the first that has not ended.
     """
-    team, going = Team(len(runs)), set(range(len(runs)))
+    team, going = Team(len(runs)) if len(runs) > 1 else None, set(range(len(runs)))
 
     def one(place: int) -> Done:
         def told(*content: Any) -> None:
@@ -104,8 +107,8 @@ def do_runs(runs: Sequence[Run], directory: Path, report: Report) -> list[Done]:
                 report(*content)
 
         try:
-            with team.member() if len(runs) > 1 else contextlib.nullcontext():
-                return Done(*do_run(runs[place], directory, told))
+            with team.member() if team else contextlib.nullcontext():
+                return Done(*do_run(runs[place], directory, told, team))
         except Exception as error:
             return Done("", "", one_line(error))
         finally:
@@ -115,15 +118,15 @@ def do_runs(runs: Sequence[Run], directory: Path, report: Report) -> list[Done]:
         return list(pool.map(one, range(len(runs))))
 
 
-def attempt(run: Run, store: Store, progress: Progress) -> Outcome:
+def attempt(run: Run, store: Store, context: Context) -> Outcome:
     """The outcome of a run; whatever it raises becomes a failure with its cause."""
     try:
-        return train_and_evaluate(run, store, progress)
+        return train_and_evaluate(run, store, context)
     except (Exception, SystemExit) as error:
         return Outcome("failed", cause=one_line(error), details=traceback.format_exc())
 
 
-def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
+def train_and_evaluate(run: Run, store: Store, context: Context) -> Outcome:
     """Trains a run's method and deploys the policy.
 
     Raises:
@@ -136,19 +139,18 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
     nominal = build(registry.load("simulator", NOMINAL), run.nominal_overrides, NOMINAL)
     reality = parse_reality(run.reality)
     parents = _parents(run, store, task, nominal)
-    setup = Setup(task, nominal, reality, parents, progress)
-    with kept_by(store.checkpoints(run)):
-        trained = _deployed(parents[run.method]) if run.deploys else _trained(run, setup)
+    setup = Setup(task, nominal, reality, parents, context)
+    trained = _deployed(parents[run.method]) if run.deploys else _trained(run, setup)
     if not isinstance(trained, Trained):
         raise TypeError(f"`train` of '{run.method}' must return a Trained, got {trained!r:.80}.")
     if trained.status not in STATUSES or trained.status == "failed":
         raise ValueError(f"'{run.method}' returned the status '{trained.status}'; raise to fail.")
-    progress("evaluation", 0, 2, float("nan"))
+    context.progress("evaluation", 0, 2, float("nan"))
     controller = PolicyController(task, trained.policy)
     if run.tracked:
         controller = Followers(task, nominal, controller)
     deployed = evaluate(task, reality, controller, run.seed)
-    progress("evaluation", 1, 2, deployed.reward)
+    context.progress("evaluation", 1, 2, deployed.reward)
     in_nominal = evaluate(task, nominal, controller, run.seed)
     standing = standing_rewards(task, run.seed)
     return Outcome(

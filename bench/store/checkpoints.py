@@ -1,4 +1,4 @@
-"""Keeps the trainings of a run while they are in progress: one npz file each, written whole.
+"""Keeps the trainings of a run while they are in progress: a file STAGE.npz each, written whole.
 
 What was saved is used again only if it is of this very run, sources and package versions included,
 and of a training that begins from the same numbers; else it is left out, and said so in the log.
@@ -7,6 +7,7 @@ and of a training that begins from the same numbers; else it is left out, and sa
 import io
 import logging
 import time
+import urllib.parse
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -41,9 +42,9 @@ class Checkpoints(AbstractKeeper):
         """Whether the last save is long enough ago."""
         return time.monotonic() - self._last >= EVERY
 
-    def load(self, index: int, fingerprint: str) -> dict[str, np.ndarray] | None:
+    def load(self, stage: str, fingerprint: str) -> dict[str, np.ndarray] | None:
         """What was last saved of a training; None if nothing of this very one can be read."""
-        path = self._path(index)
+        path = self._path(stage)
         try:
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
                 arrays = dict(stored)
@@ -58,7 +59,7 @@ class Checkpoints(AbstractKeeper):
             return None
         return arrays
 
-    def save(self, index: int, fingerprint: str, arrays: Mapping[str, np.ndarray]) -> None:
+    def save(self, stage: str, fingerprint: str, arrays: Mapping[str, np.ndarray]) -> None:
         """Keeps `arrays` instead of what was saved before; a full disk costs only the save."""
         file = io.BytesIO()
         np.savez(
@@ -68,7 +69,7 @@ class Checkpoints(AbstractKeeper):
             fingerprint=np.asarray(fingerprint),
             **arrays,
         )
-        path = self._path(index)
+        path = self._path(stage)
         part = path.with_suffix(".part")
         try:
             self._disk.make_folder(self._folder)
@@ -79,5 +80,5 @@ class Checkpoints(AbstractKeeper):
             LOG.warning("%s was not saved, the training goes on: %s", path, error)
         self._last = time.monotonic()
 
-    def _path(self, index: int) -> Path:
-        return self._folder / f"{index:03d}.npz"
+    def _path(self, stage: str) -> Path:
+        return self._folder / f"{urllib.parse.quote(stage, safe=' ')}.npz"

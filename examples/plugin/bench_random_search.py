@@ -76,7 +76,7 @@ class RandomSearch(AbstractMethod):
             if len(history) >= min(SMOOTHING, self.iterations) and recent > best:
                 best, best_policy = recent, policy
             policy = updated
-            setup.progress("random search", k + 1, self.iterations, history[-1]["reward"])
+            setup.context.progress("random search", k + 1, self.iterations, history[-1]["reward"])
         curves = {name: np.asarray([r[name] for r in history], np.float32) for name in history[0]}
         skipped = int(curves["skipped"].sum())
         ledger = Ledger(

@@ -12,7 +12,7 @@ error of a mean over 20 epochs is 2 to 12 % on three of the four tasks). With `p
 paper, training ends when the return, averaged over `smoothing` epochs, has not improved by
 `min_improvement` for as many epochs, and the policy at the best average is returned.
 
-Inside a keeper (`methods/training/checkpoint.py`) a training that was killed goes on from its last
+With a keeper (`methods/training/checkpoint.py`) a training that was killed goes on from its last
 saved epoch, and equals one that was not. Its bill is that of its epochs, each counted once.
 """
 
@@ -29,11 +29,10 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from methods.contract import Progress
 from methods.policy import Policy
 from methods.training.adjoint import buffers, gradient
-from methods.training.checkpoint import next_place
-from methods.training.together import current_team
+from methods.training.context import Context
+from methods.training.together import Team
 from simulators.contract import AbstractSimulator
 from tasks.contract import AbstractTask
 
@@ -129,17 +128,20 @@ class BPTT(eqx.Module):
         simulator: AbstractSimulator,
         policy: Policy,
         key: PRNGKeyArray,
-        progress: Progress,
+        context: Context,
         stage: str,
     ) -> "Training":
-        """The policy trained from `policy` on, with its history."""
+        """The policy trained from `policy` on, with its history.
+
+        `stage` names the training in reports and checkpoints: one name per training of a run.
+        """
         start = time.perf_counter()
-        place = next_place(f"{stage} {self!r}", key, task, simulator, policy)
+        place = context.place(stage, repr(self), key, task, simulator, policy)
         course, others = _Course(self, policy), 0.0
         if (kept := place.load()) is not None:
             course.restore(kept)
         rule = self.rule(task.n_drones)
-        step = _step(functools.partial(self.room, policy, task))
+        step = _step(context.team, functools.partial(self.room, policy, task))
         spent = lambda: course.seconds + time.perf_counter() - start - others  # noqa: E731
         while not course.over():
             epoch = len(course.history)
@@ -151,7 +153,7 @@ class BPTT(eqx.Module):
             course.add(updated, opt_state, {name: float(x) for name, x in row.items()})
             if place.due():
                 place.save(course.arrays(spent()))
-            progress(stage, epoch + 1, self.last_epoch, course.history[-1]["reward"])
+            context.progress(stage, epoch + 1, self.last_epoch, course.history[-1]["reward"])
         place.save(course.arrays(spent()))
         history = course.history
         curves = {name: np.asarray([r[name] for r in history], np.float32) for name in history[0]}
@@ -165,9 +167,9 @@ class BPTT(eqx.Module):
         )
 
 
-def _step(room: Callable[[int], Any]) -> Callable[[tuple], tuple[tuple, float]]:
+def _step(team: Team | None, room: Callable[[int], Any]) -> Callable[[tuple], tuple[tuple, float]]:
     """An epoch, and how long it waited for others [s]: alone, or in one program with a team's."""
-    if (team := current_team()) is not None:
+    if team is not None:
         return lambda given: team.call(_update, given, room)
     kept = room(0)
 

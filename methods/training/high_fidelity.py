@@ -13,7 +13,7 @@ def train_in_reality(
 ) -> Trained:
     """`policy` trained in `setup.reality`, with its fleet-seconds and crashes."""
     task = setup.task
-    training = trainer.train(task, setup.reality, policy, key, setup.progress, stage)
+    training = trainer.train(task, setup.reality, policy, key, setup.context, stage)
     steps = training.epochs * trainer.worlds(task.n_drones) * task.horizon
     status = "budget" if training.out_of_budget else "ok"
     return Trained(

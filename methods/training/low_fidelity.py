@@ -29,7 +29,7 @@ def train_in_point_mass(
 
     `bill` is what came before (calibration flights, time), `notes` what is known of it.
     """
-    training = trainer.train(setup.task, simulator, policy, key, setup.progress, stage)
+    training = trainer.train(setup.task, simulator, policy, key, setup.context, stage)
     return Trained(
         policy=training.policy,
         ledger=dataclasses.replace(

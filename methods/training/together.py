@@ -1,15 +1,14 @@
 """Trainings of one shape flown in one program: what fills an accelerator, and some of a core.
 
 Trainings that differ in numbers only (seeds, a residual's weights, an effect's size) do the same
-operations. The members of a `Team` train in threads of their own, and no method has to know: a
-trainer's call waits for those of the others, and all calls of one shape become one call over a
-leading axis. A member that has ended its task is waited for no more; one that is at something else
-(calibration flights, deployment) is. Products over that axis round differently, so that a training
-equals the one that is alone up to rounding, as on another machine.
+operations. The members of a `Team` train in threads of their own. Each finds the team in its
+`Context`: a trainer's call waits for those of the others, and all calls of one shape become one
+call over a leading axis. Nobody waits for a member that has ended its task; everybody waits for
+one that does something else (calibration flights, deployment). Products over that axis round
+differently, so that a training equals the one that is alone up to rounding, as on another machine.
 """
 
 import contextlib
-import contextvars
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterator, Sequence
@@ -62,12 +61,10 @@ class Team:
 
     @contextlib.contextmanager
     def member(self) -> Iterator[None]:
-        """Inside, this thread's trainings are the team's."""
-        token = _TEAM.set(self)
+        """Inside, the others wait for this thread's calls; afterwards they no longer do."""
         try:
             yield
         finally:
-            _TEAM.reset(token)
             with self._change:
                 self._left -= 1
                 self._change.notify_all()
@@ -141,19 +138,3 @@ def _together(given: tuple[Function, Any, tuple], room: Any) -> tuple[list[tuple
     *results, room = eqx.filter_vmap(function)(stacked, room)
     one = lambda i: jax.tree.map(lambda x: x[i] if _is_array(x) else x, tuple(results))  # noqa: E731
     return [one(i) for i in range(len(numbers))], room
-
-
-@contextlib.contextmanager
-def in_turn() -> Iterator[None]:
-    """Inside, no other member of the team does such work, so that its time is this member's."""
-    team = current_team()
-    with team.turn if team else contextlib.nullcontext():
-        yield
-
-
-_TEAM: contextvars.ContextVar[Team | None] = contextvars.ContextVar("team", default=None)
-
-
-def current_team() -> Team | None:
-    """The team of this thread, None outside of one."""
-    return _TEAM.get()

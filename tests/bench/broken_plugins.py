@@ -252,7 +252,7 @@ class Honest(AbstractMethod):
         policy = init or make_policy(setup.task, nominal.spec, nominal.action_space, key)
         pos, _ = setup.task.reset(key)
         setup.reality.step(setup.reality.reset(pos, key), jnp.zeros((len(pos), 3)))
-        setup.progress("training", 1, 1, -1.0)
+        setup.context.progress("training", 1, 1, -1.0)
         return self.result(policy, Ledger(hf_fleet_seconds=0.04, epochs=1, train_seconds=0.1))
 
     def result(self, policy, ledger, **rest):

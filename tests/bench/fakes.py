@@ -1,5 +1,6 @@
 """Methods that train in no time, fail, or die: plug-ins for the tests of the harness."""
 
+import dataclasses
 import os
 import signal
 import time
@@ -113,7 +114,7 @@ class Flown(AbstractMethod):
         checkpoints.EVERY = 0.0
 
         def progress(stage, epoch, epochs, reward):
-            setup.progress(stage, epoch, epochs, reward)
+            setup.context.progress(stage, epoch, epochs, reward)
             if self.grave:
                 with Path(self.grave).open("a") as file:
                     file.write(f"{epoch}\n")
@@ -122,7 +123,8 @@ class Flown(AbstractMethod):
 
         nominal = setup.nominal
         policy = make_policy(setup.task, nominal.spec, nominal.action_space, key)
-        cell = Setup(setup.task, nominal, nominal, progress=progress)
+        context = dataclasses.replace(setup.context, progress=progress)
+        cell = Setup(setup.task, nominal, nominal, context=context)
         return train_in_reality(self.trainer, cell, policy, key, "flown")
 
 
@@ -144,7 +146,7 @@ def _log(path, setup):
 
 
 def _trained(policy, setup, epochs):
-    setup.progress("fake training", 1, epochs, -1.0)
+    setup.context.progress("fake training", 1, epochs, -1.0)
     column = np.zeros(epochs, np.float32)
     return Trained(
         policy=policy,

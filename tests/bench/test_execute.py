@@ -22,7 +22,8 @@ from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
 from bench.store.store import Store
 from bench.store.tables import UNITS, Tables
-from methods.contract import Ledger, silent
+from methods.contract import Ledger
+from methods.training.context import Context
 
 WAIT = 120.0
 """Longest time for which a test waits for a process [s]."""
@@ -217,7 +218,7 @@ def test_a_run_that_is_killed_goes_on_inside_and_bills_every_flight_once(
         if die_at:
             assert main(arguments) == 1
             assert "ended by SIGKILL" in runs_of(out)["flown", 0][1]
-            assert list((out / "runs" / ".checkpoints").glob("flown-*/000.npz"))
+            assert list((out / "runs" / ".checkpoints").glob("flown-*/flown.npz"))
         assert main(arguments) == 0
         assert not list((out / "runs" / ".checkpoints").iterdir())
         tables[name] = Tables.load(out)
@@ -382,9 +383,9 @@ def test_a_tracked_run_flies_its_parents_paths_by_pd_control(plugins, tmp_path):
     row = Row("instant", tracked=True, task_settings={"horizon": 60})
     parent, child = expand(Suite("test", "", ("spread",), (2,), 1, (row,))).runs
     store = Store(tmp_path)
-    flown = train_and_evaluate(parent, store, silent)
+    flown = train_and_evaluate(parent, store, Context())
     store.commit(parent, flown)
-    tracked = train_and_evaluate(child, store, silent)
+    tracked = train_and_evaluate(child, store, Context())
     assert tracked.metrics["reward"] != pytest.approx(flown.metrics["reward"], rel=1e-3)
     assert tracked.metrics["lf_reward"] == pytest.approx(flown.metrics["lf_reward"], rel=0.05)
     assert tracked.trained.ledger == Ledger()

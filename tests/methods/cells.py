@@ -8,10 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from methods.contract import Ledger, Setup, Trained, silent
+from methods.contract import Ledger, Setup, Trained
 from methods.policy import Policy, make_policy
 from methods.residuals.contract import AbstractResidualModel
 from methods.training.bptt import BPTT
+from methods.training.context import Context
 from simulators import registry
 from simulators.point_mass import PointMass
 from simulators.vehicle import VEHICLES, ActionSpace
@@ -135,12 +136,12 @@ def small(name, **settings):
     return cls(**{k: v for k, v in SMALL.items() if k in fields}, **settings)
 
 
-def setup(task, reality, policy, progress=silent):
+def setup(task, reality, policy, context=None):
     """A cell whose parents all have the same policy; the Hybrid among them has a residual."""
     trained = Trained(policy=policy, ledger=Ledger(), curves={})
     parents = {name: trained for cls in METHODS.values() for name in cls.parents}
     parents["hybrid"] = dataclasses.replace(trained, ledger=FLOWN, residual=Braking())
-    return Setup(task, PointMass(), reality, parents, progress)
+    return Setup(task, PointMass(), reality, parents, context or Context())
 
 
 def same(a: Policy, b: Policy):

@@ -11,12 +11,12 @@ import pytest
 from cells import SPEC, TINY, Hold, fresh, same, setup
 from scipy.optimize import linprog
 
-from methods.contract import silent
 from methods.hf_hotstart import HFHotStart
 from methods.lf_baseline import LFBaseline
 from methods.policy import PolicyController
 from methods.training import bptt
 from methods.training.bptt import BPTT, Training
+from methods.training.context import Context, silent
 from simulators.contract import with_effects
 from simulators.effects.contract import WrenchEffect
 from simulators.point_mass import PointMass
@@ -30,7 +30,7 @@ H, NORM = 0.02, 1e-3
 
 def train(task, settings, simulator=None, policy=None, progress=silent):
     simulator, policy = simulator or PointMass(), policy or fresh(task)
-    return settings.train(task, simulator, policy, KEY, progress, "test")
+    return settings.train(task, simulator, policy, KEY, Context(progress), "test")
 
 
 def returns(task, policy, key, simulator=None):

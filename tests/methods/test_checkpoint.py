@@ -11,7 +11,8 @@ from cells import Hold, fresh, same, setup
 from methods.hf_hotstart import HFHotStart
 from methods.training import bptt
 from methods.training.bptt import BPTT
-from methods.training.checkpoint import AbstractKeeper, kept_by
+from methods.training.checkpoint import AbstractKeeper
+from methods.training.context import Context
 from simulators.point_mass import PointMass
 
 KEY = jax.random.key(5)
@@ -33,16 +34,16 @@ class Memory(AbstractKeeper):
         self.saves = 0
         self.always = always
 
-    def load(self, index, fingerprint):
-        if (index, fingerprint) not in self.files:
+    def load(self, stage, fingerprint):
+        if (stage, fingerprint) not in self.files:
             return None
-        with np.load(io.BytesIO(self.files[index, fingerprint]), allow_pickle=False) as stored:
+        with np.load(io.BytesIO(self.files[stage, fingerprint]), allow_pickle=False) as stored:
             return dict(stored)
 
-    def save(self, index, fingerprint, arrays):
+    def save(self, stage, fingerprint, arrays):
         file = io.BytesIO()
         np.savez(file, allow_pickle=False, **arrays)
-        self.files[index, fingerprint] = file.getvalue()
+        self.files[stage, fingerprint] = file.getvalue()
         self.saves += 1
 
     def due(self):
@@ -58,9 +59,9 @@ def train(keeper, policy=None, key=KEY, die_at=0, epochs=None):
         if epoch == die_at:
             raise Killed
 
-    cell = setup(TASK, PointMass(), policy or fresh(TASK), progress)
-    with kept_by(keeper):
-        return HFHotStart(trainer=TRAINER).train(cell, key)
+    context = Context(progress, keeper=keeper)
+    cell = setup(TASK, PointMass(), policy or fresh(TASK), context)
+    return HFHotStart(trainer=TRAINER).train(cell, key)
 
 
 @pytest.fixture(scope="module")
@@ -142,12 +143,37 @@ def test_every_training_of_a_method_has_a_place_of_its_own():
     keeper, settings = Memory(always=False), dataclasses.replace(TRAINER, epochs=3)
     ends = []
     for _ in range(2):
-        with kept_by(keeper):
-            for seed in (0, 1, 0):
-                quiet = lambda *_: None  # noqa: E731
-                policy = fresh(TASK, seed)
-                ends.append(settings.train(TASK, PointMass(), policy, KEY, quiet, "restarts"))
-    assert sorted(index for index, _ in keeper.files) == [0, 1, 2]
+        context = Context(keeper=keeper)
+        for i, seed in enumerate((0, 1, 0)):
+            policy = fresh(TASK, seed)
+            ends.append(settings.train(TASK, PointMass(), policy, KEY, context, f"restart {i}"))
+    assert sorted(stage for stage, _ in keeper.files) == ["restart 0", "restart 1", "restart 2"]
     for first, again in zip(ends[:3], ends[3:], strict=True):
         assert same(first.policy, again.policy)
     assert not same(ends[0].policy, ends[1].policy)
+
+
+def test_the_order_of_trainings_decides_nothing():
+    """A method whose first training was not begun again would else resume the second's."""
+    keeper, flown = Memory(), []
+    settings = dataclasses.replace(TRAINER, epochs=3)
+    for stages in (("first", "second"), ("second",)):
+        context = Context(lambda stage, *_: flown.append(stage), keeper=keeper)
+        for stage in stages:
+            settings.train(TASK, PointMass(), fresh(TASK), KEY, context, stage)
+    assert flown == ["first"] * 3 + ["second"] * 3
+
+
+def test_two_trainings_of_one_name_are_refused_where_they_are_kept():
+    settings = dataclasses.replace(TRAINER, epochs=1)
+    context = Context(keeper=Memory())
+    settings.train(TASK, PointMass(), fresh(TASK), KEY, context, "restarts")
+    with pytest.raises(ValueError, match=r"called 'restarts'.*Give each a stage of its own"):
+        settings.train(TASK, PointMass(), fresh(TASK, 1), KEY, context, "restarts")
+
+
+def test_without_a_keeper_nothing_is_kept():
+    place = Context().place("training", "settings", KEY)
+    assert place.load() is None
+    assert not place.due()
+    place.save({})

@@ -25,12 +25,13 @@ from jaxtyping import TypeCheckError
 
 from methods import grey_box
 from methods.calibration.residual_effect import ResidualEffect
-from methods.contract import Ledger, Setup, silent
+from methods.contract import Ledger, Setup
 from methods.domain_randomization import DomainRandomization, randomized
 from methods.hf_hotstart import HFHotStart
 from methods.hf_scratch import HFScratch
 from methods.policy import PolicyController, make_policy
 from methods.training.bptt import BPTT
+from methods.training.context import Context
 from methods.training.evaluate import evaluate, fly
 from methods.upper_reference import UpperReference
 from simulators import registry
@@ -168,7 +169,7 @@ def test_another_schedule_shares_the_program_of_an_epoch(cell):
     """Scratch and hot start of a cell fly the same program; only their learning rates differ."""
 
     def train(trainer):
-        return trainer.train(TASK, cell.reality, INIT, jax.random.key(3), silent, "test")
+        return trainer.train(TASK, cell.reality, INIT, jax.random.key(3), Context(), "test")
 
     train(TINY)
     before = len(COMPILED)
@@ -357,7 +358,8 @@ def test_a_missing_parent_is_not_replaced_in_silence(cell, name):
 @pytest.mark.parametrize("row", ROWS, ids="".join)
 def test_progress_is_told_of_every_epoch(cell, row):
     heard = []
-    told = dataclasses.replace(cell, progress=lambda *message: heard.append(message))
+    context = Context(lambda *message: heard.append(message))
+    told = dataclasses.replace(cell, context=context)
     trained = make(row).train(told, KEY)
     epochs = [message for message in heard if message[2] == TINY.epochs]
     assert [message[1] for message in epochs] == [1, 2, 3]

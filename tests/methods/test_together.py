@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from cells import TINY, Hold, fresh, setup, small
 
-from methods.contract import silent
 from methods.training import together
-from methods.training.together import Team, current_team
+from methods.training.context import Context
+from methods.training.together import Team
 from simulators.contract import with_effects
 from simulators.effects.drag import Drag
 from simulators.point_mass import PointMass
@@ -24,12 +24,12 @@ TRAINER = dataclasses.replace(TINY, epochs=4, n_worlds=2)
 
 
 def as_team(works):
-    """What each returns, all at once in one team."""
+    """What each returns, given one context of a common team, all at once."""
     team = Team(len(works))
 
     def one(work):
         with team.member():
-            return work()
+            return work(Context(team=team))
 
     with ThreadPoolExecutor(len(works)) as pool:
         return [future.result(WAIT) for future in [pool.submit(one, work) for work in works]]
@@ -38,10 +38,10 @@ def as_team(works):
 def training(seed, trainer=TRAINER, simulator=None, task=None):
     task = task or Hold()
 
-    def work():
+    def work(context=Context()):  # noqa: B008
         key = jax.random.key(seed)
         policy, flown = fresh(task, seed), simulator or PointMass()
-        return trainer.train(task, flown, policy, key, silent, "test")
+        return trainer.train(task, flown, policy, key, context, "test")
 
     return work
 
@@ -49,8 +49,8 @@ def training(seed, trainer=TRAINER, simulator=None, task=None):
 def test_members_take_turns_where_each_is_billed_for_its_own_time():
     inside, most = set(), []
 
-    def work():
-        with together.in_turn():
+    def work(context):
+        with context.in_turn():
             inside.add(threading.get_ident())
             most.append(len(inside))
             threading.Event().wait(0.05)
@@ -58,7 +58,7 @@ def test_members_take_turns_where_each_is_billed_for_its_own_time():
 
     as_team([work] * 4)
     assert most == [1, 1, 1, 1]
-    work()  # alone, without a team
+    work(Context())  # alone, without a team
 
 
 def assert_alike(one, other, rtol=1e-4):
@@ -117,7 +117,7 @@ def test_one_that_ends_earlier_is_waited_for_no_more(programs):
     assert programs == [4] * 4
 
 
-def _quits():
+def _quits(context):
     return "gone"
 
 
@@ -161,8 +161,8 @@ def test_an_error_concerns_those_of_its_call_only():
         raise ValueError("the propellers fell off")
 
     def work(function):
-        def call():
-            return current_team().call(function, jnp.ones(2), lambda n: None)[0]
+        def call(team):
+            return team.call(function, jnp.ones(2), lambda n: None)[0]
 
         return call
 
@@ -172,7 +172,7 @@ def test_an_error_concerns_those_of_its_call_only():
     def one(work):
         with team.member():
             try:
-                return work()
+                return work(team)
             except ValueError as error:
                 return str(error)
 
@@ -194,14 +194,14 @@ def test_time_is_shared_and_waiting_is_nobodys(monkeypatch):
     monkeypatch.setattr(together, "_together", flown)
 
     def own(n, before=0.0):
-        def work():
+        def work(context):
             begun = clock[0]
             inside.wait(WAIT)
             if before:  # what a member does while the two others wait for it
-                while len(current_team()._waiting) < 2:
+                while len(context.team._waiting) < 2:
                     threading.Event().wait(0.01)
                 clock[0] += before
-            waited = current_team().call(_double, jnp.ones(n), lambda size: None)[1]
+            waited = context.team.call(_double, jnp.ones(n), lambda size: None)[1]
             return clock[0] - begun - before - waited
 
         return work
@@ -217,8 +217,11 @@ def test_whole_methods_need_not_know(name, programs):
     task, reality = Hold(n_drones=2), with_effects(PointMass(), [Drag(c=0.5)])
 
     def work(seed):
-        given = setup(task, reality, fresh(task, seed))
-        return lambda: small(name).train(given, jax.random.key(seed))
+        def train(context=None):
+            given = setup(task, reality, fresh(task, seed), context)
+            return small(name).train(given, jax.random.key(seed))
+
+        return train
 
     found = as_team([work(0), work(1)])
     assert set(programs) == {2}
@@ -229,8 +232,8 @@ def test_whole_methods_need_not_know(name, programs):
         np.testing.assert_allclose(one.curves["reward"], alone.curves["reward"], rtol=1e-3)
 
 
-def test_without_a_team_there_is_none():
-    assert current_team() is None
+def test_who_has_no_team_in_its_context_trains_alone(programs):
+    """Even in a thread that is a member: nothing is ambient."""
     with Team(1).member():
-        assert current_team() is not None
-    assert current_team() is None
+        training(0)()
+    assert programs == []
