@@ -1,26 +1,26 @@
 """Trained policies kept beside their tables, one file a cell, and flown again from there.
 
-`policies/TASK-nN.npz` holds the arrays of every kept run of a cell as RUN/INDEX, in the order of
-the policy's pytree. Only runs whose row is in the tables are kept, and a run that is kept stays as
-it is. Rows of default settings in the undisturbed simulator are kept: others can be trained from
-them.
+Rows of default settings in the undisturbed simulator are kept: others can be trained from them. A
+run that is kept stays as it is unless its row was replaced. Residuals are large, so that only those
+are kept from which a built-in suite trains other runs (`bench/store/kept.py`).
 """
 
-import io
 from collections.abc import Iterable
 from pathlib import Path
 
 import jax
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bench.plan.expansion import NOMINAL, REALITY
+from bench.plan.expansion import NOMINAL, REALITY, expand
 from bench.plan.realities import parse_reality
+from bench.plan.suite import built_in, load_suite
 from bench.stats.statistics import cell_of, entry_of, estimate, records
+from bench.store.kept import RESIDUAL, KeptRun, load_kept, path_of, save_kept
 from bench.store.record import UnreadableRunError, with_arrays
+from bench.store.resume import reproduces
 from bench.store.store import Store
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
@@ -30,34 +30,6 @@ from methods.policy import Policy, PolicyController, make_policy
 from methods.training.evaluate import evaluate
 from simulators import registry
 from tasks.contract import AbstractTask
-
-FOLDER = "policies"
-"""Where they are, beside the tables."""
-Kept = dict[str, list[np.ndarray]]
-"""Arrays by run."""
-
-
-def path_of(tables_dir: Path, task: str, team_size: int) -> Path:
-    """The file of a cell."""
-    return Path(tables_dir) / FOLDER / f"{task}-n{team_size}.npz"
-
-
-def load_kept(path: Path) -> Kept:
-    """What a file holds, nothing where there is none.
-
-    Raises:
-        UsageError: It cannot be read.
-    """
-    if not path.is_file():
-        return {}
-    found: Kept = {}
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            for name in sorted(stored.files):
-                found.setdefault(name.rpartition("/")[0], []).append(stored[name])
-    except (OSError, ValueError) as error:
-        raise UsageError(f"{path} cannot be read: {error}") from error
-    return found
 
 
 def keep(tables_dir: Path, tasks: Iterable[str], team_sizes: Iterable[int]) -> dict[Path, int]:
@@ -72,10 +44,11 @@ def keep(tables_dir: Path, tasks: Iterable[str], team_sizes: Iterable[int]) -> d
         TableError: There are no tables.
     """
     tables, store = Tables.load(tables_dir), Store(tables_dir)
-    chosen, sizes = {*tasks}, {*team_sizes}
-    kept: dict[Path, Kept] = {}
+    chosen, sizes, resumed = {*tasks}, {*team_sizes}, runs_to_resume()
+    committed = dict(zip(tables.runs["run"], tables.runs["committed"], strict=True))
+    kept: dict[Path, dict[str, KeptRun]] = {}
     for row in records(tables.results.drop_duplicates("run")):
-        cell = cell_of(row)
+        cell, run = cell_of(row), row["run"]
         meant = cell.task in (chosen or {cell.task}) and cell.team_size in (
             sizes or {cell.team_size}
         )
@@ -83,13 +56,28 @@ def keep(tables_dir: Path, tasks: Iterable[str], team_sizes: Iterable[int]) -> d
             continue
         path = path_of(tables_dir, cell.task, cell.team_size)
         own = kept.setdefault(path, load_kept(path))
-        if row["run"] not in own and store.status(row["run"]) not in ("", "failed"):
-            with np.load(store.runs / row["run"] / "policy.npz", allow_pickle=False) as stored:
-                own[row["run"]] = [stored[name] for name in sorted(stored.files)]
+        there = own.get(run)
+        if there and there.committed == committed[run] and (there.residual or run not in resumed):
+            continue
+        if store.status(run) in ("", "failed"):
+            continue
+        if not reproduces(store.metrics(run), tables.metrics(run)):  # else it is not that row's run
+            residual = store.arrays(run, RESIDUAL) if run in resumed else []
+            own[run] = KeptRun(store.arrays(run, "policy"), residual, committed[run])
     for path, own in kept.items():
         if own:
-            _write(path, own)
+            save_kept(path, own)
     return {path: len(own) for path, own in kept.items() if own}
+
+
+def runs_to_resume() -> set[str]:
+    """Names of runs whose residual runs of a built-in suite need."""
+    found = set()
+    for suite in built_in():
+        for run in expand(load_suite(suite)).runs:
+            resumed = () if run.deploys else registry.load("method", run.method).resumes_from
+            found |= {run.parents[name] for name in resumed}
+    return found
 
 
 def kept_policy(tables_dir: Path, task: AbstractTask, name: str, run: str) -> Policy:
@@ -99,13 +87,13 @@ def kept_policy(tables_dir: Path, task: AbstractTask, name: str, run: str) -> Po
         UsageError: It is not kept, or is of another shape.
     """
     path = path_of(tables_dir, name, task.n_drones)
-    found = load_kept(path)
+    found = load_kept(path, run)
     if run not in found:
         raise UsageError(f"{path} holds no policy of {run}. `bench keep {tables_dir}` adds them.")
     nominal = registry.load("simulator", NOMINAL)()
     template = make_policy(task, nominal.spec, nominal.action_space, jax.random.key(0))
     try:
-        return with_arrays(template, found[run], f"{run} in {path.name}")
+        return with_arrays(template, found[run].policy, f"{run} in {path.name}")
     except UnreadableRunError as error:
         raise UsageError(str(error)) from error
 
@@ -150,14 +138,3 @@ def deploy(
         table.add_row(Text(label), str(len(found[label])), *texts)
     console.print(table)
     return 0
-
-
-def _write(path: Path, kept: Kept) -> None:
-    """A file whole or not at all; the same bytes for the same content."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    named = {f"{run}/{i:03d}": x for run in sorted(kept) for i, x in enumerate(kept[run])}
-    content = io.BytesIO()
-    np.savez_compressed(content, allow_pickle=False, **named)
-    part = path.with_name(f".{path.name}.part")
-    part.write_bytes(content.getvalue())
-    part.replace(path)

@@ -14,6 +14,7 @@ from bench.execution.progress import Display
 from bench.plan.expansion import Plan
 from bench.report.leaderboard import COLUMNS, leaderboard_rows, write_leaderboard
 from bench.report.page import write_report
+from bench.store.kept import KeptRuns
 from bench.store.resume import Standing, make_standing, reproduces, stale_lines
 from bench.store.store import Store
 from bench.store.tables import Tables
@@ -71,7 +72,15 @@ def sweep(
         store.tidy()
         sound = store.sound(warn)
         recorded = recorded_tables(tables_dir)
-        standing = make_standing(plan, sound, recorded, retry_failed, replace)
+        kept_runs = KeptRuns(tables_dir, recorded, warn)
+        standing = make_standing(
+            plan,
+            sound,
+            recorded,
+            retry_failed,
+            replace,
+            lambda run: kept_runs.outcome(run) is not None,
+        )
         if standing.outdated:
             if not replace:
                 raise UsageError(_refusal(standing, tables_dir))
@@ -84,6 +93,9 @@ def sweep(
             *(f"Left out: {x}" for x in plan.broken),
         ):
             warn(text)
+        for run in standing.restored:
+            if (outcome := kept_runs.outcome(run)) is not None:
+                store.commit(run, outcome)
         missing = [run for run in plan.runs if run in standing.missing or run in standing.again]
         again = {run.name: recorded.metrics(run.name) for run in standing.again}
         logs = store.runs / ".logs"
@@ -205,9 +217,11 @@ def show(tables: Tables, console: Console) -> None:
 
 def _announcement(standing: Standing, slots: int) -> str:
     n_done, n_failed, n_missing = map(len, (standing.done, standing.failed, standing.missing))
-    n_again = len(standing.again)
+    n_again, n_restored = len(standing.again), len(standing.restored)
     to_do = f"{n_missing}, on {slots} worker{'s' * (slots > 1)}" if n_missing else "nothing"
     text = f"Runs finished already: {n_done} of {n_done + n_failed + n_missing}. To do: {to_do}."
+    if n_restored:
+        text += f" Restored from kept policies, because others start from them: {n_restored}."
     if n_again:
         text += f" Trained again, because others start from their lost policies: {n_again}."
     if n_failed:

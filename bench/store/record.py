@@ -7,7 +7,7 @@ import json
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -55,6 +55,8 @@ class Outcome:
     """Rows of the table `curves`."""
     trajectory: pd.DataFrame | None = None
     """Rows of the table `trajectories`."""
+    origin: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """Entries of run.json that say where a restored run comes from; empty: it was trained now."""
 
 
 def run_files(outcome: Outcome) -> dict[str, bytes]:
@@ -101,7 +103,7 @@ def describe_run(run: Run, outcome: Outcome, files: Mapping[str, bytes]) -> dict
     if outcome.trained is not None:
         content["ledger"] = describe_fields(outcome.trained.ledger, "ledger")
         content["notes"] = {k: _finite(v) for k, v in outcome.trained.notes.items()}
-    return content
+    return content | dict(outcome.origin)
 
 
 def _parquet(name: str, frame: pd.DataFrame | None) -> bytes:

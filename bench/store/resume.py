@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from bench.plan.expansion import Plan, Run
@@ -27,6 +27,8 @@ class Standing:
     again: list[Run]
     """Among the finished ones, parents of missing runs whose folder is gone, or of an attempt at
     this that failed: they are trained again, and must come out as their row says."""
+    restored: list[Run]
+    """Others of these parents, whose policy is kept: they are restored from it, not trained."""
     outdated: dict[str, str]
     """Rows of another program for runs of the plan: name of the row -> name of the run."""
 
@@ -37,6 +39,7 @@ def make_standing(
     recorded: Tables,
     retry_failed: bool = False,
     replace: bool = False,
+    kept: Callable[[Run], bool] = lambda run: False,
 ) -> Standing:
     """How far a plan is. Tables are the record, folders of runs a cache.
 
@@ -49,8 +52,9 @@ def make_standing(
         recorded: The tables that are there.
         retry_failed: Whether failed runs are tried again.
         replace: Whether runs whose row is of another program or machine are done again.
+        kept: Whether a run can be restored from its kept policy.
     """
-    standing = Standing([], [], [], [], _outdated(plan, recorded))
+    standing = Standing([], [], [], [], [], _outdated(plan, recorded))
     by_name = {run.name: run for run in plan.runs}
     rows = {run for run, status in recorded.statuses().items() if status != "failed"}
     if replace:
@@ -74,7 +78,13 @@ def make_standing(
     while wanted:
         run = wanted.pop()
         folder = sound.get(run.name, {"status": "failed"})  # so it may be from an earlier attempt
-        if run in standing.done and folder["status"] == "failed" and run not in standing.again:
+        if run not in standing.done or folder["status"] != "failed":
+            continue
+        if run in standing.again or run in standing.restored:
+            continue
+        if kept(run):
+            standing.restored.append(run)
+        else:
             standing.again.append(run)
             wanted += [by_name[name] for name in run.parents.values()]
     return standing
@@ -134,7 +144,7 @@ def stale_lines(done: Sequence[Run], recorded: Tables, sound: Mapping[str, dict]
     changed: dict[str, int] = {}
     gone = 0
     for run in done:
-        if run.name not in sound:
+        if not sound.get(run.name, {}).get("sources"):  # the folder is gone or was restored
             gone += programs[run.name] != run.program
             continue
         for plugin, source in run.sources.items():

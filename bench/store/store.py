@@ -25,6 +25,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import filelock
+import numpy as np
 import pandas as pd
 
 from bench.plan.expansion import Run, packages
@@ -242,6 +243,14 @@ class Store:
     def frame(self, name: str, file: str) -> pd.DataFrame:
         """A run's `curves` or `trajectory`."""
         return pd.read_parquet(self.runs / name / f"{file}.parquet")
+
+    def arrays(self, name: str, file: str) -> list[np.ndarray]:
+        """Arrays of a run's `policy` or `residual`, in order; none without such a file."""
+        path = self.runs / name / f"{file}.npz"
+        if not path.is_file():
+            return []
+        with np.load(path, allow_pickle=False) as stored:
+            return [stored[key] for key in sorted(stored.files)]
 
     def tables(self, sound: Mapping[str, dict], current: Collection[str]) -> Tables:
         """The tables of all runs in `sound`.

@@ -4,8 +4,10 @@ import os
 import textwrap
 from pathlib import Path
 
+import at_once
 import pytest
 
+from bench.cli.app import main
 from simulators import registry
 
 METHODS = {
@@ -65,3 +67,28 @@ def write_suite(tmp_path):
         return path
 
     return write
+
+
+@pytest.fixture
+def trainer(plugins, monkeypatch):
+    return at_once.install(monkeypatch, documents=False)
+
+
+@pytest.fixture
+def sweep(trainer, write_suite, tmp_path, capsys):
+    """A function that runs a suite and returns exit status, stdout and stderr."""
+    suite = write_suite("instant", "child", seeds=2)
+
+    def run(*arguments, command="run", of=suite):
+        trainer.trained.clear()
+        jobs = ("--jobs", "1") if command == "run" else ()
+        status = main([command, str(of), "--out", str(tmp_path / "out"), *jobs, *arguments])
+        said = capsys.readouterr()
+        return status, " ".join(said.out.split()), " ".join(said.err.split())
+
+    return run
+
+
+@pytest.fixture
+def out(tmp_path):
+    return tmp_path / "out"

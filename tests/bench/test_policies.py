@@ -6,7 +6,8 @@ import pytest
 from outcomes import make_template, outcome, plan
 from rich.console import Console
 
-from bench.execution.policies import deploy, keep, kept_policy, load_kept, path_of
+from bench.execution.policies import deploy, keep, kept_policy
+from bench.store.kept import load_kept, path_of
 from bench.store.store import Store
 from bench.text.errors import UsageError
 from methods.policy import PolicyController
@@ -50,11 +51,11 @@ def test_policies_stay_when_their_folders_are_gone_and_others_come(folder, runs)
     store = Store(folder)
     store.quarantine(runs[1].name, "not here yet")
     assert list(keep(folder, (), ()).values()) == [1]
-    before = load_kept(path_of(folder, "spread", 2))[runs[0].name]
+    before = load_kept(path_of(folder, "spread", 2))[runs[0].name].policy
     store.commit(runs[1], outcome(runs[1], policy=make_template(seed=1)))
     store.quarantine(runs[0].name, "lost")
     assert list(keep(folder, (), ()).values()) == [2]
-    after = load_kept(path_of(folder, "spread", 2))[runs[0].name]
+    after = load_kept(path_of(folder, "spread", 2))[runs[0].name].policy
     assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
 
 

@@ -15,7 +15,8 @@ def keep(
 ) -> int:
     """Keep trained policies beside their tables, one file a cell, so that they can be deployed.
 
-    Policies of default settings whose run's folder is there are added; kept ones stay as they are.
+    Policies of default settings whose run's folder is there are added; kept ones stay as they are,
+    unless their row was replaced. `bench run` restores parents from them instead of training.
 
     Parameters
     ----------

@@ -1,0 +1,215 @@
+"""Policies kept beside their tables, one file a cell, and runs restored from them.
+
+    policies/TASK-nN.npz    RUN/000, RUN/001, ...   arrays of the policy, in its pytree's order
+                            RUN/residual/000, ...   those of its residual, if other runs need it
+                            RUN/committed           when the run of the row was committed
+
+Only runs whose row is in the tables are kept. Files from before runs could be restored hold
+policies alone.
+"""
+
+import contextlib
+import io
+import json
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from bench.plan.expansion import NOMINAL, PACKAGES, Run
+from bench.store.record import Outcome, UnreadableRunError, with_arrays
+from bench.store.tables import UNITS, Tables
+from bench.text.errors import UsageError
+from methods.contract import Ledger, Trained
+from methods.policy import make_policy
+from methods.residuals.contract import blank
+from simulators import registry
+
+FOLDER = "policies"
+"""Where they are, beside the tables."""
+COMMITTED = "committed"
+"""Name of the array that says to which row a policy belongs."""
+RESIDUAL = "residual"
+"""Folder of a residual's arrays."""
+
+
+class KeptRun(NamedTuple):
+    """What is kept of a run."""
+
+    policy: list[np.ndarray]
+    """Arrays of the policy."""
+    residual: list[np.ndarray]
+    """Arrays of the residual; empty if it is not kept."""
+    committed: str
+    """When the run of the row was committed; empty in older files."""
+
+
+def path_of(tables_dir: Path, task: str, team_size: int) -> Path:
+    """The file of a cell."""
+    return Path(tables_dir) / FOLDER / f"{task}-n{team_size}.npz"
+
+
+def load_kept(path: Path, only: str = "") -> dict[str, KeptRun]:
+    """What a file holds by run, nothing where there is none.
+
+    Args:
+        path: The file.
+        only: Name of the one run that is wanted; empty: all.
+
+    Raises:
+        UsageError: It cannot be read.
+    """
+    if not path.is_file():
+        return {}
+    found: dict[str, KeptRun] = {}
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            for name in sorted(stored.files):
+                run, *rest = name.split("/")
+                if only not in ("", run):
+                    continue
+                kept = found.setdefault(run, KeptRun([], [], ""))
+                if rest == [COMMITTED]:
+                    found[run] = kept._replace(committed=str(stored[name]))
+                else:
+                    (kept.residual if rest[0] == RESIDUAL else kept.policy).append(stored[name])
+    except (OSError, ValueError, IndexError, EOFError, zipfile.BadZipFile) as error:
+        raise UsageError(f"{path} cannot be read: {error}") from error
+    return found
+
+
+def save_kept(path: Path, kept: Mapping[str, KeptRun]) -> None:
+    """Writes a file whole or not at all; the same bytes for the same content."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    named: dict[str, Any] = {}
+    for run, own in sorted(kept.items()):
+        named |= {f"{run}/{i:03d}": x for i, x in enumerate(own.policy)}
+        named |= {f"{run}/{RESIDUAL}/{i:03d}": x for i, x in enumerate(own.residual)}
+        if own.committed:
+            named[f"{run}/{COMMITTED}"] = np.asarray(own.committed)
+    content = io.BytesIO()
+    np.savez_compressed(content, allow_pickle=False, **named)
+    part = path.with_name(f".{path.name}.part")
+    part.write_bytes(content.getvalue())
+    part.replace(path)
+
+
+class KeptRuns:
+    """The kept runs of a folder of tables, as outcomes that a store can commit."""
+
+    def __init__(self, tables_dir: Path, recorded: Tables, warn: Callable[[str], None]) -> None:
+        """Nothing is read yet.
+
+        Args:
+            tables_dir: Folder of the tables.
+            recorded: Those tables.
+            warn: Called with a line on each kept run that cannot be used.
+        """
+        self._directory = Path(tables_dir)
+        self._recorded = recorded
+        self._warn = warn
+        self._needed: frozenset[str] | None = None
+        self._found: dict[str, Outcome | None] = {}
+
+    def outcome(self, run: Run) -> Outcome | None:
+        """What a finished run left, from its row and its kept policy; None if it is not there."""
+        if run.name not in self._found:
+            try:
+                self._found[run.name] = self._outcome(run)
+            except (UsageError, UnreadableRunError) as error:
+                self._found[run.name] = None
+                self._warn(f"{run.name} cannot be restored from its kept policy: {error}")
+        return self._found[run.name]
+
+    def _outcome(self, run: Run) -> Outcome | None:
+        path = path_of(self._directory, run.task, run.team_size)
+        own = load_kept(path, run.name).get(run.name)
+        rows = self._recorded.runs.loc[self._recorded.runs["run"].eq(run.name)]
+        if own is None or run.variant or len(rows) != 1:
+            return None
+        row: dict[str, Any] = rows.iloc[0].to_dict()
+        if row["key"] != run.key or row["status"] == "failed":
+            return None
+        if own.committed not in ("", row["committed"]):
+            return None  # the row was replaced since
+        if not own.residual and run.method in self._resumed():
+            return None  # the file is older than kept residuals
+        return _outcome(run, own, row, self._recorded, path)
+
+    def _resumed(self) -> frozenset[str]:
+        """Methods whose residual some method needs of its parent."""
+        if self._needed is None:
+            found: set[str] = set()
+            for name in registry.names("method"):
+                with contextlib.suppress(registry.BrokenPluginError):  # no run of it is planned
+                    found |= {*registry.load("method", name).resumes_from}
+            self._needed = frozenset(found)
+        return self._needed
+
+
+def _outcome(
+    run: Run, own: KeptRun, row: Mapping[str, Any], recorded: Tables, path: Path
+) -> Outcome:
+    """The outcome that a row, its curves, its trajectory and its kept arrays stand for."""
+    task = registry.load("task", run.task)(n_drones=run.team_size)
+    nominal = registry.load("simulator", NOMINAL)()
+    template = make_policy(task, nominal.spec, nominal.action_space, jax.random.key(0))
+    residual, where = None, f"{run.name} in {path.name}"
+    if own.residual:
+        residual = blank(registry.load("residual", run.residual)())
+        residual = with_arrays(residual, own.residual, f"the residual of {where}")
+    results = recorded.results.loc[recorded.results["run"].eq(run.name)]
+    metrics = recorded.metrics(run.name)
+    of_run = lambda table: table.loc[table["run"].eq(run.name)].reset_index(drop=True)  # noqa: E731
+    trained = Trained(
+        policy=with_arrays(template, own.policy, where),
+        ledger=_ledger(metrics, int(results["calibration_flights"].iloc[0])),
+        curves={},
+        status=row["status"],
+        residual=residual,
+        notes={
+            name: value
+            for name, value in metrics.items()
+            if name not in UNITS or name == "training_reward"
+        },
+    )
+    return Outcome(
+        status=row["status"],
+        trained=trained,
+        trained_effects=results["trained_effects"].iloc[0],
+        metrics=metrics,
+        curves=of_run(recorded.curves),
+        trajectory=of_run(recorded.trajectories),
+        origin=_origin(row),
+    )
+
+
+def _ledger(metrics: Mapping[str, float], flights: int) -> Ledger:
+    """The bill of a run from its row; flight to the microsecond, which undoes the minutes."""
+    return Ledger(
+        hf_fleet_seconds=round(60.0 * metrics["fleet_minutes"], 6),
+        calibration_flights=flights,
+        calibration_crashes=int(metrics.get("calibration_crashes", 0)),
+        training_crashes=int(metrics.get("training_crashes", 0)),
+        training_crash_step_rate=metrics.get("training_crash_step_rate", 0.0),
+        lf_collisions=int(metrics.get("lf_collisions", 0)),
+        epochs=int(metrics.get("epochs", 0)),
+        skipped_updates=int(metrics.get("skipped_updates", 0)),
+        train_seconds=metrics.get("train_seconds", 0.0),
+    )
+
+
+def _origin(row: Mapping[str, Any]) -> dict[str, Any]:
+    """What run.json says of where the run comes from: what its row says, not this process."""
+    versions = json.loads(row["versions"])
+    columns = ("commit", "dirty", "machine", "device")
+    return {
+        "provenance": {name: row[name] for name in columns} | {"dirty": bool(row["dirty"])},
+        "program": row["program"],
+        "committed": row["committed"],
+        "sources": {},
+        "packages": {name: versions[name] for name in PACKAGES if name in versions},
+    }

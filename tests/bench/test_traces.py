@@ -1,0 +1,89 @@
+"""Where a row comes from: commit, program, machine, device."""
+
+import subprocess
+from pathlib import Path
+
+import at_once
+import pandas as pd
+import pytest
+from clones import edit, planned
+
+from bench.plan import provenance as origins
+from bench.store.store import Store
+from bench.store.tables import Tables
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_row_can_be_traced(sweep, trainer, out, write_suite):
+    trainer.failing = {"failing"}
+    assert sweep(of=write_suite("child", "failing", seeds=2))[0] == 1
+    runs = {run.name: run for run in planned(write_suite, "child", "failing", seeds=2)}
+    found = Tables.load(out).runs
+    assert set(found["run"]) == set(runs)
+    assert found["status"].value_counts().to_dict() == {"budget": 4, "failed": 2}
+    (commit,) = {*found["commit"]}
+    if (ROOT / ".git").exists():
+        kind = ["git", "-C", str(ROOT), "cat-file", "-t", commit]
+        assert subprocess.run(kind, capture_output=True, check=True).stdout == b"commit\n"
+    else:
+        assert commit == ""
+    for row in found.to_dict("records"):
+        run = runs[row["run"]]
+        assert (row["key"], row["program"]) == (run.key, run.program)
+        assert len(row["program"]) == 16
+        assert row["dirty"] in (True, False)
+        assert row["machine"]
+        assert row["device"].startswith("cpu")
+        assert pd.Timestamp(row["committed"]).tzinfo is not None
+    csv = pd.read_csv(out / "runs.csv", keep_default_na=False)
+    for column in ("key", "committed", "program", "machine", "device"):
+        assert (csv[column] != "").all()
+
+
+def test_a_row_says_whether_the_code_had_changes_that_are_in_no_commit(tmp_path, monkeypatch):
+    def git(*arguments):
+        given = ("-c", "user.name=a", "-c", "user.email=a@b.example", "-c", "commit.gpgsign=false")
+        subprocess.run(["git", "-C", str(tmp_path), *given, *arguments], check=True)
+
+    monkeypatch.setattr(origins, "HOUSE", tmp_path)
+    look = origins.provenance.__wrapped__
+    assert (look()["commit"], look()["dirty"]) == ("", False)
+    for folder in origins.CODE:
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "module.py").write_text("x = 1\n")
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-q", "-m", "first")
+    commit = look()["commit"]
+    assert len(commit) == 40
+    assert not look()["dirty"]
+    (tmp_path / "reports.md").write_text("no code")
+    assert not look()["dirty"]
+    (tmp_path / "methods" / "module.py").write_text("x = 2\n")
+    assert look() == origins.provenance() | {"commit": commit, "dirty": True}
+
+
+def test_the_program_of_a_run_is_a_hash_of_its_sources_alone(plugins, write_suite, monkeypatch):
+    before = planned(write_suite, "child")
+    again = planned(write_suite, "child", seeds=3)
+    assert {run.program for run in before if run.method == "child"} == {
+        run.program for run in again if run.method == "child"
+    }
+    assert len({run.program for run in before}) == 2
+    assert origins.digest({"a": "1", "b": "2"}) == origins.digest({"b": "2", "a": "1"})
+    edit(monkeypatch)
+    after = planned(write_suite, "child")
+    assert [run.key for run in after] == [run.key for run in before]
+    assert {run.program for run in after}.isdisjoint(run.program for run in before)
+
+
+def test_a_folder_from_before_runs_could_be_traced_has_a_row(plugins, write_suite, tmp_path):
+    (run,) = planned(write_suite, "instant")
+    store = Store(tmp_path / "results")
+    store.commit(run, at_once.outcome(run))
+    sound = store.sound(pytest.fail)
+    for column in ("provenance", "program"):
+        del sound[run.name][column]
+    (row,) = store.tables(sound, ()).runs.to_dict("records")
+    assert (row["key"], row["program"], row["machine"], row["dirty"]) == (run.key, "", "", False)
