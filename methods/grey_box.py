@@ -26,14 +26,14 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from methods.calibration.identification import Identification, along, identify, standing
-from methods.calibration.residual_effect import ResidualEffect, features
+from methods.calibration.identification import DITHER, Identification, identify
+from methods.calibration.remainder import remaining_transitions
+from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import Policy, make_policy
-from methods.residuals.contract import AbstractResidualModel, Transitions
+from methods.residuals.contract import AbstractResidualModel
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
 from methods.training.together import in_turn
@@ -41,9 +41,6 @@ from methods.training.varied import vary_times
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.vehicle import CONTROL_DT
-
-ARENA = 10.0
-"""Half the width of the square in which a team may be [m]; a choice."""
 
 
 class GreyBox(AbstractMethod):
@@ -53,6 +50,10 @@ class GreyBox(AbstractMethod):
     """Registered class of residual on what the effects leave; None: no residual."""
     largest: int = eqx.field(static=True, default=6)
     """Most named effects that the search may combine, the floor not counted."""
+    flights: int = eqx.field(static=True, default=3, metadata={"neutral": True})
+    """Calibration flights; with more than three, the paths are flown again under another dither."""
+    excitation: float = eqx.field(static=True, default=DITHER, metadata={"neutral": True})
+    """Amplitude of the dither on their actions [-]."""
     dt: float = eqx.field(static=True, default=0.01)
     """Integration step of the point mass [s]."""
     spread: float = eqx.field(static=True, default=0.5)
@@ -67,6 +68,12 @@ class GreyBox(AbstractMethod):
     def __check_init__(self) -> None:
         if self.largest < 1:
             raise ValueError(f"`largest` must be at least 1, got {self.largest}.")
+        if self.flights < (fewest := 1 if self.residual is None else 2):
+            raise ValueError(
+                f"`flights` must be at least {fewest} (2 with a residual), got {self.flights}."
+            )
+        if not self.excitation >= 0.0:
+            raise ValueError(f"`excitation` must be at least 0, got {self.excitation}.")
         if not 0.0 < self.dt <= CONTROL_DT:
             raise ValueError(f"`dt` must lie in (0, {CONTROL_DT}] s, got {self.dt}.")
         if not 0.0 <= self.spread < 2.0:
@@ -78,7 +85,8 @@ class GreyBox(AbstractMethod):
         with in_turn():
             start = time.perf_counter()
             setup.progress("identification", 0, 1, float("nan"))
-            found = identify(nominal, setup.reality, self.dt, self.largest, flight_key)
+            chosen = (self.flights, self.excitation)
+            found = identify(nominal, setup.reality, self.dt, self.largest, flight_key, *chosen)
             corrected, model, notes = with_effects(nominal, found.effects), None, dict(found.notes)
             if self.residual is not None:
                 setup.progress("residual fit", 0, 1, float("nan"))
@@ -120,7 +128,7 @@ def fit_residual(
     `residual_share` is the multiple of the correction, limited to [0, 1], that fits each flight
     best when the residual was fitted to the others: sum(y h) / sum(h h), h predicted for y.
     """
-    flights = what_is_left(corrected, found)
+    flights = remaining_transitions(corrected, found.flights)
     fit = lambda chosen: registry.load("residual", residual)().fit(  # noqa: E731
         jax.tree.map(lambda *x: jnp.concatenate(x), *chosen), key
     )
@@ -137,25 +145,6 @@ def fit_residual(
         "residual_error_rms": _rms([f.target - model(f.features) for f in flights]),
     }
     return model, notes
-
-
-def what_is_left(corrected: AbstractSimulator, found: Identification) -> list[Transitions]:
-    """Transitions of each flight whose target is what `corrected` still lacks."""
-    before, after = found.flights.before, found.flights.after
-    predicted = along(corrected, found.flights)
-    seen = eqx.tree_at(lambda f: (f.quat, f.thrust), before, (predicted.quat, predicted.thrust))
-    transitions = []
-    for i in range(found.n_flights):
-        flight = jax.tree.map(lambda x, i=i: x[i, :, 0] if x.ndim > 2 else x[i], seen)
-        rows = features(flight, corrected.spec.mass)
-        where = jax.random.uniform(jax.random.key(i), (len(rows), 2), minval=-ARENA, maxval=ARENA)
-        rows = rows.at[:, :2].set(where)
-        target = (after.vel[i, :, 0] - predicted.vel[i, :, 0]) / CONTROL_DT
-        # On the floor the floor's law holds, which no force reproduces.
-        flying = ~np.asarray(standing(found.flights))[i]
-        weight = jnp.ones(int(flying.sum()))
-        transitions.append(Transitions(rows[flying], target[flying], weight))
-    return transitions
 
 
 def _rms(parts: Sequence[Float[Array, "_ 3"]]) -> float:

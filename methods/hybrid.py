@@ -4,23 +4,28 @@ import dataclasses
 import time
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar, get_args
+from typing import ClassVar, Literal, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from methods.calibration.identification import PATHS
 from methods.calibration.pool import Attitude, Calibration, calibrate, pool_size
+from methods.calibration.remainder import calibrate_as_grey_box
 from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import Policy, make_policy
 from methods.residuals.contract import AbstractResidual, AbstractResidualModel, Transitions
+from methods.residuals.mlp import MLPEnsemble
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
 from methods.training.together import in_turn
 from simulators import registry
 from simulators.contract import with_effects
+
+Flown = Literal["pool", "grey_box"]
 
 
 class Hybrid(AbstractMethod):
@@ -40,6 +45,11 @@ class Hybrid(AbstractMethod):
     """Extra weight of transitions at rest, in tasks that keep station; a choice."""
     excitation: float = eqx.field(static=True, default=0.2)
     """Amplitude of the dither on the calibration flights' actions [-]; 0 is the paper's."""
+    flown: Flown = eqx.field(static=True, default="pool", metadata={"neutral": True})
+    """`pool`: the paper's flights along the LF baseline's paths; `grey_box`: the flights, noise and
+    rows that a grey box identifies from, three of them if `flights` does not say otherwise."""
+    rows: int | None = eqx.field(static=True, default=None, metadata={"neutral": True})
+    """Rows to which each member of the ensemble is fitted; None: as many as its class says."""
     trainer: BPTT = eqx.field(default=BPTT(lr=1e-3, decay=0.99))
     """How the policy is trained."""
 
@@ -51,6 +61,14 @@ class Hybrid(AbstractMethod):
         if self.attitude not in get_args(Attitude):
             allowed = " or ".join(f"'{name}'" for name in get_args(Attitude))
             raise ValueError(f"`attitude` must be {allowed}, got '{self.attitude}'.")
+        if self.flown not in get_args(Flown):
+            allowed = " or ".join(f"'{name}'" for name in get_args(Flown))
+            raise ValueError(f"`flown` must be {allowed}, got '{self.flown}'.")
+        if self.rows is not None and (self.rows < 1 or self.residual != "mlp"):
+            raise ValueError(
+                f"`rows` must be at least 1 and the residual 'mlp', got {self.rows} and "
+                f"'{self.residual}'."
+            )
         if self.flights is not None and self.flights < 1:
             raise ValueError(f"`flights` must be at least 1 or None, got {self.flights}.")
         for name in ("hover_weight", "excitation"):
@@ -58,7 +76,10 @@ class Hybrid(AbstractMethod):
                 raise ValueError(f"`{name}` must be at least 0, got {getattr(self, name)}.")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
-        return self.adapted(setup, key, init, registry.load("residual", self.residual)())
+        residual = registry.load("residual", self.residual)()
+        if self.rows is not None:
+            residual = MLPEnsemble(max_samples=self.rows)
+        return self.adapted(setup, key, init, residual)
 
     def adapted(
         self,
@@ -74,17 +95,7 @@ class Hybrid(AbstractMethod):
         with in_turn():
             start = time.perf_counter()
             setup.progress("calibration flights", 0, 1, float("nan"))
-            calibration = calibrate(
-                task,
-                nominal,
-                setup.reality,
-                setup.parents["lf_baseline"].policy,
-                flight_key,
-                n_flights=self.flights or pool_size(task.n_drones),
-                attitude=self.attitude,
-                excitation=self.excitation,
-                hover_weight=self.hover_weight if task.station_keeping else 0.0,
-            )
+            calibration = self._calibration(setup, flight_key)
             setup.progress("residual fit", 0, 1, float("nan"))
             model = residual.fit(calibration.transitions, fit_key, fitted)
             before = time.perf_counter() - start
@@ -97,6 +108,24 @@ class Hybrid(AbstractMethod):
         )
         notes = _fit_notes(calibration, model)
         return trained_under(model, setup, self.trainer, policy, train_key, bill, notes)
+
+    def _calibration(self, setup: Setup, key: PRNGKeyArray) -> Calibration:
+        task = setup.task
+        if self.flown == "grey_box":
+            return calibrate_as_grey_box(
+                setup.nominal, setup.reality, key, self.flights or len(PATHS), self.excitation
+            )
+        return calibrate(
+            task,
+            setup.nominal,
+            setup.reality,
+            setup.parents["lf_baseline"].policy,
+            key,
+            n_flights=self.flights or pool_size(task.n_drones),
+            attitude=self.attitude,
+            excitation=self.excitation,
+            hover_weight=self.hover_weight if task.station_keeping else 0.0,
+        )
 
 
 def trained_under(

@@ -24,6 +24,7 @@ import pandas as pd
 
 from bench.execution.executor import Report, one_line
 from bench.plan.expansion import NOMINAL, REALITY, Run
+from bench.plan.provenance import provenance
 from bench.plan.realities import parse_reality
 from bench.plan.settings import build
 from bench.store.record import Outcome
@@ -56,6 +57,7 @@ def do_run(run: Run, directory: Path, report: Report) -> tuple[str, str]:
         RuntimeError: It was planned for another kind of device.
         ClaimedError: Another process is at it and does not end.
     """
+    provenance()  # that of the code which this process has loaded: the checkout may move
     store, numerics = Store(directory), cast("dict[str, str]", run.resolved["numerics"])
     planned = numerics["backend"]
     if planned != (found := jax.default_backend()):
@@ -131,7 +133,7 @@ def train_and_evaluate(run: Run, store: Store, progress: Progress) -> Outcome:
     task = build(
         registry.load("task", run.task), run.task_overrides, run.task, n_drones=run.team_size
     )
-    nominal = registry.load("simulator", NOMINAL)()
+    nominal = build(registry.load("simulator", NOMINAL), run.nominal_overrides, NOMINAL)
     reality = parse_reality(run.reality)
     parents = _parents(run, store, task, nominal)
     setup = Setup(task, nominal, reality, parents, progress)

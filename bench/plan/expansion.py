@@ -69,6 +69,8 @@ class Run:
     """Fields of the method that are not as by default."""
     task_overrides: Mapping[str, settings.Setting]
     """Fields of the task that are not as by default."""
+    nominal_overrides: Mapping[str, settings.Setting]
+    """Fields of the low-fidelity simulator that are not as by default."""
     parents: Mapping[str, str]
     """Folder of each parent's run, by method."""
     resolved: Mapping[str, settings.Setting]
@@ -203,7 +205,8 @@ def _recipe(
     if row.method in children:
         circle = " -> ".join((*children[children.index(row.method) :], row.method))
         raise PlanError(f"These methods need each other as parents: {circle}.")
-    texts = (json.dumps(s, sort_keys=True, default=repr) for s in (row.settings, row.task_settings))
+    chosen = (row.settings, row.task_settings, row.nominal)
+    texts = (json.dumps(s, sort_keys=True, default=repr) for s in chosen)
     index = (row.method, row.residual, *texts, row.world, row.deploys, row.tracked, task, team_size)
     if index not in recipes:
         method_class = _method(row.method)
@@ -225,8 +228,8 @@ def _parent(
 ) -> tuple[Row, str, int]:
     """The row and the cell of a parent: the child's own, unless its class fixes another."""
     if name in method_class.parent_cells:
-        return Row(name), *method_class.parent_cells[name]
-    return Row(name, task_settings=row.task_settings), task, team_size
+        return Row(name, nominal=row.nominal), *method_class.parent_cells[name]
+    return Row(name, task_settings=row.task_settings, nominal=row.nominal), task, team_size
 
 
 def _method(name: str) -> type[AbstractMethod]:
@@ -255,7 +258,7 @@ def _make_recipe(
     plugins = {"method": row.method, "task": task} | ({"residual": residual} if residual else {})
     found = {f"{kind} {name}": registry.load(kind, name) for kind, name in plugins.items()}
     found |= {f"simulator {name}": registry.load("simulator", name) for name in (NOMINAL, REALITY)}
-    reality = _reality(row)
+    (nominal, changed), reality = _nominal(row), _reality(row)
     if row.deploys and not row.tracked and not reality.effects:
         raise PlanError(
             f"Method '{row.method}': `deployed_in` names no effect; the row is the same without."
@@ -273,22 +276,25 @@ def _make_recipe(
             plugin: _defaults(plugin, cls)
             for plugin, cls in found.items()
             if plugin.split()[0] in ("residual", "simulator")
-        },
+        }
+        | {f"simulator {NOMINAL}": nominal},
         "numerics": _numerics(),
     }
     elsewhere = {"deployed_in" if row.deploys else "reality": written(reality)}
     flying = (elsewhere if reality.effects else {}) | ({"tracked": True} if row.tracked else {})
     resolved |= flying | ({"deploys": True} if row.deploys else {})
+    others = flying | ({"nominal": changed} if changed else {})
     if row.tracked:  # the key is of the controller's settings, the variant says only that it flies
         resolved["tracked"] = settings.describe_fields(PDTracker(), "The PD controller")
     given = {
         "method": row.method,
         "residual": residual,
-        "variant": settings.variant((method, default_method), (flown, default_task), (flying, {})),
+        "variant": settings.variant((method, default_method), (flown, default_task), (others, {})),
         "task": task,
         "team_size": team_size,
         "overrides": row.settings,
         "task_overrides": row.task_settings,
+        "nominal_overrides": row.nominal,
         "sources": _sources(
             found | {"evaluation": Evaluation} | ({"controller": Followers} if row.tracked else {})
         ),
@@ -298,6 +304,15 @@ def _make_recipe(
         "tracked": row.tracked,
     }
     return _Recipe(resolved, given, parents)
+
+
+def _nominal(row: Row) -> tuple[dict[str, settings.Setting], dict[str, settings.Setting]]:
+    """The low-fidelity simulator of a row as JSON, and what of it is not as by default."""
+    found, where = registry.load("simulator", NOMINAL), f"Simulator '{NOMINAL}'"
+    default = _defaults(f"simulator {NOMINAL}", found)
+    described = _describe(found, row.nominal, where) if row.nominal else default
+    changed = {name: x for name, x in row.nominal.items() if described[name] != default[name]}
+    return described, changed
 
 
 def _reality(row: Row) -> AbstractSimulator:

@@ -32,7 +32,26 @@ class Provenance(TypedDict):
 
 @functools.cache
 def provenance() -> Provenance:
-    """That of this process."""
+    """That of this process, as it is at the first call: when a sweep, or a worker, starts."""
+    return _read()
+
+
+def moved() -> str:
+    """What has changed in the checkout since `provenance` was read, as a sentence; or nothing."""
+    then, now = provenance(), _read()
+    if then["commit"] != now["commit"]:
+        what = f"moved from commit {then['commit'][:10]} to {now['commit'][:10]}"
+    elif now["dirty"] and not then["dirty"]:
+        what = "got changes that are in no commit"
+    else:
+        return ""
+    return (
+        f"the checkout {what} while the sweep ran. Each row names the commit that its worker "
+        "started from."
+    )
+
+
+def _read() -> Provenance:
     changes = _git("status", "--porcelain", "--", *CODE)
     device = jax.devices()[0]
     return Provenance(

@@ -12,6 +12,7 @@
     residual = "mlp"                   # for methods that take one
     settings.trainer.epochs = 200      # fields of the method
     task_settings.observe_attitude = true
+    nominal.attitude_tau = 0.05        # fields of the low-fidelity simulator, its parents' too
     reality = "crazyflow+mass(e=0.2)"  # what it is trained for and deployed in
     tasks = ["circle"]                 # this row only on these
     team_sizes = [12]
@@ -59,6 +60,8 @@ class Row:
     """Fields of the method to override."""
     task_settings: Mapping[str, Setting] = dataclasses.field(default_factory=dict)
     """Fields of the task to override."""
+    nominal: Mapping[str, Setting] = dataclasses.field(default_factory=dict)
+    """Fields of the low-fidelity simulator to override, for the row and for its parents."""
     reality: str = ""
     """High-fidelity simulator with effects for which it is trained and in which it is deployed;
     empty: without any. Its parents know the one without."""
@@ -236,6 +239,7 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
                 residual=_typed(place, row, "residual", str, ""),
                 settings=_typed(place, row, "settings", dict, {}),
                 task_settings=_typed(place, row, "task_settings", dict, {}),
+                nominal=_typed(place, row, "nominal", dict, {}),
                 reality=_typed(place, row, "reality", str, ""),
                 deployed_in=_typed(place, row, "deployed_in", str, ""),
                 tracked=_flag(place, row, "tracked"),

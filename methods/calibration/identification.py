@@ -76,6 +76,8 @@ EQUAL = 2.0
 NO_CANDIDATES = ("gust", "rotor_drag")
 """What begins at a time of one flight is nothing to train for. And a point mass cannot tell drag of
 the rotors, which acts along the axis too, from the way in which thrust follows its command."""
+PATHS = ("rise", "steps", "turns")
+"""Names of the paths, in the order in which they are flown."""
 _HEIGHT = 1.2
 _RISE = ((2.0, 0.5), (3.0, -0.5), (4.0, -0.3), (4.7, 0.6), (5.6, -0.6), (6.4, 0.7), (7.6, -0.4))
 _STEPS_X = ((1.5, 0.8), (3.0, -0.8), (4.0, -0.6), (5.5, 1.0), (7.0, -0.8), (8.5, 0.6))
@@ -115,16 +117,20 @@ def identify(
     dt: float,
     largest: int,
     key: PRNGKeyArray,
+    n_flights: int = len(PATHS),
+    excitation: float = DITHER,
 ) -> Identification:
     """At most `largest` named effects, and a floor, that `nominal` lacks; flown in `reality`.
 
-    `dt` is the integration step of `nominal` [s]; `key` draws dither and noise.
+    `dt` is the integration step of `nominal` [s]; `key` draws dither and noise; `excitation` is the
+    amplitude of the dither [-].
 
     Raises:
         ValueError: A drone never left the ground.
     """
-    flights = fly(nominal, reality, key)
-    logs = [_log(nominal, flights, i, name) for i, name in enumerate(paths())]
+    flights = fly(nominal, reality, key, n_flights, excitation)
+    names = [f"{name} {i + 1}" for i, name in enumerate(flown_paths(n_flights))]
+    logs = [_log(nominal, flights, i, name) for i, name in enumerate(names)]
     library = make_library(with_effects(nominal, [Delay(dt / 2)]), exclude=NO_CANDIDATES)
     likelihood = Likelihood(make_replay(library, dt), cut(logs, dt), SIGMA)
     fit = choose(likelihood, len(logs), largest)
@@ -167,16 +173,30 @@ def choose(likelihood: Likelihood, n_flights: int, largest: int) -> Fit:
     return min(likely, key=lambda fit: fit.objective)
 
 
+def flown_paths(n_flights: int) -> list[str]:
+    """Names of the paths of `n_flights` flights; one alone moves fast along all axes.
+
+    More flights than paths begin anew with the first path.
+    """
+    return ["turns"] if n_flights == 1 else [PATHS[i % len(PATHS)] for i in range(n_flights)]
+
+
 def fly(
-    nominal: AbstractSimulator, reality: AbstractSimulator, key: PRNGKeyArray
+    nominal: AbstractSimulator,
+    reality: AbstractSimulator,
+    key: PRNGKeyArray,
+    n_flights: int = len(PATHS),
+    excitation: float = DITHER,
 ) -> TrackingFlight:
-    """The flights of all paths, as they are logged."""
+    """Flights, as they are logged, with a dither of amplitude `excitation` [-] on the actions."""
     dither_key, noise_key = jax.random.split(key)
-    references = jax.tree.map(lambda *x: jnp.stack(x), *paths().values())
-    n_flights, n_steps, _ = references.pos.shape
+    known = paths()
+    chosen = [known[name] for name in flown_paths(n_flights)]
+    references = jax.tree.map(lambda *x: jnp.stack(x), *chosen)
+    n_steps = references.pos.shape[1]
     shape = (n_flights, -(-n_steps // HELD), 1, 3)
     drawn = jax.random.uniform(dither_key, shape, minval=-1.0)
-    dither = DITHER * jnp.repeat(drawn, HELD, axis=1)[:, :n_steps]
+    dither = excitation * jnp.repeat(drawn, HELD, axis=1)[:, :n_steps]
     return logged(_fly(nominal, reality, references, dither), noise_key)
 
 

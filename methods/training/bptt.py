@@ -77,6 +77,8 @@ class BPTT(eqx.Module):
     """Epochs over which the training return is averaged."""
     min_improvement: float = eqx.field(static=True, default=0.005)
     """Share of the best return by which it must improve for patience to start again."""
+    share: float = eqx.field(static=True, default=1.0, metadata={"neutral": True})
+    """Share of the epochs that are flown: a checkpoint along the whole training, rates and all."""
 
     def __check_init__(self) -> None:
         for name in ("epochs", "n_worlds", "max_drones", "smoothing"):
@@ -84,6 +86,8 @@ class BPTT(eqx.Module):
                 raise ValueError(f"`{name}` must be at least 1, got {getattr(self, name)}.")
         if self.patience is not None and self.patience < 1:
             raise ValueError(f"`patience` must be at least 1 or None, got {self.patience}.")
+        if not 0.0 < self.share <= 1.0:
+            raise ValueError(f"`share` must lie in (0, 1], got {self.share}.")
         if not 0.0 < self.decay <= 1.0:
             raise ValueError(f"`decay` must lie in (0, 1], got {self.decay}.")
         if not self.clip > 0.0:
@@ -95,6 +99,11 @@ class BPTT(eqx.Module):
     def worlds(self, n_drones: int) -> int:
         """Episodes per update of a team: each drone's view is a sample for the shared policy."""
         return max(1, min(self.n_worlds, self.max_drones // n_drones))
+
+    @property
+    def last_epoch(self) -> int:
+        """Number of updates after which a training ends at the latest."""
+        return max(1, round(self.share * self.epochs))
 
     def rule(self, n_drones: int) -> Rule:
         """What the program of a team's epochs depends on."""
@@ -142,14 +151,14 @@ class BPTT(eqx.Module):
             course.add(updated, opt_state, {name: float(x) for name, x in row.items()})
             if place.due():
                 place.save(course.arrays(spent()))
-            progress(stage, epoch + 1, self.epochs, course.history[-1]["reward"])
+            progress(stage, epoch + 1, self.last_epoch, course.history[-1]["reward"])
         place.save(course.arrays(spent()))
         history = course.history
         curves = {name: np.asarray([r[name] for r in history], np.float32) for name in history[0]}
         return Training(
             policy=course.policy if self.patience is None else course.best_policy,
             curves=curves,
-            out_of_budget=self.patience is not None and len(history) >= self.epochs,
+            out_of_budget=self.patience is not None and not course.patience_ran_out(),
             best_reward=course.best,
             final_reward=course.recent,
             seconds=spent(),
@@ -182,7 +191,7 @@ class _Course:
         self.best_policy = policy
         self.seconds = 0.0
         """Wall time of processes that were killed, up to what was restored [s]."""
-        self._window = min(settings.smoothing, settings.epochs)
+        self._window = min(settings.smoothing, settings.last_epoch)
         self._milestone = -np.inf
         self._milestone_epoch = self._window - 1
 
@@ -193,10 +202,12 @@ class _Course:
 
     def over(self) -> bool:
         """Whether the budget is spent or patience has run out."""
-        patience, epochs = self.settings.patience, len(self.history)
-        if patience is not None and epochs - 1 - self._milestone_epoch >= patience:
-            return True
-        return epochs >= self.settings.epochs
+        return self.patience_ran_out() or len(self.history) >= self.settings.last_epoch
+
+    def patience_ran_out(self) -> bool:
+        """Whether the return has not improved for as many epochs as patience allows."""
+        patience = self.settings.patience
+        return patience is not None and len(self.history) - 1 - self._milestone_epoch >= patience
 
     def add(self, updated: Policy, opt_state: Any, row: dict[str, float]) -> None:
         """One more epoch; its row describes the policy before the update."""

@@ -252,6 +252,14 @@ def test_patience_ends_a_training_that_no_longer_improves_before_its_budget(scri
     np.testing.assert_allclose(training.curves["smooth_reward"], HILL[: training.epochs])
 
 
+def test_patience_that_ends_exactly_at_the_last_epoch_was_not_cut_by_the_budget(scripted):
+    scripted(HILL)
+    exact = dataclasses.replace(COUNTED, patience=len(HILL) - 1 - BEST)
+    training = train(HOLD, exact, policy=marked(0))
+    assert training.epochs == len(HILL)
+    assert not training.out_of_budget
+
+
 def test_the_last_average_counts_the_last_epochs_only(scripted):
     scripted([-5.0] * 20 + [-3.0, -2.0, -1.0])
     training = train(HOLD, dataclasses.replace(COUNTED, epochs=23), policy=marked(0))

@@ -13,6 +13,7 @@ from cells import METHODS, TINY, Hold, same
 from methods import grey_box
 from methods.calibration import identification
 from methods.calibration.identification import NOISE_VEL, along, identify
+from methods.calibration.remainder import remaining_transitions
 from methods.contract import Setup
 from methods.policy import PolicyController, make_policy
 from methods.training.bptt import BPTT
@@ -196,7 +197,8 @@ def test_a_run_identifies_anew_by_its_own_key_and_is_billed_in_full(found, monke
     """The same seed finds the same for every task and team size, another seed something else."""
     asked = []
 
-    def identify(nominal, reality, dt, largest, key):
+    def identify(nominal, reality, dt, largest, key, n_flights, excitation):
+        assert (n_flights, excitation) == (3, identification.DITHER)
         asked.append((float(nominal.dt), dt, largest, jax.random.key_data(key).tolist()))
         return found
 
@@ -226,7 +228,7 @@ def test_what_is_left_vanishes_where_the_simulator_is_the_reality(found):
     corrected = with_effects(NOMINAL, found.effects)
     with clean_logs():
         flights = identification.fly(NOMINAL, corrected, KEY)
-    left = grey_box.what_is_left(corrected, dataclasses.replace(found, flights=flights))
+    left = remaining_transitions(corrected, flights)
     assert len(left) == 3
     for transitions in left:
         assert 450 < len(transitions.target) <= 500
@@ -238,7 +240,7 @@ def test_of_noisy_flights_nothing_but_the_noise_is_left_there(found):
     """Velocities before and after a step are logged with noise of their own."""
     corrected = with_effects(NOMINAL, found.effects)
     flights = identification.fly(NOMINAL, corrected, KEY)
-    left = grey_box.what_is_left(corrected, dataclasses.replace(found, flights=flights))
+    left = remaining_transitions(corrected, flights)
     target = np.concatenate([transitions.target for transitions in left])
     expected = np.sqrt(2.0) * NOISE_VEL / 0.02
     np.testing.assert_allclose(target.std(axis=0), expected, rtol=0.06)
@@ -250,7 +252,7 @@ def test_a_residual_is_believed_as_far_as_other_flights_confirm_it(exact):
     model, notes = grey_box.fit_residual("affine", corrected, exact, jax.random.key(0))
     assert 0.0 <= notes["residual_share"] < 1.0
     assert float(model.share) == pytest.approx(notes["residual_share"])
-    left = grey_box.what_is_left(corrected, exact)
+    left = remaining_transitions(corrected, exact.flights)
     x = left[0].features
     np.testing.assert_allclose(model(x), model.share * model.model(x), rtol=1e-6)
     assert notes["residual_error_rms"] < notes["residual_target_rms"]
@@ -262,7 +264,7 @@ def test_a_residual_of_what_nobody_lacks_is_hardly_believed(found):
     flights = identification.fly(NOMINAL, corrected, KEY)
     noise = dataclasses.replace(found, flights=flights)
     model, notes = grey_box.fit_residual("affine", corrected, noise, jax.random.key(0))
-    x = jnp.concatenate([t.features for t in grey_box.what_is_left(corrected, noise)])
+    x = jnp.concatenate([t.features for t in remaining_transitions(corrected, flights)])
     acc = np.linalg.norm(model(x), axis=-1)
     assert np.sqrt(np.mean(acc**2)) < 0.05 * notes["residual_target_rms"]
 

@@ -70,7 +70,7 @@ def _identified_once():
     """
     whole, kept = grey_box.identify, []
 
-    def identify(nominal, reality, dt, largest, key):
+    def identify(nominal, reality, dt, largest, key, *chosen):
         if not kept:
             kept.append(whole(nominal, reality, dt, largest, jax.random.key(0)))
         share = 1.0 + 0.01 * jax.random.uniform(key)

@@ -1,0 +1,73 @@
+"""Rows with another low-fidelity simulator, and settings that came later."""
+
+import pytest
+
+from bench.execution import worker
+from bench.plan.expansion import expand
+from bench.plan.settings import SettingsError
+from bench.plan.suite import Row, Suite, SuiteError, load_suite
+from bench.store.store import Store
+
+
+def runs(*rows):
+    return {run.method: run for run in expand(Suite("s", "", ("circle",), (3,), 1, rows)).runs}
+
+
+def test_parents_are_trained_in_the_same_low_fidelity_simulator():
+    found = runs(Row("hybrid", nominal={"attitude_tau": 0.02}))
+    assert {run.variant for run in found.values()} == {"nominal.attitude_tau=0.02"}
+    plain = runs(Row("hybrid"))
+    assert {found[m].key for m in found}.isdisjoint(plain[m].key for m in plain)
+
+
+def test_the_default_written_out_is_the_default():
+    written, plain = runs(Row("hybrid", nominal={"attitude_tau": 0.104})), runs(Row("hybrid"))
+    assert [run.key for run in written.values()] == [run.key for run in plain.values()]
+    assert {run.variant for run in written.values()} == {""}
+
+
+def test_an_unknown_field_of_the_simulator_is_named(tmp_path):
+    with pytest.raises(SettingsError, match="Did you mean 'attitude_tau'"):
+        runs(Row("lf_baseline", nominal={"atitude_tau": 0.1}))
+    path = tmp_path / "s.toml"
+    path.write_text(
+        'tasks = ["circle"]\nteam_sizes = [3]\nseeds = 1\n[[methods]]\nmethod = "lf_baseline"\n'
+        "nominal = 0.1\n"
+    )
+    with pytest.raises(SuiteError, match="`nominal` must be a table"):
+        load_suite(str(path))
+
+
+def test_a_worker_trains_in_it(tmp_path, monkeypatch):
+    seen = []
+
+    def stop(run, setup):
+        seen.append(float(setup.nominal.attitude_tau))
+        raise InterruptedError
+
+    monkeypatch.setattr(worker, "_trained", stop)
+    for given in ({"attitude_tau": 0.02}, {}):
+        run = runs(Row("lf_baseline", nominal=given))["lf_baseline"]
+        with pytest.raises(InterruptedError):
+            worker.train_and_evaluate(run, Store(tmp_path), print)
+    assert seen == pytest.approx([0.02, 0.104])
+
+
+@pytest.mark.parametrize(
+    ("method", "settings", "variant"),
+    [
+        ("grey_box", {"flights": 3}, ""),
+        ("grey_box", {"excitation": 0.2}, ""),
+        ("hybrid", {"flown": "pool"}, ""),
+        ("hf_scratch", {"trainer": {"share": 1.0}}, ""),
+        ("grey_box", {"flights": 10}, "flights=10"),
+        ("grey_box", {"excitation": 0.0}, "excitation=0.0"),
+        ("hybrid", {"flown": "grey_box"}, "flown=grey_box"),
+        ("hybrid", {"rows": 500}, "rows=500"),
+        ("hf_scratch", {"trainer": {"share": 0.1}}, "trainer.share=0.1"),
+    ],
+)
+def test_settings_that_came_later_move_a_key_only_where_they_are_used(method, settings, variant):
+    changed, plain = runs(Row(method, settings=settings))[method], runs(Row(method))[method]
+    assert changed.variant == variant
+    assert (changed.key == plain.key) == (variant == "")
