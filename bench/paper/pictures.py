@@ -6,6 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
 
 from bench.paper.figures import STYLE
 from bench.paper.values import GREY_BOX, HYBRID, NAMES
@@ -53,9 +54,7 @@ def write_pipeline(_: Tables, path: Path) -> bool:
         axes.axis("off")
         for column, row, text, color in BOXES.values():
             x, y = column * GAP, 1.15 * row + 0.1
-            axes.add_patch(
-                plt.Rectangle((x, y), WIDTH, HEIGHT, facecolor=color, edgecolor="#666666")
-            )
+            axes.add_patch(Rectangle((x, y), WIDTH, HEIGHT, facecolor=color, edgecolor="#666666"))
             axes.text(x + WIDTH / 2, y + HEIGHT / 2, text, ha="center", va="center", fontsize=8.5)
         for first, last in ARROWS:
             (x0, y0), (x1, y1) = (
@@ -73,9 +72,7 @@ def write_pipeline(_: Tables, path: Path) -> bool:
         keys = ((LOW, "low fidelity"), (HIGH, "high fidelity"), (BOTH, "fit"))
         for i, (color, text) in enumerate(keys):
             x = 4 * GAP + 1.35 * i
-            axes.add_patch(
-                plt.Rectangle((x, 2.05), 0.22, 0.14, facecolor=color, edgecolor="#666666")
-            )
+            axes.add_patch(Rectangle((x, 2.05), 0.22, 0.14, facecolor=color, edgecolor="#666666"))
             axes.text(x + 0.3, 2.12, text, va="center", fontsize=8.5)
         figure.savefig(path, dpi=110)
         plt.close(figure)
