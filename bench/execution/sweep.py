@@ -12,6 +12,7 @@ from bench.execution.execute import execute
 from bench.execution.executor import Name, make_executor
 from bench.execution.progress import Display
 from bench.plan.expansion import Plan
+from bench.plan.provenance import moved, provenance
 from bench.report.leaderboard import COLUMNS, leaderboard_rows, write_leaderboard
 from bench.report.page import write_report
 from bench.store.kept import KeptRuns
@@ -67,6 +68,7 @@ def sweep(
     """
     console, errors = Console(), Console(stderr=True)
     warn = lambda text: say(errors, f"Warning: {text}")  # noqa: E731
+    provenance()
     store = Store(tables_dir)
     with store.lock(lambda: say(errors, f"Waiting: another run is working in {tables_dir}.")):
         store.tidy()
@@ -134,12 +136,14 @@ def sweep(
         gone = {row for row, run in standing.outdated.items() if run in arrived}
         tables = recorded.merged(found, gone)
         tables.save(tables_dir)
+    if text := moved():
+        warn(text)
     rebuild_report(tables, documents_dir, console)
     rebuild_leaderboard(tables, documents_dir, console)
     say(console, f"Tables: {tables_dir}")
     failed = [*standing.failed, *(run for run in missing if status.get(run.name) == "failed")]
     if failed:
-        causes = found.runs.set_index("run")["cause"]  # rows that stay may know nothing of it
+        causes = recorded.causes() | found.causes()  # rows that stay may know nothing of it
         first = next((run for run in failed if causes.get(run.name)), failed[0])
         said = f"{first.label}: {causes.get(first.name, '')}"
         say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {said}")

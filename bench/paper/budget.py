@@ -28,10 +28,21 @@ class Choice(NamedTuple):
     score: float
     minutes: float
     """What the best one is billed [fleet-minutes]."""
-    tied: tuple[Entry, ...]
+    tied: "tuple[Tie, ...]"
     """Who cannot be told from the best, by score."""
     tasks: tuple[str, ...]
     """Tasks whose scores this rests on."""
+
+
+class Tie(NamedTuple):
+    """A method that is not shown to be below the best: near it, or scattered too widely to tell."""
+
+    entry: Entry
+    score: float
+    """Its mean score."""
+    low: float
+    """How far below the best it is, lower end of the 95 % interval; NaN without one."""
+    high: float
 
 
 def choices(tables: Tables) -> list[Choice]:
@@ -43,10 +54,14 @@ def choices(tables: Tables) -> list[Choice]:
         last: Choice | None = None
         for budget in BUDGETS:
             choice = _choose(scores, {e: m for e, m in bills.items() if m <= budget}, n, budget)
-            if choice and (last is None or (choice.best, choice.tied) != (last.best, last.tied)):
+            if choice and (last is None or _who(choice) != _who(last)):
                 found.append(choice)
                 last = choice
     return found
+
+
+def _who(choice: Choice) -> list[Entry]:
+    return [choice.best, *(tie.entry for tie in choice.tied)]
 
 
 def minutes_of(tables: Tables) -> dict[tuple[Entry, int], list[float]]:
@@ -82,12 +97,15 @@ def _choose(
         e: estimate(estimate(scores[cell][e].values()).mean for cell in cells).mean for e in entries
     }
     best = max(entries, key=lambda e: mean[e])
-    tied = tuple(
-        e
+    apart = {
+        e: over_cells((scores[cell][best], scores[cell][e]) for cell in cells)
         for e in sorted(entries, key=lambda e: -mean[e])
         if e != best
-        and over_cells((scores[cell][best], scores[cell][e]) for cell in cells).verdict
-        is not Verdict.SUPPORTED
+    }
+    tied = tuple(
+        Tie(e, mean[e], test.low, test.high)
+        for e, test in apart.items()
+        if test.verdict is not Verdict.SUPPORTED
     )
     tasks = tuple(sorted(cell.task for cell in cells))
     return Choice(team_size, budget, best, mean[best], bills[best], tied, tasks)

@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.paper.budget import choices, name_of
+from bench.paper.budget import Tie, choices, name_of
 from bench.paper.claims import BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
 from bench.paper.figures import data_uri, write_cost, write_flights, write_summary, write_worlds
+from bench.paper.pictures import write_pipeline, write_top_views
 from bench.paper.rule import Finding
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
@@ -52,11 +53,28 @@ HOW = (
     "never push each other."
 )
 """How verdicts are made."""
+TIES = (
+    "Not shown to be worse does not mean as good: where seeds scatter widely, a method cannot be "
+    "told from a far better one. The interval says how far below the best its mean may lie."
+)
+"""What a tie in the table of whom to choose means."""
 WHOLE = "These tables have no settled reward: every verdict is by the whole return."
 """What is said besides of tables of the first protocol."""
 
 
+PIPELINE = (
+    "How a policy is trained without flying it in high fidelity: Hybrid, the paper's pipeline, "
+    "above, and grey box below"
+)
+"""What the drawing of the pipeline shows."""
+VIEWS = (
+    "One evaluation episode of five drones from above, a column a task: circles where drones "
+    "start, stars where they end, older positions fainter"
+)
+"""What the top views show."""
 FIGURES = {
+    "pipeline": (PIPELINE, write_pipeline),
+    "views": (VIEWS, write_top_views),
     "cost": (COST, write_cost),
     "summary": (GRID, write_summary),
     "flights": (FLIGHTS, write_flights),
@@ -102,7 +120,7 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
     Args:
         tables: What the sweep found.
         path_md: Where to write; the HTML gets the suffix `.html`, the figures `_cost.png`,
-            `_summary.png`, `_flights.png` and `_worlds.png`.
+            `_summary.png`, `_flights.png`, `_worlds.png`, `_pipeline.png` and `_views.png`.
         notes: A Markdown file to append, e.g. why a claim fails.
 
     Raises:
@@ -143,6 +161,7 @@ def _document(tables: Tables, notes: str, figures: Mapping[str, list[str]]) -> l
         parts += [f"## {section}"]
         if section == PAPER:
             parts += [HOW if settled else f"{HOW} {WHOLE}"]
+            parts += [*figures.get("pipeline", []), *figures.get("views", [])]
         lines = [
             (
                 j.claim.title,
@@ -190,7 +209,7 @@ def _whom(tables: Tables) -> list[str]:
             f"**{markdown.escape(name_of(c.best))}**",
             number(c.score, 3),
             significant(c.minutes),
-            markdown.escape(", ".join(map(name_of, c.tied))) or MISSING,
+            "; ".join(map(_tie_text, c.tied)) or MISSING,
         )
         for c in choices(tables)
     ]
@@ -203,9 +222,14 @@ def _whom(tables: Tables) -> list[str]:
         "best method",
         "settled score",
         "it needs",
-        "not shown to be worse",
+        "not shown to be worse: score (95 % interval of how far below)",
     )
-    return ["## Whom to choose", markdown.table(headings, lines, (0, 1, 3, 6))]
+    return ["## Whom to choose", markdown.table(headings, lines, (0, 1, 3, 6)), TIES]
+
+
+def _tie_text(tie: Tie) -> str:
+    name = markdown.escape(name_of(tie.entry))
+    return f"{name}: {number(tie.score, 3)} ({span(tie.low, tie.high, 3)})"
 
 
 def _word(verdict: Verdict) -> str:

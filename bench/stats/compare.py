@@ -170,6 +170,11 @@ def _one(a: Mapping[int, float], b: Mapping[int, float], metric: str) -> tuple[V
 
 def _several(a: Side, b: Side, shared: list[Stratum]) -> tuple[Verdict, list[str]]:
     """The answer over several strata, from scores."""
+    if UPPER in (side.entry.method for side in (a, b) if side.entry):
+        return Verdict.NOT_COMPARABLE, [
+            f"Reason: {UPPER} defines what a score of 1 is in each cell, so it has no score to "
+            f"compare over {len(shared)} cells. One cell alone is compared by its returns."
+        ]
     scores = [side.values("score") for side in (a, b)]
     bare = [s for s in shared if any(len(own.get(s, {})) < FEWEST for own in scores)]
     if bare:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from bench.plan.expansion import Run
-from bench.store.resume import was_interrupted
+from bench.store.resume import failed_row, was_interrupted
 from bench.store.store import Store, UnreadableRunError
 from bench.store.tables import IDENTITY, Tables
 
@@ -35,10 +35,15 @@ def states(runs: list[Run], store: Store, recorded: Tables) -> list[State]:
         by_prefix.setdefault(_prefix(name), []).append(name)
     rows = {run for run, status in recorded.statuses().items() if status != "failed"}
     older = {identity: run for identity, run in recorded.identities().items() if run in rows}
+    causes = recorded.causes()
     found = []
     for run in runs:
         if run.name in rows:
             found.append(State(run, {"run": run.name}, ""))
+            continue
+        content = None if run.name in there else failed_row(run.name, causes)
+        if content is not None:
+            found.append(_failed(run, content))
             continue
         state = _state(run, store, there, by_prefix.get(_prefix(run.name), []))
         if state.reason == "never run" and run.identity in older:
@@ -55,15 +60,19 @@ def _state(run: Run, store: Store, there: set[str], alike: list[str]) -> State:
             return State(run, None, f"damaged: {error}")
         if content["status"] != "failed":
             return State(run, content, "")
-        # What was interrupted is tried again; what failed by itself only with --retry-failed.
-        interrupted = was_interrupted(content)
-        ended = "interrupted" if interrupted else "failed"
-        return State(run, None, f"{ended}: {content['cause']}", not interrupted)
+        return _failed(run, content)
     older = [found for name in alike if (found := _same(run, store, name)) is not None]
     if not older:
         return State(run, None, "never run")
     latest = max(older, key=lambda content: content["committed"])
     return State(run, None, f"changed: {_changes(latest['resolved'], run.resolved)}")
+
+
+def _failed(run: Run, content: Mapping[str, Any]) -> State:
+    """What was interrupted is tried again; what failed by itself only with --retry-failed."""
+    interrupted = was_interrupted(content)
+    ended = "interrupted" if interrupted else "failed"
+    return State(run, None, f"{ended}: {content['cause']}", not interrupted)
 
 
 def _same(run: Run, store: Store, name: str) -> dict[str, Any] | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from bench.plan.expansion import Plan, Run
 from bench.plan.provenance import provenance
-from bench.store.tables import Tables
+from bench.store.tables import INTERRUPTED, Tables
 
 REPRODUCED = 1e-5
 """Relative difference up to which a number counts as the same: what is left of 32-bit rounding in
@@ -66,8 +66,9 @@ def make_standing(
             for name, content in sound.items()
             if name not in foreign or made_by(by_name[name], content)
         }
+    causes = recorded.causes()
     for run in plan.runs:
-        content = sound.get(run.name)
+        content = sound.get(run.name) or failed_row(run.name, causes)
         if run.name in rows or (content is not None and content["status"] != "failed"):
             standing.done.append(run)
         elif content is None or retry_failed or was_interrupted(content):
@@ -88,6 +89,22 @@ def make_standing(
             standing.again.append(run)
             wanted += [by_name[name] for name in run.parents.values()]
     return standing
+
+
+def failed_row(name: str, causes: Mapping[str, str]) -> dict[str, Any] | None:
+    """What the row of a run whose folder is gone says of its failure; None without such a row.
+
+    Args:
+        name: The run.
+        causes: Causes of failed runs by name, empty for those that did not fail.
+    """
+    if not (cause := causes.get(name)):
+        return None
+    return {
+        "status": "failed",
+        "cause": cause.removeprefix(INTERRUPTED),
+        "interrupted": cause.startswith(INTERRUPTED),
+    }
 
 
 def foreign_rows(plan: Plan, recorded: Tables) -> set[str]:

@@ -53,6 +53,8 @@ IDENTITY = ("method", "residual", "variant", "task", "team_size", "seed")
 """Columns that say what a run is; no two runs of the tables agree in all of them."""
 
 
+INTERRUPTED = "interrupted: "
+"""How the cause of a run begins that did not fail by itself and is tried again."""
 LARGE = ("curves", "trajectories")
 """Tables that a repository may leave out."""
 UNKNOWN = {
@@ -199,6 +201,10 @@ class Tables:
         """How each run ended, by name."""
         return dict(zip(self.runs["run"], self.runs["status"], strict=True))
 
+    def causes(self) -> dict[str, str]:
+        """Why each run failed, by name; empty for those that did not."""
+        return dict(zip(self.runs["run"], self.runs["cause"], strict=True))
+
     def identities(self) -> dict[tuple, str]:
         """Name of the run of each identity (`IDENTITY`)."""
         columns = (self.runs[column] for column in IDENTITY)
@@ -291,7 +297,9 @@ def runs_row(content: Mapping) -> dict:
     resolved = content["resolved"]
     settings = {"method": resolved["settings"], "task": resolved["task_settings"]}
     origin = {column: content[column] for column in UNKNOWN if column in content}
-    return {column: content[column] for column in ("run", *IDENTITY, "status", "cause")} | {
+    cut_off = content["status"] == "failed" and content.get("interrupted", False)
+    return {column: content[column] for column in ("run", *IDENTITY, "status")} | {
+        "cause": f"{INTERRUPTED}{content['cause']}" if cut_off else content["cause"],
         "settings": json.dumps(settings, sort_keys=True),
         "versions": json.dumps(resolved["versions"] | content["packages"], sort_keys=True),
         **UNKNOWN,

@@ -241,3 +241,11 @@ def test_a_side_is_a_folder_an_entry_or_both(tmp_path):
     with pytest.raises(UsageError, match=r"'good' is no folder\. Name one: FOLDER:METHOD"):
         load_side("good", None)
     assert isinstance(load_side("good", tmp_path).tables.results, pd.DataFrame)
+
+
+def test_the_upper_reference_is_compared_in_one_cell_alone():
+    sheet = two_cells().add_upper(first_seed=1).add_upper(first_seed=1, team_size=12)
+    found = compare(*sides(sheet, b="upper_reference"))
+    assert found.verdict is Verdict.NOT_COMPARABLE
+    assert "upper_reference defines what a score of 1 is" in found.lines[0]
+    assert "to compare over 2 cells" in found.lines[0]

@@ -220,3 +220,32 @@ def test_a_damaged_folder_costs_no_row(sweep, trainer, out):
     assert {p: files(out)[p] for p in before if p.parent == out} == {
         p: content for p, content in before.items() if p.parent == out
     }
+
+
+def test_a_run_that_failed_by_itself_is_not_tried_again_in_a_clone(sweep, trainer, out):
+    trainer.failing = {"failing"}
+    assert sweep("--method", "failing", "--seeds", "1")[0] == 1
+    forget(out)
+    before = lines(out)
+    trainer.failing = set()
+    status, said, error = sweep("--method", "failing", "--seeds", "1")
+    assert (status, trainer.trained) == (1, [])
+    assert "Failed earlier: 1; --retry-failed tries them again." in said
+    assert "the propellers fell off" in error
+    assert lines(out) == before
+    assert (
+        "1 failed: the propellers fell off"
+        in sweep("--method", "failing", "--seeds", "1", command="plan")[1]
+    )
+    assert sweep("--method", "failing", "--seeds", "1", "--retry-failed")[0] == 0
+    assert rows(out)["failing", 0]["status"] == "budget"
+
+
+def test_an_interrupted_run_is_tried_again_in_a_clone(sweep, trainer, out):
+    trainer.dying = {"instant"}
+    assert sweep("--method", "instant", "--seeds", "1")[0] == 1
+    assert rows(out)["instant", 0]["cause"].startswith("interrupted: its worker process")
+    forget(out)
+    trainer.dying = set()
+    assert sweep("--method", "instant", "--seeds", "1")[0] == 0
+    assert trained_methods(trainer) == ["instant"]

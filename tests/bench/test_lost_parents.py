@@ -52,7 +52,7 @@ def test_a_parent_that_does_not_reproduce_its_row_is_put_in_quarantine(sweep, tr
     child = rows(out)["child", 0]
     assert child["status"] == "failed"
     assert child["cause"].startswith(
-        f"parent {parent} failed: trained again, its settled_reward is "
+        f"interrupted: parent {parent} failed: trained again, its settled_reward is "
     )
     assert "give --replace to train it and what starts from it anew" in child["cause"]
     assert "2 of 2 runs failed; the first: child" in error

@@ -1,4 +1,3 @@
-import dataclasses
 import errno
 import json
 import os
@@ -9,7 +8,6 @@ import textwrap
 
 import filelock
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,12 +15,10 @@ from outcomes import FailingDisk, make_template, outcome, plan
 
 from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
-from bench.store.record import FILES, Outcome, UnreadableRunError, load_arrays, run_files
+from bench.store.record import FILES, Outcome, UnreadableRunError
 from bench.store.resume import make_standing, stale_lines
 from bench.store.store import ClaimedError, Store
 from bench.store.tables import TableError, Tables
-from methods.residuals.contract import Transitions, blank
-from simulators import registry
 from tasks.spread import Spread
 
 
@@ -390,20 +386,3 @@ def test_the_sources_of_a_run_are_those_of_all_that_it_imports(planned):
     sources = planned[0].sources
     assert {"module tasks.contract", "module simulators.flight"} <= set(sources)
     assert not any(name.startswith("module bench") for name in sources)
-
-
-def test_a_stored_residual_comes_back_as_the_model_it_was(tmp_path, planned):
-    """Of every class: fitted, stored, and loaded into a blank one."""
-    rng = np.random.default_rng(0)
-    rows = Transitions(
-        features=jnp.asarray(rng.normal(size=(80, 12)), jnp.float32),
-        target=jnp.asarray(rng.normal(size=(80, 3)), jnp.float32),
-        weight=jnp.ones(80),
-    )
-    for name, kind in registry.load_all("residual").items():
-        model = kind().fit(rows, jax.random.key(1))
-        path, left = tmp_path / f"{name}.npz", outcome(planned[0])
-        trained = dataclasses.replace(left.trained, residual=model)
-        path.write_bytes(run_files(dataclasses.replace(left, trained=trained))["residual.npz"])
-        restored = load_arrays(path, blank(kind()))
-        np.testing.assert_array_equal(restored(rows.features), model(rows.features))

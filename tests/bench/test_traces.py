@@ -47,7 +47,7 @@ def test_a_row_says_whether_the_code_had_changes_that_are_in_no_commit(tmp_path,
         subprocess.run(["git", "-C", str(tmp_path), *given, *arguments], check=True)
 
     monkeypatch.setattr(origins, "HOUSE", tmp_path)
-    look = origins.provenance.__wrapped__
+    look = origins._read
     assert (look()["commit"], look()["dirty"]) == ("", False)
     for folder in origins.CODE:
         (tmp_path / folder).mkdir()
@@ -87,3 +87,15 @@ def test_a_folder_from_before_runs_could_be_traced_has_a_row(plugins, write_suit
         del sound[run.name][column]
     (row,) = store.tables(sound, ()).runs.to_dict("records")
     assert (row["key"], row["program"], row["machine"], row["dirty"]) == (run.key, "", "", False)
+
+
+def test_a_checkout_that_moved_while_a_sweep_ran_is_said(monkeypatch):
+    then = origins._read() | {"dirty": True}
+    monkeypatch.setattr(origins, "provenance", lambda: then)
+    monkeypatch.setattr(origins, "_read", lambda: dict(then))
+    assert origins.moved() == ""
+    monkeypatch.setattr(origins, "_read", lambda: then | {"commit": "f" * 40})
+    assert f"to {'f' * 10} while the sweep ran" in origins.moved()
+    monkeypatch.setattr(origins, "_read", lambda: dict(then))
+    monkeypatch.setattr(origins, "provenance", lambda: then | {"dirty": False})
+    assert "got changes that are in no commit" in origins.moved()

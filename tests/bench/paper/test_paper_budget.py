@@ -4,6 +4,7 @@ import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
 from bench.paper.budget import BUDGETS, choices, minutes_of, name_of
+from bench.paper.page import _whom
 from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH
 from bench.stats.scores import UPPER
 from bench.stats.statistics import Entry
@@ -72,14 +73,27 @@ def test_who_is_not_shown_to_be_worse_is_tied_with_the_best():
     sheet.give(HOTSTART, 0.59, scatter=(0.0, 0.04, -0.01))
     sheet.give(SCRATCH, 0.58, scatter=(0.05, 0.0, -0.03))
     (found,) = choices(sheet.tables())
-    assert (found.best, found.tied) == (HYBRID, (HOTSTART, SCRATCH))
+    assert (found.best, [tie.entry for tie in found.tied]) == (HYBRID, [HOTSTART, SCRATCH])
+
+
+def test_a_tie_says_how_far_below_a_scattered_method_may_lie():
+    sheet = Scores().bound("spread").give(HYBRID, 0.9)
+    sheet.give(HOTSTART, 0.2, scatter=(0.6, 0.0, -0.6))
+    (found,) = choices(sheet.tables())
+    (tie,) = found.tied
+    assert (tie.entry, tie.score) == (HOTSTART, pytest.approx(0.2, abs=0.01))
+    assert tie.low < 0.0 < 0.7 < tie.high
+    assert tie.low + tie.high == pytest.approx(2.0 * (found.score - tie.score))
+    page = "\n\n".join(_whom(sheet.tables()))
+    assert f"hot start: {tie.score:.3f} (" in page
+    assert "does not mean as good" in page
 
 
 def test_a_tie_that_only_a_larger_budget_allows_is_told_then():
     sheet = ladder().give(HOTSTART, 0.6, 200.0, scatter=(0.001, 0.002, 0.0))
     found = {c.budget: c for c in choices(sheet.tables())}
     assert found[50.0].tied == ()
-    assert {found[500.0].best, *found[500.0].tied} == {HYBRID, HOTSTART}
+    assert {found[500.0].best, *(tie.entry for tie in found[500.0].tied)} == {HYBRID, HOTSTART}
 
 
 def test_all_tasks_weigh_alike_and_are_tested_together():

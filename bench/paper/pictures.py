@@ -1,0 +1,134 @@
+"""Pictures beside the claims: how policies are trained, and what teams fly, seen from above."""
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+
+from bench.paper.figures import STYLE
+from bench.paper.values import GREY_BOX, HYBRID, NAMES
+from bench.stats.statistics import Entry, entry_of, records
+from bench.store.tables import Tables
+
+TEAM_SIZE = 5
+"""Number of drones of the top views, as in the paper."""
+LOW, HIGH, BOTH = "#dbe9f6", "#fde3cf", "#e3e3e3"
+"""Colours of boxes: in low fidelity, in high fidelity, in neither."""
+BOXES = {
+    "lf": (0.0, 1.0, "LF policy\nBPTT in the point mass", LOW),
+    "reference": (1.0, 1.0, "reference paths\nof single roles", LOW),
+    "pool": (2.0, 1.0, "calibration flights\none drone, PD control\n60 (N + 1), or fewer", HIGH),
+    "residual": (3.0, 1.0, "residual\nfit to the gap of\nacceleration, frozen", BOTH),
+    "paths": (1.0, 0.0, "three fixed paths\nfor every task and team", LOW),
+    "flights": (2.0, 0.0, "three flights\none drone, PD control\n0.5 fleet-minutes", HIGH),
+    "effects": (3.0, 0.0, "named effects\nidentified from\nthe flights", BOTH),
+    "train": (4.0, 0.5, "BPTT from a fresh policy\nin the corrected\npoint mass", LOW),
+    "deploy": (5.0, 0.5, "deployment\n64 episodes in\nhigh fidelity", HIGH),
+}
+"""Column, row, text and colour of each box."""
+ARROWS = (
+    ("lf", "reference"),
+    ("reference", "pool"),
+    ("pool", "residual"),
+    ("paths", "flights"),
+    ("flights", "effects"),
+    ("residual", "train"),
+    ("effects", "train"),
+    ("train", "deploy"),
+)
+"""What follows on what."""
+WIDTH, HEIGHT, GAP = 1.72, 0.62, 2.05
+"""Size of a box and distance of columns [in]."""
+
+
+def write_pipeline(_: Tables, path: Path) -> bool:
+    """Writes a PNG: the stages of Hybrid (above) and grey box (below), with what each flies."""
+    with plt.rc_context(STYLE):
+        figure = plt.figure(figsize=(6 * GAP + 0.2, 2.6))
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set_xlim(-0.1, 6 * GAP + 0.1)
+        axes.set_ylim(-0.25, 2.35)
+        axes.axis("off")
+        for column, row, text, color in BOXES.values():
+            x, y = column * GAP, 1.15 * row + 0.1
+            axes.add_patch(Rectangle((x, y), WIDTH, HEIGHT, facecolor=color, edgecolor="#666666"))
+            axes.text(x + WIDTH / 2, y + HEIGHT / 2, text, ha="center", va="center", fontsize=8.5)
+        for first, last in ARROWS:
+            (x0, y0), (x1, y1) = (
+                (BOXES[name][0] * GAP, 1.15 * BOXES[name][1] + 0.1 + HEIGHT / 2)
+                for name in (first, last)
+            )
+            axes.annotate(
+                "",
+                xy=(x1, y1),
+                xytext=(x0 + WIDTH, y0),
+                arrowprops={"arrowstyle": "-|>", "color": "#444444"},
+            )
+        for name, y in (("Hybrid", 1.15 + HEIGHT + 0.2), ("grey box", HEIGHT + 0.2)):
+            axes.text(GAP * (0 if y > 1.0 else 1), y, name, fontsize=10, fontweight="bold")
+        keys = ((LOW, "low fidelity"), (HIGH, "high fidelity"), (BOTH, "fit"))
+        for i, (color, text) in enumerate(keys):
+            x = 4 * GAP + 1.35 * i
+            axes.add_patch(Rectangle((x, 2.05), 0.22, 0.14, facecolor=color, edgecolor="#666666"))
+            axes.text(x + 0.3, 2.12, text, va="center", fontsize=8.5)
+        figure.savefig(path, dpi=110)
+        plt.close(figure)
+    return True
+
+
+def write_top_views(tables: Tables, path: Path, team_size: int = TEAM_SIZE) -> bool:
+    """Writes a PNG: one episode from above, a column a task, a row a method.
+
+    Nothing is written, and False returned, where no trajectory of that team size is there.
+    """
+    flown = _flights(tables, team_size)
+    tasks = list(dict.fromkeys(task for _, task in flown))
+    methods = [entry for entry in (HYBRID, GREY_BOX) if any(e == entry for e, _ in flown)]
+    if not flown:
+        return False
+    with plt.rc_context(STYLE):
+        size = (2.6 * len(tasks) + 0.4, 2.6 * len(methods) + 0.4)
+        figure, axes = plt.subplots(len(methods), len(tasks), figsize=size, squeeze=False)
+        for row, entry in zip(axes, methods, strict=True):
+            for panel, task in zip(row, tasks, strict=True):
+                if (entry, task) in flown:
+                    _view(panel, flown[entry, task])
+                panel.set_aspect("equal", adjustable="datalim")
+                panel.set_xlabel("x [m]")
+            row[0].set_ylabel(f"{NAMES.get(entry, entry.label)}\ny [m]")
+        for panel, task in zip(axes[0], tasks, strict=True):
+            panel.set_title(task)
+        figure.tight_layout()
+        figure.savefig(path, dpi=110)
+        plt.close(figure)
+    return True
+
+
+def _flights(tables: Tables, team_size: int) -> dict[tuple[Entry, str], pd.DataFrame]:
+    """Trajectory of the smallest seed of each method, by method and task, undisturbed."""
+    results = tables.results.drop_duplicates("run")
+    plain = results["deployed_effects"].eq("") & results["team_size"].eq(team_size)
+    paths = {str(run): rows for run, rows in tables.trajectories.groupby("run")}
+    found: dict[tuple[Entry, str], pd.DataFrame] = {}
+    for row in sorted(records(results.loc[plain]), key=lambda r: (r["task"], r["seed"])):
+        entry = entry_of(row)
+        if entry in (HYBRID, GREY_BOX) and row["run"] in paths:
+            found.setdefault((entry, row["task"]), paths[row["run"]])
+    return found
+
+
+def _view(panel: Axes, path: pd.DataFrame) -> None:
+    """Paths whose older parts are fainter; circles where they start, stars where they end."""
+    colors = plt.get_cmap("tab10")
+    for i, (_, own) in enumerate(path.sort_values("t").groupby("drone")):
+        xy, color = own[["pos_x", "pos_y"]].to_numpy(float), colors(i % 10)
+        for j in range(len(xy) - 1):
+            faded = 0.1 + 0.9 * (j + 1) / len(xy)
+            panel.plot(*xy[j : j + 2].T, color=color, alpha=faded, linewidth=1.2)
+        panel.plot(*xy[0], marker="o", color=color, fillstyle="none", markersize=6)
+        panel.plot(*xy[-1], marker="*", color=color, markersize=9)
+    reach = np.ptp(path[["pos_x", "pos_y"]].to_numpy(float), axis=0).max()
+    panel.margins(0.05 if np.isfinite(reach) else 0.0)
