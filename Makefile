@@ -16,7 +16,7 @@ GOLDEN ?=
 PYTEST ?=
 TESTS := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile -p no:benchmark $(PYTEST)
 
-.PHONY: help run test test-exhaustive test-isa test-all golden lint bench clean
+.PHONY: help run test test-exhaustive test-isa test-all golden reports lint bench clean
 
 help:
 	@echo "make run       install, then train and compare everything in the quick suite"
@@ -24,6 +24,7 @@ help:
 	@echo "make test-all  make test, then test-exhaustive (every plug-in in every simulator) and"
 	@echo "               test-isa (the tests that train, as on processors with $(ISAS))"
 	@echo "make golden    install, then make answers again that a change of structure must not move"
+	@echo "make reports   install, then write the pages in reports/ again from the tables in results/"
 	@echo "make lint      install, then check style, types and layers"
 	@echo "make bench     install, then measure the speed of what is slow"
 	@echo "make clean     remove .venv, caches and the results of the quick suite"
@@ -51,6 +52,22 @@ test-all: test test-exhaustive test-isa
 golden: $(READY)
 	@echo "Comparing diagnoses, keys, rows and documents with the kept ones (GOLDEN=--write keeps)."
 	@$(BIN)/python -m tests.golden --jobs $(JOBS) $(GOLDEN)
+
+# Suites with tables whose pages compare with the paper; `scale` has a board only.
+CLAIMED := paper off_spec
+
+reports: $(READY)
+	@echo "Writing the pages in reports/ from the tables in results/."
+	@for suite in $(CLAIMED); do \
+		notes=reports/$${suite}_notes.md; \
+		$(BIN)/bench claims results/$$suite $$([ -f $$notes ] && echo --notes $$notes) || exit 1; \
+	done
+	@for suite in $(CLAIMED) scale; do \
+		$(BIN)/bench leaderboard results/$$suite > /dev/null && $(BIN)/bench report results/$$suite \
+			|| exit 1; \
+	done
+	@$(BIN)/python -m bench.paper.tuning results/tuning reports/tuning.md
+	@$(BIN)/bench blind --report
 
 lint: $(READY)
 	@echo "Checking style, types and layers."
