@@ -12,13 +12,19 @@ TRAINING := $(addprefix tests/methods/test_,bptt.py methods.py together.py check
 
 GOLDEN ?=
 
-.PHONY: help run test test-isa golden lint bench clean
+# More options of pytest, for all targets that test.
+PYTEST ?=
+TESTS := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile -p no:benchmark $(PYTEST)
+
+.PHONY: help run test test-exhaustive test-isa test-all golden reports lint bench clean
 
 help:
 	@echo "make run       install, then train and compare everything in the quick suite"
 	@echo "make test      install, then run the tests in JOBS=$(JOBS) processes"
-	@echo "make test-isa  install, then run the tests that train as on processors with $(ISAS)"
+	@echo "make test-all  make test, then test-exhaustive (every plug-in in every simulator) and"
+	@echo "               test-isa (the tests that train, as on processors with $(ISAS))"
 	@echo "make golden    install, then make answers again that a change of structure must not move"
+	@echo "make reports   install, then write the pages in reports/ again from the tables in results/"
 	@echo "make lint      install, then check style, types and layers"
 	@echo "make bench     install, then measure the speed of what is slow"
 	@echo "make clean     remove .venv, caches and the results of the quick suite"
@@ -29,18 +35,39 @@ run: $(READY)
 
 test: $(READY)
 	@echo "Running the tests in $(JOBS) processes."
-	@$(BIN)/python -m pytest -n $(JOBS) -p no:benchmark
+	@$(TESTS) -m "not exhaustive"
+
+test-exhaustive: $(READY)
+	@echo "Running the exhaustive tests in $(JOBS) processes."
+	@$(TESTS) -m exhaustive
 
 test-isa: $(READY)
 	@for isa in $(ISAS); do \
 		echo "Running the tests that train, compiled for $$isa, in $(JOBS) processes."; \
-		XLA_FLAGS="$$XLA_FLAGS --xla_cpu_max_isa=$$isa" $(BIN)/python -m pytest \
-			-n $(JOBS) --dist loadfile -p no:benchmark $(TRAINING) || exit 1; \
+		XLA_FLAGS="$$XLA_FLAGS --xla_cpu_max_isa=$$isa" $(TESTS) $(TRAINING) || exit 1; \
 	done
+
+test-all: test test-exhaustive test-isa
 
 golden: $(READY)
 	@echo "Comparing diagnoses, keys, rows and documents with the kept ones (GOLDEN=--write keeps)."
 	@$(BIN)/python -m tests.golden --jobs $(JOBS) $(GOLDEN)
+
+# Suites with tables whose pages compare with the paper; `scale` has a board only.
+CLAIMED := paper off_spec
+
+reports: $(READY)
+	@echo "Writing the pages in reports/ from the tables in results/."
+	@for suite in $(CLAIMED); do \
+		notes=reports/$${suite}_notes.md; \
+		$(BIN)/bench claims results/$$suite $$([ -f $$notes ] && echo --notes $$notes) || exit 1; \
+	done
+	@for suite in $(CLAIMED) scale; do \
+		$(BIN)/bench leaderboard results/$$suite > /dev/null && $(BIN)/bench report results/$$suite \
+			|| exit 1; \
+	done
+	@$(BIN)/python -m bench.paper.tuning results/tuning reports/tuning.md
+	@$(BIN)/bench blind --report
 
 lint: $(READY)
 	@echo "Checking style, types and layers."
@@ -58,6 +85,7 @@ bench: $(READY)
 clean:
 	@echo "Removing .venv, caches and the results of the quick suite."
 	@rm -rf .venv *.egg-info .pytest_cache .ruff_cache .hypothesis .benchmarks .import_linter_cache
+	@rm -rf "$$HOME/.cache/fidelity-bench/tests"
 	@rm -rf results/quick reports/quick examples/plugin/build examples/plugin/*.egg-info
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

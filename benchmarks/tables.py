@@ -1,7 +1,7 @@
 """The benchmarks that `make bench` ran as a tidy table and a figure.
 
-python -m benchmarks.tables BENCHMARKS.json: writes `results/performance/benchmarks.csv`, one row a
-benchmark (the shortest of its rounds counts: others did what else the machine did), and
+python -m benchmarks.tables BENCHMARKS.json: writes `results/performance/benchmarks.parquet`, a row
+for each benchmark (the shortest of its rounds counts: others did what else the machine did), and
 `reports/performance/scale.png`, the cost of a drone and step against the team size.
 """
 
@@ -20,7 +20,7 @@ from bench.paper.figures import STYLE
 from bench.report.figures import COLORS
 from blind.report.canvas import saved
 
-TABLE = Path("results/performance/benchmarks.csv")
+TABLE = Path("results/performance/benchmarks.parquet")
 FIGURE = Path("reports/performance/scale.png")
 LABELS = {
     "test_a_training_epoch_per_drone_and_step": "training",
@@ -89,6 +89,6 @@ def draw_scale(table: pd.DataFrame, path: Path) -> bool:
 if __name__ == "__main__":
     measured = rows(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
     TABLE.parent.mkdir(parents=True, exist_ok=True)
-    measured.to_csv(TABLE, index=False, float_format="%.6g")
+    measured.to_parquet(TABLE, index=False)
     draw_scale(measured, FIGURE)
     print(measured.drop(columns=["module"]).to_string())  # noqa: T201

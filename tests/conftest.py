@@ -4,6 +4,10 @@ import os
 import socket
 from pathlib import Path
 
+import exhaustive
+import pytest
+from skips import SkipsCount
+
 from bench.execution.environment import xla_flags
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -18,11 +22,47 @@ ARRAYS = ["stats.bootstrap", "conformance", "diagnosis_report.figures", "report.
 jaxtyping.install_import_hook([*CHECKED, *(f"bench.{m}" for m in ARRAYS)], "beartype.beartype")
 
 import jax  # noqa: E402 - after the settings and the hook above
-import pytest  # noqa: E402
+
+PROGRAMS = Path.home() / ".cache" / "fidelity-bench" / "tests"
+"""Where XLA's programs are kept from one call of pytest to the next, under the hash of the program
+and of XLA's options; `make clean` removes them. `JAX_COMPILATION_CACHE_DIR` stays unset: the
+diagnosis would keep its fits there, too, and the tests would then fit nothing."""
+# Programs below 0.1 s of compilation are quicker to compile than to read; a guess.
+jax.config.update("jax_compilation_cache_dir", str(PROGRAMS))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+pytest_plugins = ["pytester"]
 
 MAPS = 30_000
 """Memory maps of a process at which it forgets compiled programs. Linux allows 65,530, and all
 tests in one process need more: compilation then ends with a MemoryError or a segmentation fault."""
+
+
+def pytest_addoption(parser):
+    """Adds the option that `.ci/run` sets."""
+    parser.addoption(
+        "--known-skips-only",
+        action="store_true",
+        help="fail if a test is skipped for a reason that tests/skips.py does not list",
+    )
+
+
+def pytest_configure(config):
+    """Counts skips, once: in the process that collects the reports of all others."""
+    if config.getoption("--known-skips-only") and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(SkipsCount(), "skips-count")
+
+
+@pytest.hookimpl(tryfirst=True)  # before `-m` selects
+def pytest_collection_modifyitems(items):
+    """Marks exhaustive tests."""
+    exhaustive.mark(items)
+
+
+@pytest.fixture(scope="session")
+def program_cache():
+    """The folder of compiled programs, for processes that a test starts."""
+    return PROGRAMS
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -25,7 +25,7 @@ def replay(run: str, tables_dir: Path | None, out: Path | None, video: Path | No
     """Writes the page, and the film if one is asked for; exit status 1 if that could not be made.
 
     Args:
-        run: Name of a run, as the report and runs.csv have it, or path of its folder.
+        run: Name of a run, as the report and the table `runs` have it, or path of its folder.
         tables_dir: Folder of tables; None: the one above the run's folder, or one of results/*.
         out: HTML file to write; None: replays/NAME.html among the documents of the tables.
         video: File to write the film to, by its ending a GIF, WebP or PNG animation.
@@ -121,7 +121,7 @@ def _find(run: str, tables_dir: Path | None) -> tuple[Path, Tables]:
 def _unknown(name: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     hint = f" Did you mean '{close[0]}'?" if close else ""
-    return f"The tables hold no run '{name}'.{hint} Names of runs stand in runs.csv and the report."
+    return f"The tables hold no run '{name}'.{hint} `bench report` lists them all."
 
 
 def _rows(frame: pd.DataFrame, name: str) -> pd.DataFrame:

@@ -1,14 +1,14 @@
 """The four tables that a sweep leaves behind, validated; documents are functions of them alone.
 
-| table | one row per | files |
-|---|---|---|
-| `results` | evaluated run and metric | parquet, csv |
-| `curves` | run and epoch | parquet |
-| `trajectories` | run, drone and sample of the first evaluation episode (10 Hz) | parquet |
-| `runs` | run, failed ones too | parquet, csv |
+| table | one row per |
+|---|---|
+| `results` | evaluated run and metric |
+| `curves` | run and epoch |
+| `trajectories` | run, drone and sample of the first evaluation episode (10 Hz) |
+| `runs` | run, failed ones too |
 
-`results` and `runs` are the record; the other two may be missing, as those of the committed suite
-`paper` are.
+Each is a Parquet file. `results` and `runs` are the record; the other two may be missing, as those
+of all committed suites are.
 """
 
 import dataclasses
@@ -255,9 +255,6 @@ class Tables:
             part = directory / f".{name}.part"
             table.to_parquet(part, index=False)
             part.replace(directory / f"{name}.parquet")
-            if name in ("results", "runs"):
-                table.to_csv(part, index=False)
-                part.replace(directory / f"{name}.csv")
 
 
 def _completed(name: str, frame: pd.DataFrame) -> pd.DataFrame:

@@ -1,8 +1,8 @@
 """The tables of a blind run: what was true, what was answered, how good that is; small, to be kept.
 
-| file | one row |
+| Parquet file | one row |
 |---|---|
-| `cases.parquet`, `.csv` | a case: truth, answer, evidence, decidability, shrink, seconds |
+| `cases` | a case: truth, answer, evidence, decidability, shrink, seconds |
 | `parameters` | a parameter of a right answer: error, over the Cramer-Rao bound, inside interval |
 | `proportions` | a score on a subset of cases, ours and the baselines', with its interval |
 | `by_effect`, `reliability`, `confusion` | see `blind.score.scoring` |
@@ -64,8 +64,6 @@ class Tables:
             part = directory / f".{name}.part"
             getattr(self, name).to_parquet(part, index=False)
             part.replace(directory / f"{name}.parquet")
-        self.cases.to_csv(directory / "cases.csv", index=False)
-        self.proportions.to_csv(directory / "proportions.csv", index=False)
         write_json(directory / "summary.json", self.summary)
         write_json(directory / "run.json", self.run)
 

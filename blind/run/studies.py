@@ -2,7 +2,7 @@
 
 Each measures one item after another and keeps it in `OUT/runs/STUDY/ITEM.json`, so that a study
 that was interrupted goes on. An item that another version of the diagnosis measured is measured
-again. The table of all items is `OUT/STUDY.parquet`, beside it as `.csv`.
+again. The table of all items is `OUT/STUDY.parquet`.
 """
 
 import dataclasses
@@ -105,7 +105,6 @@ def run_study(study: Study, folders: Folders, console: Console) -> Path:
     path = folders.out / f"{study.name}.parquet"
     versions = {"program": sources[:12], "diagnosis": sources_digest()[:12]}
     table.assign(**versions).to_parquet(path, index=False)
-    table.to_csv(path.with_suffix(".csv"), index=False)
     return path
 
 

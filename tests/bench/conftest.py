@@ -21,12 +21,6 @@ METHODS = {
 }
 
 
-@pytest.fixture(scope="session")
-def program_cache(tmp_path_factory):
-    """Compiled programs, shared by all tests of a session."""
-    return tmp_path_factory.mktemp("jax")
-
-
 @pytest.fixture
 def plugins(tmp_path, monkeypatch, program_cache):
     """The methods of `fakes.py` and one broken one are registered, in child processes too."""

@@ -39,7 +39,7 @@ def test_a_study_goes_on_where_it_was_interrupted(tmp_path):
     assert measured(tmp_path) == ["ccc"]
     table = pd.read_parquet(tmp_path / "next_flight.parquet")
     assert table["item"].tolist() == ["a", "bb", "ccc"]
-    assert pd.read_csv(tmp_path / "next_flight.csv")["value"].tolist() == [1.0, 2.0, 3.0]
+    assert table["value"].tolist() == [1.0, 2.0, 3.0]
 
 
 def test_what_another_program_measured_is_measured_again(tmp_path, monkeypatch):

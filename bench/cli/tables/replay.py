@@ -16,7 +16,7 @@ def replay(
     Parameters
     ----------
     run
-        Name of a run as in runs.csv and the report, or its folder.
+        Name of a run as in the report, or its folder.
     tables
         Folder with runs.parquet and its companions; without it, those in results/* are searched.
     out

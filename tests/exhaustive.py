@@ -1,0 +1,67 @@
+"""Which tests are exhaustive: products of plug-ins, simulators and settings, one by one.
+
+`make test` leaves them out, `make test-exhaustive` and `make test-all` run them. A rule stands here
+only if `make test` still runs the same lines in another case of the same test.
+"""
+
+import dataclasses
+import re
+from collections.abc import Iterable
+
+import pytest
+
+
+@dataclasses.dataclass(frozen=True)
+class Rule:
+    """Some cases of one parametrised test."""
+
+    file: str
+    """Path below `tests/`."""
+    test: str
+    """Name of the test function."""
+    cases: str
+    """Regular expression of what stands in brackets in its name, from the start."""
+    reason: str
+    """What `make test` runs instead."""
+
+
+RULES: tuple[Rule, ...] = (
+    Rule(
+        "simulators/test_effects.py",
+        "test_a_neutral_effect_is_nominal_bit_for_bit",
+        "crazyflow-",
+        "all neutral effects together in crazyflow, and each of the point mass's there",
+    ),
+    Rule(
+        "simulators/test_effects.py",
+        "test_an_effect_keeps_the_structure_and_types_of_the_state",
+        "crazyflow-",
+        "derivatives of all effects in crazyflow, whose loop refuses a state that changes",
+    ),
+    Rule(
+        "simulators/test_effects.py",
+        "test_sensitivities_at_the_neutral_values_equal_one_sided_differences",
+        "crazyflow$",
+        "derivatives inside the bounds in crazyflow, and these sensitivities in the point mass",
+    ),
+)
+
+
+def mark(items: Iterable[pytest.Item]) -> None:
+    """Marks the tests that a rule names.
+
+    Raises:
+        pytest.UsageError: A rule names a test that its file does not have.
+    """
+    for item in items:
+        path = getattr(item, "path", None)
+        for rule in RULES:
+            if path is None or not path.as_posix().endswith(f"/tests/{rule.file}"):
+                continue
+            if not hasattr(item.module, rule.test):
+                raise pytest.UsageError(
+                    f"tests/exhaustive.py names {rule.test}, which tests/{rule.file} does not have."
+                )
+            case = getattr(item, "callspec", None)
+            if item.originalname == rule.test and case and re.match(rule.cases, case.id):
+                item.add_marker(pytest.mark.exhaustive)
