@@ -3,11 +3,11 @@
 import dataclasses
 import functools
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from diagnosis.answer import answer
 from diagnosis.decide.reference import Reference, beside, fit_reference
 from diagnosis.decide.study import Study
 from diagnosis.decide.support import judged
@@ -25,7 +25,7 @@ from diagnosis.logs.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.programs import remembered
 from diagnosis.replay.replay import Replay, make_replay
-from diagnosis.result import content
+from diagnosis.result import Diagnosis
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.vehicle import GRAVITY, VEHICLES
@@ -43,18 +43,6 @@ Progress = Callable[[str, float], None]
 
 def silent(stage: str, share: float) -> None:
     """A `Progress` that shows nothing."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Diagnosis:
-    """What was found, as it stands in `diagnosis.json`."""
-
-    content: dict[str, Any]
-    """Schema 1 and `details` for pictures."""
-
-    def to_json(self) -> dict[str, Any]:
-        """The object that `diagnosis.json` holds."""
-        return self.content
 
 
 def diagnose(
@@ -78,9 +66,9 @@ def diagnose(
         progress("again, with the measured attitude", 0.05)
         other = _study(flights, simulator, reference, exclude, progress, prescribe=True)
         study = other if other.convinces() else study
-    found = content(flights, simulator, study, reference, with_aliases(exclude))
+    found = answer(flights, simulator, study, reference, exclude)
     progress("done", 1.0)
-    return Diagnosis(found)
+    return found
 
 
 def _check_alike(flights: FlightSet, reference: FlightSet) -> None:

@@ -178,4 +178,4 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
 def _shrink(problem: Problem, fit: Fit, n_flights: int) -> float | None:
     """Shrink of the drift [%] on flights left out in turn; None with too few flights."""
     drift = shrinkage.score(problem, fit, problem.likelihood, n_flights, lofo=True)
-    return shrinkage.shrink(drift, problem.likelihood.sigma, lofo=True)["percent"]
+    return shrinkage.shrink(drift, problem.likelihood.sigma, lofo=True).percent

@@ -22,6 +22,7 @@ from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.outliers import beyond
 from diagnosis.fit.search import Problem
 from diagnosis.replay.library import FAMILIES, NEVER_BLAMED, Library
+from diagnosis.result_parts import SharedParameter
 
 UNSHARED = ("gust", "attitude_loop", "mass")
 """Effects that are not fitted to the reference: the slopes of two say nothing at neutral, the third
@@ -89,19 +90,19 @@ class Reference:
         values: dict[str, Any] = {n: x if x.ndim else float(x) for n, x in arrays.items()}
         return cls(**values)
 
-    def shared(self, library: Library) -> list[dict]:
+    def shared(self, library: Library) -> tuple[SharedParameter, ...]:
         """The vector where it differs from neutral by more than two standard errors."""
         error = np.sqrt(np.diag(np.linalg.inv(self.precision / self.phi)))
-        return [
-            {
-                "name": slot.effect,
-                "parameter": slot.parameter,
-                "value": float(self.vector[i]),
-                "unit": slot.unit,
-            }
+        return tuple(
+            SharedParameter(
+                effect=slot.effect,
+                parameter=slot.parameter,
+                value=float(self.vector[i]),
+                unit=slot.unit,
+            )
             for i, slot in enumerate(library.slots)
             if abs(self.vector[i] - slot.neutral) > 2.0 * error[i]
-        ]
+        )
 
 
 def fit_reference(likelihood: Likelihood) -> Reference:

@@ -22,6 +22,8 @@ from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.likelihood import Normal
 from diagnosis.fit.search import Problem
 from diagnosis.replay.library import LOCAL, Library
+from diagnosis.result_parts import AtBound
+from diagnosis.statements import Judged
 
 EFFECT_COST = 4.0
 """Log prior odds against one effect more [nats]; about one over the number of effects, squared
@@ -119,12 +121,16 @@ class Ranked:
 class Verdict:
     """What the flights say."""
 
-    kind: str
-    """`effect`, `none` or `unexplained`."""
+    kind: Judged
+    """What the likeliest set is judged to be by the structure that it leaves."""
     chosen: Ranked
     """The best set, also where it does not explain enough."""
     ranked: tuple[Ranked, ...]
     """All refitted sets, most probable first."""
+    true_share: float
+    """How often the effects of such an answer are true [-]."""
+    doubted: bool
+    """Whether that is rare, because more structure is left than noise makes."""
     probability: dict[str, float]
     """Of each chosen effect: of all sets that hold it, times how often such an answer is true."""
     aliases: dict[str, list[str]]
@@ -147,16 +153,19 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
     found = structure(problem.library, nominal.normal)
     share = (left.value - floor.value) / max(found.value - floor.value, 1e-9)
     share = float(np.clip(share, 0.0, 1.0)) if found.value > floor.value else 0.0
-    kind = "effect" if chosen.effects else "none"
+    kind: Judged = "effect" if chosen.effects else "none"
     tolerated = UNEXPLAINED_SHARE + floor.unlike * (CLOSE - UNEXPLAINED_SHARE)
     if unexplained(share, lambda threshold: left.exceeds(threshold, floor), tolerated):
         kind = "unexplained"
     # Not beside the reference: how often names are true was counted where it is followed.
-    true = DOUBTED if left.exceeds(SLIGHT, FOLLOWED) else TRUE
+    doubted = left.exceeds(SLIGHT, FOLLOWED)
+    true = DOUBTED if doubted else TRUE
     return Verdict(
         kind=kind,
         chosen=chosen,
         ranked=tuple(ranked),
+        true_share=true,
+        doubted=doubted,
         probability={
             name: true * sum(r.probability for r in ranked if name in r.effects)
             for name in sorted(chosen.effects)
@@ -279,6 +288,16 @@ def sizes(
         slots[i].neutral - x if slots[i].factor else 0.0 for i, x in zip(free, value, strict=True)
     ]
     return value, np.abs(slope) * np.sqrt(problem.variance(fit, free, np.asarray(following)))
+
+
+def at_bounds(problem: Problem, fit: Fit) -> list[AtBound]:
+    """Of each free entry of a set's vector, the end of its allowed range at which it lies."""
+    free, found = problem.free(fit.effects), []
+    for i, low, high in zip(free, *problem.bounds_of(free), strict=True):
+        ends: tuple[tuple[AtBound, float], ...] = (("low", low), ("high", high))
+        at = [end for end, x in ends if math.isclose(fit.total[i], x, rel_tol=1e-6, abs_tol=1e-9)]
+        found.append(at[0] if at else "no")
+    return found
 
 
 def limits(problem: Problem, fit: Fit, sigmas: float = 5.0) -> list[tuple[int, float]]:

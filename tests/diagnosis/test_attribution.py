@@ -236,7 +236,7 @@ def test_a_reference_takes_out_what_both_sets_share(replay):
     free, low, high = intervals(problem, verdict.chosen.fit)
     assert problem.library.slots[free[0]].parameter == "x"
     assert low[0] - 0.02 < 0.4 < high[0] + 0.02
-    assert any(shared["name"] == "drag" for shared in base.shared(replay.library))
+    assert any(shared.effect == "drag" for shared in base.shared(replay.library))
 
 
 def test_a_gust_is_found_beside_a_reference(replay):
@@ -346,10 +346,10 @@ def test_a_bump_in_one_flight_does_not_count_and_is_told():
         diagnose(flight_set([*map(bumped, flights[:n]), *flights[n:]]), simulator="point_mass")
         for n in (1, 2)
     )
-    (line,) = once.to_json()["details"]["set_aside"]
-    assert (line["flight"], line["t"]) == ("flight_0", 2.0)
-    assert line["misfit"] > 4.0
-    (wind,) = once.to_json()["effects"]
-    assert wind["parameters"]["x"]["value"] == pytest.approx(0.3, abs=0.01)
-    assert once.to_json()["details"]["structure"]["after"] < 1.2
-    assert twice.to_json()["details"]["set_aside"] == []
+    (line,) = once.details.set_aside
+    assert (line.flight, line.t) == ("flight_0", 2.0)
+    assert line.misfit > 4.0
+    (wind,) = once.effects
+    assert wind.parameter("x").value == pytest.approx(0.3, abs=0.01)
+    assert once.remainder.structure < 1.2
+    assert twice.details.set_aside == ()
