@@ -177,19 +177,20 @@ def where(
     draws = _flight_draws(tracks, seed)
     lines = []
     for channel, share, main in zip(found, shares, main_channels(shares), strict=True):
-        size, (low, high) = rms(channel.value), _interval(channel.value, tracks, draws)
+        size, floor = rms(channel.value), float(channel.noise)
+        low, high = _interval(channel.value, tracks, draws)
         lines.append(
             ChannelGap(
                 channel=channel.name,
                 unit=channel.unit,
                 gap_rms=size,
-                noise_floor=float(channel.noise),
+                noise_floor=floor,
                 share=share,
                 low=low,
                 high=high,
                 regimes=_binned(channel.value, conditions),
                 onset_s=onset(channel, tracks),
-                beyond_noise=beyond_noise(size, low, channel.noise),
+                beyond_noise=beyond_noise(size, low, floor),
                 main=main,
             )
         )

@@ -62,7 +62,7 @@ def test_the_effect_is_named_with_its_value(windy):
     assert x.value == pytest.approx(0.5, abs=0.02)
     assert (x.unit, x.use, x.at_bound) == ("m/s^2", "measured", "no")
     assert windy[0].verdict == "effect"
-    assert windy[0].probability == effect.probability > 0.9
+    assert 0.9 < windy[0].probability <= effect.probability
 
 
 def test_the_gap_lies_where_the_force_acts(windy):
