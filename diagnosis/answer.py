@@ -283,9 +283,9 @@ def _largest_regime(where: Sequence[ChannelGap]) -> str | None:
 
 
 def _blind_to(library: Library, seen: Sequence[tuple[int, float]]) -> list[str]:
-    """Effects whose smallest visible size is a fifth of the allowed range or more."""
-    slots = library.slots
-    return [slots[i].effect for i, size in seen if size > 0.2 * (slots[i].high - slots[i].low)]
+    """Effects whose smallest visible size is `blind_share` of the allowed range or more."""
+    slots, share = library.slots, DECISION.blind_share
+    return [slots[i].effect for i, size in seen if size > share * (slots[i].high - slots[i].low)]
 
 
 def _details(study: Study, seen: Sequence[tuple[int, float]], withheld: Collection[str]) -> Details:

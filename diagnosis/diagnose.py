@@ -12,6 +12,7 @@ from diagnosis.decide.reference import Reference, beside, fit_reference
 from diagnosis.decide.study import Study
 from diagnosis.decide.support import judged
 from diagnosis.decide.verdict import FOLLOWED
+from diagnosis.decision import DECISION
 from diagnosis.fit import shrinkage
 from diagnosis.fit.equations import dispersion
 from diagnosis.fit.fit import Fit
@@ -34,8 +35,6 @@ STEPS = {"crazyflow": 0.002, "point_mass": 0.005}
 """Integration step of each simulator's replay [s]; others take the point mass's."""
 MEASURED = 2.0
 """Largest thrust that rotors can be measured to give, over the largest that can be commanded."""
-DISTRUST = 2.5
-"""Sigmas beyond which a window soon after an unknown command is left out."""
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done."""
@@ -129,7 +128,7 @@ def _study(
     scored = every if lofo else _part(every, logs, held)
     if not lofo:
         for other in (every, scored):
-            other.settle(verdict.chosen.fit.total, beyond(DISTRUST))
+            other.settle(verdict.chosen.fit.total, beyond(DECISION.distrust_sigmas))
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
     return Study(
         inputs, compared, base, problem, verdict, lines, every, drift, fit_ids, held, sigma
@@ -248,7 +247,7 @@ def attribute(
     best = problem.search_firmly()[0]
     for share in (0.5, 0.7):
         progress("weighing windows that stand out", share)
-        likelihood.settle(best.total, beyond(DISTRUST))
+        likelihood.settle(best.total, beyond(DECISION.distrust_sigmas))
         problem.renew()
         best = problem.refit(best.effects, problem.nominal())
         problem.phi = max(floor, dispersion(best.normal, n_flights))

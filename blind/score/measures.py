@@ -28,8 +28,8 @@ from diagnosis.decide.decidable import (
     values,
 )
 from diagnosis.decide.reference import Reference, beside, fit_reference
+from diagnosis.decision import DECISION
 from diagnosis.diagnose import (
-    DISTRUST,
     STEPS,
     make_likelihood,
     nominal_simulator,
@@ -156,7 +156,7 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
     """Held-out shrink under the true set and under the single wrong effect that looks best."""
     problem, n = desk.logged(case)
     fit = truth_fit(problem, truth)
-    problem.likelihood.settle(fit.total, beyond(DISTRUST))
+    problem.likelihood.settle(fit.total, beyond(DECISION.distrust_sigmas))
     problem.renew()
     fit = truth_fit(problem, truth)
     problem.phi = dispersion(fit.normal, n)

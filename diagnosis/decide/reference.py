@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from diagnosis.decide.verdict import Floor, floor_of
+from diagnosis.decision import DECISION
 from diagnosis.fit.equations import dispersion, loosened, spread_between
 from diagnosis.fit.fit import Set
 from diagnosis.fit.likelihood import Likelihood
@@ -110,7 +111,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     library = likelihood.replay.library
     n_flights = len({flight for group in likelihood.groups for flight in group.flight})
     vector = _descended(likelihood, library)
-    likelihood.settle(vector, beyond(6.0))
+    likelihood.settle(vector, beyond(DECISION.reference_distrust_sigmas))
     vector = _descended(likelihood, library, vector)
     normal = likelihood.normal(vector)
     per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / likelihood.n_channels)
@@ -119,7 +120,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])
     enlarged = np.sqrt(np.maximum(per_channel, 1.0))
     likelihood.sigma = likelihood.sigma * enlarged
-    likelihood.settle(vector, beyond(6.0))
+    likelihood.settle(vector, beyond(DECISION.reference_distrust_sigmas))
     normal = likelihood.normal(vector)
     floor, prior = floor_of(library, normal), _prior(library)
     spread = spread_between(normal, np.isin(_effects(library), UNSHARED, invert=True))

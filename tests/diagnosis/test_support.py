@@ -7,7 +7,8 @@ import pytest
 from flights_for_tests import SIGMA, flight_set, point_mass_set
 
 from diagnosis.decide.support import judged, support
-from diagnosis.decide.verdict import DOUBTED, Floor, intervals
+from diagnosis.decide.verdict import Floor, intervals
+from diagnosis.decision import DECISION
 from diagnosis.diagnose import diagnose, make_likelihood
 from diagnosis.fit import shrinkage
 from diagnosis.fit.search import Problem
@@ -147,5 +148,5 @@ def test_it_is_told_where_the_simulator_does_not_follow():
     assert lines["wind"].n == 4
     (wind,) = [effect for effect in found.blamed if effect.name == "wind"]
     assert wind.parameter("x").use == "descriptive"
-    assert wind.probability <= DOUBTED
+    assert wind.probability <= DECISION.doubted_share
     assert found.probability is None
