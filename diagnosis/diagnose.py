@@ -3,15 +3,16 @@
 import dataclasses
 import functools
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from diagnosis.answer import answer
 from diagnosis.decide.reference import Reference, beside, fit_reference
 from diagnosis.decide.study import Study
 from diagnosis.decide.support import judged
 from diagnosis.decide.verdict import FOLLOWED
+from diagnosis.decision import DECISION
 from diagnosis.fit import shrinkage
 from diagnosis.fit.equations import dispersion
 from diagnosis.fit.fit import Fit
@@ -25,7 +26,7 @@ from diagnosis.logs.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.programs import remembered
 from diagnosis.replay.replay import Replay, make_replay
-from diagnosis.result import content
+from diagnosis.result import Diagnosis
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.vehicle import GRAVITY, VEHICLES
@@ -34,8 +35,6 @@ STEPS = {"crazyflow": 0.002, "point_mass": 0.005}
 """Integration step of each simulator's replay [s]; others take the point mass's."""
 MEASURED = 2.0
 """Largest thrust that rotors can be measured to give, over the largest that can be commanded."""
-DISTRUST = 2.5
-"""Sigmas beyond which a window soon after an unknown command is left out."""
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done."""
@@ -43,18 +42,6 @@ Progress = Callable[[str, float], None]
 
 def silent(stage: str, share: float) -> None:
     """A `Progress` that shows nothing."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Diagnosis:
-    """What was found, as it stands in `diagnosis.json`."""
-
-    content: dict[str, Any]
-    """Schema 1 and `details` for pictures."""
-
-    def to_json(self) -> dict[str, Any]:
-        """The object that `diagnosis.json` holds."""
-        return self.content
 
 
 def diagnose(
@@ -78,9 +65,9 @@ def diagnose(
         progress("again, with the measured attitude", 0.05)
         other = _study(flights, simulator, reference, exclude, progress, prescribe=True)
         study = other if other.convinces() else study
-    found = content(flights, simulator, study, reference, with_aliases(exclude))
+    found = answer(flights, simulator, study, reference, exclude)
     progress("done", 1.0)
-    return Diagnosis(found)
+    return found
 
 
 def _check_alike(flights: FlightSet, reference: FlightSet) -> None:
@@ -141,7 +128,7 @@ def _study(
     scored = every if lofo else _part(every, logs, held)
     if not lofo:
         for other in (every, scored):
-            other.settle(verdict.chosen.fit.total, beyond(DISTRUST))
+            other.settle(verdict.chosen.fit.total, beyond(DECISION.distrust_sigmas))
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
     return Study(
         inputs, compared, base, problem, verdict, lines, every, drift, fit_ids, held, sigma
@@ -260,7 +247,7 @@ def attribute(
     best = problem.search_firmly()[0]
     for share in (0.5, 0.7):
         progress("weighing windows that stand out", share)
-        likelihood.settle(best.total, beyond(DISTRUST))
+        likelihood.settle(best.total, beyond(DECISION.distrust_sigmas))
         problem.renew()
         best = problem.refit(best.effects, problem.nominal())
         problem.phi = max(floor, dispersion(best.normal, n_flights))

@@ -1,250 +1,289 @@
-"""What `diagnosis.json` holds: schema 1, and `details` for pictures."""
+"""The typed answer of a diagnosis, as `diagnosis.json` holds it (schema 2).
+
+Everything is decided before: a document that shows a `Diagnosis` chooses words and no facts. The
+JSON Schema of `docs/diagnosis.schema.json` is generated from these records
+by `python -m diagnosis.result`. All numbers are SI; null stands for a number that is not known.
+"""
 
 import dataclasses
-from collections.abc import Collection, Sequence
-from typing import Any
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
 
-import numpy as np
-from jaxtyping import Float
+import pydantic
 
-from diagnosis.decide.advice import next_flight
-from diagnosis.decide.study import Study
-from diagnosis.decide.verdict import Verdict, intervals, limits, sizes
-from diagnosis.fit import gap, shrinkage
-from diagnosis.fit.outliers import standing_out
-from diagnosis.fit.search import Problem
-from diagnosis.logs.flights import FlightLog, FlightSet
-from diagnosis.logs.noise import CHANNELS
-from diagnosis.replay.library import Library
-from simulators import registry
-from simulators.effects.card import Input
+from diagnosis.result_parts import (
+    AtBound,
+    ChannelGap,
+    ChannelNoise,
+    DriftAlong,
+    Flights,
+    GapInTime,
+    Limit,
+    Misfit,
+    NotObservable,
+    SetAside,
+    SharedParameter,
+    Shrink,
+    Windows,
+)
+from diagnosis.schema_1 import upgraded
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of `diagnosis.json`."""
 
-
-def content(
-    flights: FlightSet,
-    simulator: str,
-    study: Study,
-    reference: FlightSet | None,
-    exclude: Collection[str],
-) -> dict[str, Any]:
-    """The object; `exclude` are effects that were left out by request."""
-    problem, verdict, logs = study.problem, study.verdict, study.inputs.flights
-    noise = (study.every.sigma, study.every.shake)
-    where = gap.where(study.every.tracks(problem.base), *noise)
-    found = verdict.chosen.fit
-    reported = sorted(found.effects) if verdict.kind == "effect" else []
-    seen = limits(problem, found)
-    left = gap.where(study.every.tracks(found.total), *noise)
-    return {
-        "schema": SCHEMA,
-        "simulator": simulator,
-        "drone": flights.vehicle.drone,
-        "flights": {
-            "n": len(logs),
-            "seconds": float(sum(f.seconds for f in logs)),
-            "input": study.inputs.kind,
-            "fit": [logs[i].name for i in study.fit_ids],
-            "held_out": [logs[i].name for i in study.held] if len(logs) > 1 else [],
-            "left_out": _left_out(flights, study, reference),
-        },
-        "where": where,
-        "verdict": verdict.kind,
-        "unexplained_share": 0.0 if verdict.kind == "none" else verdict.unexplained_share,
-        "effects": [_effect(problem, verdict, name) for name in reported],
-        "candidates": _candidates(problem, verdict),
-        "shrink": shrinkage.shrink(study.drift, study.every.sigma, study.fit_ids == study.held),
-        "next_flight": next_flight(
-            verdict.kind,
-            {name: verdict.aliases[name] for name in reported},
-            _largest_regime(left),
-            _blind_to(problem.library, seen),
-        ),
-        "details": _details(study, seen)
-        | {
-            "reference": None if reference is None else reference.path.name,
-            "excluded": sorted(exclude),
-            "not_observable": _not_observable(study, exclude),
-            "where_left": left,
-            "support": [dataclasses.asdict(x) | {"clear": x.clear} for x in study.support],
-            "set_aside": _set_aside(study),
-            "windows": _windows(study),
-        },
-    }
+VerdictKind = Literal["effect", "partly", "none", "unexplained"]
+"""`statements.verdict_of` says when each is given."""
+Use = Literal["measured", "descriptive", "unknown"]
+"""What a size may be used for; unknown in files of schema 1 (`statements.use_of`)."""
 
 
-def _left_out(flights: FlightSet, study: Study, reference: FlightSet | None) -> list[dict]:
-    """Files and flights that were not used, those of the reference marked."""
-    found = [(x.name, x.reason) for x in flights.left_out] + list(study.inputs.left_out)
-    if reference is not None and study.compared is not None:
-        there = [(x.name, x.reason) for x in reference.left_out] + list(study.compared.left_out)
-        found += [(name, f"reference, {reason}") for name, reason in there]
-    return [{"name": name, "reason": reason} for name, reason in found]
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Program:
+    """Which program gave the answer."""
+
+    version: str | None
+    """Release of the package."""
+    digest: str | None
+    """SHA-256 of the source of `diagnosis` and `simulators`."""
 
 
-def _set_aside(study: Study) -> list[dict]:
-    """Windows that stand out and did not count, alone or soon after an unknown command."""
-    out = standing_out(study.every.aside, study.every.typical)
-    if out is None:
-        return []
-    lines = zip(out.flight, out.t, out.misfit, out.doubtful, strict=True)
-    return [
-        {
-            "flight": study.inputs.flights[i].name,
-            "t": float(t),
-            "misfit": float(m),
-            "after_gap": bool(doubtful),
-        }
-        for i, t, m, doubtful in lines
-    ]
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What was asked."""
+
+    simulator: str
+    """Registered name of the nominal simulator."""
+    exclude: tuple[str, ...]
+    """Effects that were left out by request."""
+    withheld: tuple[str, ...]
+    """Those, and every effect that always looks like one of them."""
+    decision: Mapping[str, float] | None
+    """Every threshold that decided, in the units of `diagnosis.decision.Decision`."""
 
 
-def _windows(study: Study) -> dict[str, int]:
-    """How many half seconds there are, and how many of them count nowhere, in no shrink either."""
-    aside = 0 if study.every.aside is None else len(study.every.aside.c)
-    trusted = 0 if study.every.trusted is None else int(study.every.trusted.sum())
-    return {"n": trusted + aside, "aside": aside}
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """The size of one parameter of an effect."""
+
+    name: str
+    """Name."""
+    value: float
+    """Most likely value, on top of what the reference flights have."""
+    low: float | None
+    """Lower end of its 95 % interval; null where the flights say nothing of it."""
+    high: float | None
+    """Upper end."""
+    unit: str
+    """Unit."""
+    at_bound: AtBound
+    """Whether the value lies at an end of its allowed range."""
+    use: Use
+    """What the value may be used for: `measured` with its interval, or `descriptive` only."""
 
 
-def _effect(problem: Problem, verdict: Verdict, name: str) -> dict[str, Any]:
-    free, low, high = intervals(problem, verdict.chosen.fit)
-    value, _ = sizes(problem, verdict.chosen.fit)
-    slots = problem.library.slots
-    parameters = {
-        slots[i].parameter: {
-            "value": float(x),
-            "low": float(a),
-            "high": float(b),
-            "unit": slots[i].unit,
-        }
-        for i, x, a, b in zip(free, value, low, high, strict=True)
-        if slots[i].effect == name
-    }
-    return {
-        "name": name,
-        "probability": verdict.probability[name],
-        "aliases": verdict.aliases[name],
-        "parameters": parameters,
-    }
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Effect:
+    """One effect of the likeliest set."""
+
+    name: str
+    """Registered name."""
+    blamed: bool
+    """Whether the verdict names it as a cause."""
+    probability: float | None
+    """Probability that it acts [-]; null where it is not blamed, which states nothing of it."""
+    aliases: tuple[str, ...]
+    """Effects that these flights cannot tell from it, likeliest first."""
+    parameters: tuple[Parameter, ...]
+    """Its sizes; none in a file of schema 1 that does not blame it."""
+
+    def parameter(self, name: str) -> Parameter:
+        """The parameter of that name.
+
+        Raises:
+            KeyError: There is none.
+        """
+        by_name = {parameter.name: parameter for parameter in self.parameters}
+        return by_name[name]
 
 
-def _candidates(problem: Problem, verdict: Verdict) -> list[dict[str, Any]]:
-    """The likeliest sets; their shrinks are on the flights that they were fitted to."""
-    nominal = problem.nominal()
-    before, alone = _drift(problem, problem.base), len(np.unique(nominal.normal.flight)) < 2
-    return [
-        {
-            "effects": sorted(ranked.effects),
-            "probability": ranked.probability,
-            "evidence": None if alone else shrinkage.evidence(problem, ranked.fit),
-            "shrink_percent": 100.0 * (1.0 - _drift(problem, ranked.fit.total) / before)
-            if before > 0
-            else None,
-        }
-        for ranked in verdict.ranked[:8]
-    ]
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """One set of effects that was fitted."""
+
+    effects: tuple[str, ...]
+    """Names, sorted; none for the nominal simulator."""
+    posterior: float
+    """Its share among all sets that were looked at [-]; no statement of truth."""
+    evidence: float | None
+    """Gain in log-likelihood over no effect on flights left out in turn [nats]."""
+    shrink_percent: float | None
+    """Fall of the drift of the fitted flights [%]."""
+    named: bool
+    """Whether it is the set that the verdict names."""
 
 
-def _drift(problem: Problem, vector: Float[np.ndarray, " params"]) -> float:
-    """RMS position drift of the fitted flights [m]."""
-    return _rms(gap.drifts(problem.likelihood.tracks(vector))[:, :3])
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Support:
+    """What one effect does for flights that were left out of the fit in turn."""
+
+    effect: str
+    """Registered name."""
+    percent: float | None
+    """By how much it lowers their misfit [%]."""
+    low: float | None
+    """Lower end of its 95 % interval."""
+    high: float | None
+    """Upper end."""
+    n: int
+    """Flights."""
+    confirmed: bool | None
+    """Whether it helps by more than flights differ; null with too few flights to say."""
 
 
-def _rms(vectors: Float[np.ndarray, "lines 3"]) -> float:
-    lengths = np.sum(vectors**2, axis=1)
-    return float(np.sqrt(np.nanmean(lengths))) if np.isfinite(lengths).any() else 0.0
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Remainder:
+    """What the likeliest set leaves of the gap."""
+
+    share: float | None
+    """Its part of the gap beyond noise [-]."""
+    noteworthy: bool
+    """Whether the share is large enough to be said beside an effect."""
+    mostly_explained: bool
+    """Whether the share is small enough for most of the gap to be explained."""
+    structure_before: float | None
+    """Structure that the nominal simulator leaves; 1 is noise."""
+    structure: float | None
+    """Structure that the likeliest set leaves; 1 is noise."""
+    where: tuple[ChannelGap, ...]
+    """The gap that it leaves, by channel."""
 
 
-def _largest_regime(where: Sequence[dict]) -> str | None:
-    """The bin in which the channel with the largest share has its largest gap."""
-    if not where:
-        return None
-    channel = max(where, key=lambda c: c["share"])
-    best, text = 0.0, None
-    for regime in channel["regimes"]:
-        gaps = [g or 0.0 for g in regime["gap"]]
-        contrast = max(gaps) / max(float(np.mean(gaps)), 1e-12) if gaps else 0.0
-        if contrast > best:
-            i, best = int(np.argmax(gaps)), contrast
-            low, high = regime["edges"][i], regime["edges"][i + 1]
-            text = f"{regime['variable']} {low:.2g} to {high:.2g} {regime['unit']}"
-    return text
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """Why the effects of the verdict are less probable than their evidence says."""
+
+    structure: float
+    """Structure that is left; 1 is noise."""
+    true_share: float
+    """Part of the effects named in cases with known answers that were true with so much left."""
 
 
-def _blind_to(library: Library, seen: Sequence[tuple[int, float]]) -> list[str]:
-    """Effects whose smallest visible size is a fifth of the allowed range or more."""
-    slots = library.slots
-    return [slots[i].effect for i, size in seen if size > 0.2 * (slots[i].high - slots[i].low)]
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Details:
+    """Data of tables and pictures."""
+
+    misfit: Misfit
+    """How well the fitted flights are followed."""
+    dispersion: float | None
+    """Variance between flights over that of independent samples; at least 1."""
+    noise: tuple[ChannelNoise, ...]
+    """Noise of the logs."""
+    windows: Windows | None
+    """Half seconds that counted."""
+    set_aside: tuple[SetAside, ...]
+    """Half seconds that stand out and did not count."""
+    limits: tuple[Limit, ...]
+    """What would have stayed unseen."""
+    not_observable: tuple[NotObservable, ...]
+    """Effects that are no candidates."""
+    shared: tuple[SharedParameter, ...]
+    """With reference flights: what they have already."""
+    before_after: tuple[DriftAlong, ...]
+    """Drift along the flights that scored."""
+    gap_in_time: tuple[GapInTime, ...]
+    """The gap against time."""
 
 
-def _details(study: Study, seen: Sequence[tuple[int, float]]) -> dict[str, Any]:
-    problem, verdict, every = study.problem, study.verdict, study.every
-    logs = study.inputs.flights
-    nominal, chosen = problem.nominal().normal, verdict.chosen.fit.normal
-    slots = problem.library.slots
-    return {
-        "flights_seconds": {f.name: float(f.seconds) for f in logs},
-        "before_after": _along(study.drift, [logs[i] for i in study.held]) if len(logs) > 1 else [],
-        "gap_in_time": gap.in_time(every.tracks(problem.base), every.sigma),
-        "chi2_per_dof": {
-            "before": nominal.chi2 / float(nominal.dof.sum()),
-            "after": chosen.chi2 / float(chosen.dof.sum()),
-        },
-        "structure": {
-            "before": verdict.found.value,
-            "after": verdict.structure.value,
-        },
-        "dispersion": problem.phi,
-        "noise": {
-            name: None if study.inputs.prescribed and i >= 6 else float(study.noise[i])
-            for i, name in enumerate(CHANNELS)
-        },
-        "limits": [
-            {
-                "effect": slots[i].effect,
-                "parameter": slots[i].parameter,
-                "unit": slots[i].unit,
-                "smallest": size,
-            }
-            for i, size in seen
-        ],
-        "shared": study.base.shared(problem.library) if study.base else [],
-        "best_set": sorted(verdict.chosen.effects),
-    }
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """Why a simulator and flights differ."""
+
+    __pydantic_config__ = pydantic.ConfigDict(extra="forbid", use_attribute_docstrings=True)
+
+    schema: Literal[2] = SCHEMA
+    """Version of this format."""
+    verdict: VerdictKind
+    """What the flights say."""
+    probability: float | None
+    """Probability that the verdict names the right set [-]; null where it names none."""
+    effects: tuple[Effect, ...]
+    """Effects of the likeliest set, blamed or not."""
+    remainder: Remainder
+    """What that set leaves."""
+    doubt: Doubt | None
+    """Why the effects are less probable than their evidence; null where nothing is doubted."""
+    where: tuple[ChannelGap, ...]
+    """Where the gap lies, by channel."""
+    candidates: tuple[Candidate, ...]
+    """The likeliest sets, most probable first."""
+    support: tuple[Support, ...]
+    """What flights left out in turn say of the effects, where the simulator does not follow."""
+    shrink: Shrink
+    """How far the gap shrinks."""
+    next_flight: str | None
+    """What to fly next, and what for."""
+    flights: Flights
+    """The flights."""
+    reference: Flights | None
+    """The reference flights."""
+    settings: Settings
+    """What was asked."""
+    program: Program
+    """Which program gave the answer."""
+    details: Details
+    """Data of tables and pictures."""
+
+    @property
+    def blamed(self) -> tuple[Effect, ...]:
+        """The effects that the verdict names as causes."""
+        return tuple(effect for effect in self.effects if effect.blamed)
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that `diagnosis.json` holds, null for every number that JSON lacks."""
+        return json.loads(_adapter().dump_json(self))
+
+    @classmethod
+    def of_json(cls, content: Mapping[str, Any]) -> "Diagnosis":
+        """The diagnosis in a JSON object of schema 2 or, with what that lacked unknown, 1.
+
+        Raises:
+            ValueError: It is of another schema, or a field is missing, unknown or of a wrong type.
+        """
+        schema = content.get("schema")
+        if schema not in (1, SCHEMA):
+            raise ValueError(f"`schema` must be 1 or {SCHEMA}, got {schema!r}.")
+        given = upgraded(content) if schema == 1 else content
+        return _adapter().validate_json(json.dumps(given))
+
+    @classmethod
+    def load(cls, path: Path) -> "Diagnosis":
+        """The diagnosis in a file, of schema 2 or 1.
+
+        Raises:
+            ValueError: As `of_json`; or the file holds no JSON object.
+        """
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            if not isinstance(content, dict):
+                raise ValueError("it holds no JSON object")
+            return cls.of_json(content)
+        except ValueError as error:
+            raise ValueError(f"{path} is no diagnosis: {error}") from None
 
 
-def _along(drift: shrinkage.Drift, logs: Sequence[FlightLog]) -> list[dict[str, Any]]:
-    """Drift before and after along the flights that were scored, which `logs` are.
-
-    That of several drones is their RMS at each time.
-    """
-    square = np.stack(
-        [np.sum(gap.drifts(t)[:, :3] ** 2, axis=1) for t in (drift.before, drift.after)]
-    )
-    found = []
-    for flight in np.unique(drift.before.flight):
-        mine = (drift.before.flight == flight) & np.isfinite(square).all(axis=0)
-        t, at = np.unique(drift.before.t[mine], return_inverse=True)
-        rms = [np.sqrt(np.bincount(at, x) / np.bincount(at)).tolist() for x in square[:, mine]]
-        found.append(
-            {"flight": logs[flight].name, "t": t.tolist(), "before": rms[0], "after": rms[1]}
-        )
-    return found
+def _adapter() -> Any:
+    """The types as pydantic reads and writes them."""
+    return pydantic.TypeAdapter(Diagnosis)
 
 
-def _not_observable(study: Study, exclude: Collection[str]) -> list[dict[str, str]]:
-    """Registered effects that are no candidates, and why."""
-    library = study.problem.library
-    found = []
-    for name, kind in sorted(registry.load_all("effect").items()):
-        if name in library.candidates:
-            continue
-        why = library.why_out(name, kind)
-        if name in exclude:
-            why = "excluded by request, or cannot be told from what was"
-        elif why == Input.ATTITUDE_CMD.value:
-            why += f" ({study.inputs.kind})"
-        found.append({"effect": name, "why": why})
-    return found
+def json_schema() -> str:
+    """The text of the published JSON Schema."""
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _adapter().json_schema()
+    return json.dumps(schema, indent=1) + "\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json_schema())

@@ -8,7 +8,6 @@ from rich.console import Console
 
 from bench.diagnosis_report.documents import NAMES, check_place, write_documents
 from bench.diagnosis_report.numbers import clean
-from bench.diagnosis_report.sentences import Request
 from bench.diagnosis_report.terminal import Display, show_summary
 from bench.text.errors import UsageError
 from diagnosis.diagnose import diagnose
@@ -35,7 +34,6 @@ def run_diagnosis(
     name = flights.resolve().name or "flights"
     out = out or Path("reports") / "diagnosis" / name
     check_place(out)
-    request = Request(name, None if reference is None else reference.resolve().name, tuple(exclude))
     try:
         with Display(Console(stderr=True)) as display:
             found = diagnose(
@@ -44,15 +42,15 @@ def run_diagnosis(
                 reference=None if reference is None else load_flights(reference),
                 exclude=tuple(exclude),
                 progress=display.update,
-            ).to_json()
+            )
             display.update("writing", 1.0)
             replaced = (out / NAMES[0]).exists()
-            write_documents(found, request, out)
+            write_documents(found, out)
     except LogError as error:
         for line in str(error).splitlines():
             print(f"bench: {clean(line)}", file=sys.stderr)  # noqa: T201
         return 2
-    show_summary(found, request, out, Console())
+    show_summary(found, out, Console())
     if replaced:
         print(f"The diagnosis that was there is replaced: {clean(out)}", file=sys.stderr)  # noqa: T201
     return 0

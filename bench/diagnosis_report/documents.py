@@ -1,17 +1,15 @@
 """Writes the three documents of a diagnosis: all of them or none."""
 
 import json
-import math
 import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from bench.diagnosis_report.page import diagnosis_page
-from bench.diagnosis_report.sentences import Json, Request
 from bench.diagnosis_report.text import diagnosis_text
 from bench.text.errors import UsageError
+from diagnosis.result import Diagnosis
 
 NAMES = ("diagnosis.json", "diagnosis.md", "diagnosis.html")
 """What a folder of a diagnosis holds."""
@@ -34,16 +32,16 @@ def check_place(out: Path, names: Sequence[str] = NAMES) -> None:
             raise UsageError(f"{out / name} is a folder, so no file can be written there.")
 
 
-def write_documents(diagnosis: Json, request: Request, out: Path) -> None:
+def write_documents(diagnosis: Diagnosis, out: Path) -> None:
     """Writes diagnosis.json, diagnosis.md and diagnosis.html to the folder `out`.
 
     All are finished beside their place before the first takes it. JSON knows no infinity and no
     NaN; they become null.
     """
     texts = (
-        json.dumps(_finite(diagnosis), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-        diagnosis_text(diagnosis, request),
-        diagnosis_page(diagnosis, request),
+        json.dumps(diagnosis.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        diagnosis_text(diagnosis),
+        diagnosis_page(diagnosis),
     )
     check_place(out)
     out.mkdir(parents=True, exist_ok=True)
@@ -55,14 +53,3 @@ def write_documents(diagnosis: Json, request: Request, out: Path) -> None:
                 os.fsync(file.fileno())
         for name in NAMES:
             (Path(stage) / name).replace(out / name)
-
-
-def _finite(value: Any) -> Any:
-    """`value` with null for every number that JSON does not know."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    return value

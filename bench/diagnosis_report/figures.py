@@ -18,8 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.diagnosis_report.numbers import clean, is_number, number, scale_of, shorten, with_unit
-from bench.diagnosis_report.sentences import Json
-from bench.diagnosis_report.tables import details
+from diagnosis.result import Diagnosis
+from diagnosis.result_parts import ChannelGap, RegimeGap
 
 INK, SOFT, LINE, BEFORE, AFTER = "#010101", "#010102", "#010103", "#010104", "#010105"
 VARIABLES = {INK: "ink", SOFT: "soft", LINE: "line", BEFORE: "before", AFTER: "after"}
@@ -62,15 +62,15 @@ class Panel:
     alt: str
 
 
-def before_after_panels(diagnosis: Json) -> list[Panel]:
+def before_after_panels(diagnosis: Diagnosis) -> list[Panel]:
     """Drift along held-out flights, in the simulator as it is and as corrected."""
-    lines = details(diagnosis, "before_after")[:MOST_FLIGHTS]
-    highest = [x for line in lines for key in ("before", "after") for x in line[key]]
+    lines = diagnosis.details.before_after[:MOST_FLIGHTS]
+    highest = [x for line in lines for x in (*line.before, *line.after)]
     top = 1.05 * max((x for x in highest if is_number(x)), default=1.0)
     factor, unit = scale_of("m") if top < 1.0 else (1.0, "m")
     panels = []
     for i, line in enumerate(lines):
-        t, before, after = (_numbers(line[key]) for key in ("t", "before", "after"))
+        t, before, after = map(_numbers, (line.t, line.before, line.after))
 
         def draw(axes: Axes, t: Any = t, before: Any = before, after: Any = after) -> None:
             axes.plot(*_thinned(t, factor * before), color=BEFORE, ls=(0, (4, 1.5)))
@@ -80,30 +80,30 @@ def before_after_panels(diagnosis: Json) -> list[Panel]:
         middles = [
             with_unit(number(factor * _middle(values), 2), unit) for values in (before, after)
         ]
-        name = clean(line["flight"])
+        name = clean(line.flight)
         alt = f"Drift along {name}: median {middles[0]} before, {middles[1]} after."
         panels.append(Panel(shorten(name, 40), _svg(draw, f"before-after-{i}"), alt))
     return panels
 
 
-def time_panels(diagnosis: Json) -> list[Panel]:
+def time_panels(diagnosis: Diagnosis) -> list[Panel]:
     """The gap against the time since the start, with noise floor and onset."""
-    channels = {c["channel"]: c for c in diagnosis["where"]}
-    lines = [line for line in details(diagnosis, "gap_in_time") if len(line["t"]) > 1]
-    lines.sort(key=lambda line: -_share(channels.get(line["channel"], {})))
+    channels = {c.channel: c for c in diagnosis.where}
+    lines = [x for x in diagnosis.details.gap_in_time if len(x.t) > 1 and x.channel in channels]
+    lines.sort(key=lambda line: -channels[line.channel].share)
     panels = []
     for i, line in enumerate(lines[:MOST_CHANNELS]):
-        channel = channels.get(line["channel"], {})
-        factor, unit = scale_of(line["unit"])
-        t, gap = _numbers(line["t"]), factor * _numbers(line["gap"])
-        band = [factor * _numbers(line.get(key) or []) for key in ("low", "high")]
+        channel = channels[line.channel]
+        factor, unit = scale_of(line.unit)
+        t, gap = _numbers(line.t), factor * _numbers(line.gap)
+        band = [factor * _numbers(end) for end in (line.low, line.high)]
 
         def draw(
             axes: Axes,
             t: Any = t,
             gap: Any = gap,
             band: Any = band,
-            channel: Json = channel,
+            channel: ChannelGap = channel,
             factor: float = factor,
             unit: str = unit,
         ) -> None:
@@ -115,39 +115,39 @@ def time_panels(diagnosis: Json) -> list[Panel]:
             axes.set(xlabel="time since start [s]", ylabel=f"gap [{with_unit('', unit).strip()}]")
             axes.set_ylim(bottom=0.0)
 
-        alt = _range_text(f"Gap of {clean(line['channel'])} in time", gap, unit)
-        panels.append(Panel(clean(line["channel"]), _svg(draw, f"time-{i}"), alt))
+        alt = _range_text(f"Gap of {clean(line.channel)} in time", gap, unit)
+        panels.append(Panel(clean(line.channel), _svg(draw, f"time-{i}"), alt))
     return panels
 
 
-def regime_panels(diagnosis: Json) -> list[tuple[str, list[Panel]]]:
+def regime_panels(diagnosis: Diagnosis) -> list[tuple[str, list[Panel]]]:
     """Per channel: the gap against speed, tilt, thrust and whatever else varied."""
-    channels = sorted(diagnosis["where"], key=lambda c: -_share(c))[:MOST_CHANNELS]
+    channels = sorted(diagnosis.where, key=lambda c: -c.share)[:MOST_CHANNELS]
     found = []
-    for i, channel in enumerate(c for c in channels if _share(c) > 0.0):
+    for i, channel in enumerate(c for c in channels if c.share > 0.0):
         panels = []
-        for j, regime in enumerate(channel.get("regimes") or []):
-            gap = _numbers(regime["gap"])
-            if np.isfinite(gap).sum() >= 2 and len(regime["edges"]) == len(gap) + 1:
+        for j, regime in enumerate(channel.regimes):
+            gap = _numbers(regime.gap)
+            if np.isfinite(gap).sum() >= 2 and len(regime.edges) == len(gap) + 1:
                 panels.append(_regime_panel(channel, regime, f"regime-{i}-{j}"))
         if panels:
-            found.append((clean(channel["channel"]), panels))
+            found.append((clean(channel.channel), panels))
     return found
 
 
-def _regime_panel(channel: Json, regime: Json, salt: str) -> Panel:
-    factor, unit = scale_of(channel["unit"])
-    gap = factor * _numbers(regime["gap"])
-    scale, shown = scale_of(regime["unit"]) if regime["unit"] == "rad" else (1.0, regime["unit"])
-    edges = scale * _numbers(regime["edges"])
-    variable = clean(regime["variable"])
+def _regime_panel(channel: ChannelGap, regime: RegimeGap, salt: str) -> Panel:
+    factor, unit = scale_of(channel.unit)
+    gap = factor * _numbers(regime.gap)
+    scale, shown = scale_of(regime.unit) if regime.unit == "rad" else (1.0, regime.unit)
+    edges = scale * _numbers(regime.edges)
+    variable = clean(regime.variable)
 
     def draw(axes: Axes) -> None:
         axes.bar(edges[:-1], gap, np.diff(edges), align="edge", color=BEFORE, alpha=0.35, ec=BEFORE)
         _noise_floor(axes, channel, factor)
         axes.set(xlabel=_axis(variable, shown), ylabel=_axis("gap", unit))
 
-    alt = _range_text(f"Gap of {clean(channel['channel'])} by {variable}", gap, unit)
+    alt = _range_text(f"Gap of {clean(channel.channel)} by {variable}", gap, unit)
     return Panel(f"by {variable}", _svg(draw, salt), alt)
 
 
@@ -156,14 +156,13 @@ def _axis(name: str, unit: str) -> str:
     return f"{name} [{shown}]" if shown else name
 
 
-def _noise_floor(axes: Axes, channel: Json, factor: float) -> None:
-    if is_number(channel.get("noise_floor")):
-        axes.axhline(factor * channel["noise_floor"], color=SOFT, lw=1.0, ls=(0, (2, 2)))
+def _noise_floor(axes: Axes, channel: ChannelGap, factor: float) -> None:
+    axes.axhline(factor * channel.noise_floor, color=SOFT, lw=1.0, ls=(0, (2, 2)))
 
 
-def _onset(axes: Axes, channel: Json) -> None:
-    onset = channel.get("onset_s")
-    if not is_number(onset):
+def _onset(axes: Axes, channel: ChannelGap) -> None:
+    onset = channel.onset_s
+    if onset is None:
         return
     axes.axvline(onset, color=INK, lw=1.0, ls=":")
     late = onset > np.mean(axes.get_xlim())
@@ -204,11 +203,6 @@ def _thinned(
 
 def _middle(values: Float[np.ndarray, " time"]) -> float:
     return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
-
-
-def _share(channel: Json) -> float:
-    share = channel.get("share")
-    return share if is_number(share) else 0.0
 
 
 def _svg(draw: Callable[[Axes], None], salt: str) -> Markup:

@@ -11,9 +11,15 @@ from rich.text import Text
 
 from bench.diagnosis_report import tables
 from bench.diagnosis_report.numbers import clean, number, probability
-from bench.diagnosis_report.sentences import Json, Request, chosen_set, remarks, set_label, verdict
+from bench.diagnosis_report.sentences import remarks, set_label, verdict
+from diagnosis.result import Diagnosis
 
-STYLES = {"effect": "bold cyan", "none": "bold green", "unexplained": "bold yellow"}
+STYLES = {
+    "effect": "bold cyan",
+    "partly": "bold yellow",
+    "none": "bold green",
+    "unexplained": "bold yellow",
+}
 """Colour of each verdict."""
 MOST_LINES = 4
 """Channels and candidates in the summary."""
@@ -61,21 +67,21 @@ class Display:
         self._stage = stage
 
 
-def show_summary(diagnosis: Json, request: Request, out: Path, console: Console) -> None:
+def show_summary(diagnosis: Diagnosis, out: Path, console: Console) -> None:
     """Prints the verdict, where the gap lies, the best candidates and what to fly next."""
-    style = STYLES[diagnosis["verdict"]]
-    console.print(Rule(Text(f"Diagnosis of {clean(request.flights)}"), align="left", style=style))
-    console.print(Text(verdict(diagnosis, request), style))
-    for line in remarks(diagnosis, request):
+    style = STYLES[diagnosis.verdict]
+    console.print(Rule(Text(tables.title(diagnosis)), align="left", style=style))
+    console.print(Text(verdict(diagnosis), style))
+    for line in remarks(diagnosis):
         console.print(Text(line, "yellow"))
     console.print(Group(_where(diagnosis), _candidates(diagnosis)))
-    if diagnosis.get("next_flight"):
-        console.print(Text.assemble(("Fly next: ", "bold"), clean(diagnosis["next_flight"])))
+    if diagnosis.next_flight:
+        console.print(Text.assemble(("Fly next: ", "bold"), clean(diagnosis.next_flight)))
     place = Text.assemble("Page: ", (clean(out / "diagnosis.html"), "bold"))
     console.print(place, soft_wrap=True)
 
 
-def _where(diagnosis: Json) -> Table:
+def _where(diagnosis: Diagnosis) -> Table:
     shown = tables.where_table(diagnosis)
     table = _grid("Where the gap lies")
     for row in shown.rows[:MOST_LINES]:
@@ -87,17 +93,15 @@ def _where(diagnosis: Json) -> Table:
     return table
 
 
-def _candidates(diagnosis: Json) -> Table:
-    chosen = chosen_set(diagnosis)
-    candidates = diagnosis.get("candidates") or []
-    candidates = sorted(candidates, key=lambda c: -(c["probability"] or 0.0))
+def _candidates(diagnosis: Diagnosis) -> Table:
+    candidates = diagnosis.candidates
     table = _grid("Candidates, posterior, evidence" if candidates else "")
     for candidate in candidates[:MOST_LINES]:
-        style = "bold" if set(candidate["effects"]) == chosen else "dim"
+        style = "bold" if candidate.named else "dim"
         table.add_row(
-            Text(set_label(candidate["effects"]), style),
-            Text(probability(candidate["probability"]), style),
-            Text(f"{number(candidate['evidence'], 2)} nats", style),
+            Text(set_label(candidate.effects), style),
+            Text(probability(candidate.posterior), style),
+            Text(f"{number(candidate.evidence, 2)} nats", style),
         )
     return table
 

@@ -3,28 +3,22 @@
 from bench.diagnosis_report import tables
 from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import clean
-from bench.diagnosis_report.sentences import (
-    Json,
-    Request,
-    helped,
-    remarks,
-    shrink_sentence,
-    verdict,
-    where_sentence,
-)
+from bench.diagnosis_report.sentences import remarks, shrink_sentence, verdict, where_sentence
 from bench.text import markdown
+from diagnosis.result import Diagnosis
 
 
-def diagnosis_text(diagnosis: Json, request: Request) -> str:
+def diagnosis_text(diagnosis: Diagnosis) -> str:
     """The whole diagnosis as a Markdown document."""
-    parts = [f"# Diagnosis of {markdown.escape(clean(request.flights))}"]
-    parts.append(f"**{markdown.escape(verdict(diagnosis, request))}**")
-    parts += [markdown.escape(line) for line in remarks(diagnosis, request)]
+    parts = [f"# {markdown.escape(tables.title(diagnosis))}"]
+    parts.append(f"**{markdown.escape(verdict(diagnosis))}**")
+    parts += [markdown.escape(line) for line in remarks(diagnosis)]
     facts = [f"{name}: {markdown.escape(value)}" for name, value in tables.facts(diagnosis)]
-    if request.reference is not None:
-        facts.append(f"reference: {markdown.escape(clean(request.reference))}")
+    reference = tables.reference_name(diagnosis)
+    if reference is not None:
+        facts.append(f"reference: {markdown.escape(reference)}")
     parts += ["; ".join(facts) + "."]
-    if helped(diagnosis):
+    if diagnosis.blamed:
         parts += ["## Before and after", markdown.escape(shrink_sentence(diagnosis))]
         parts += _table(tables.shrink_table(diagnosis))
     parts += ["## Where the gap lies", markdown.escape(where_sentence(diagnosis))]
@@ -35,21 +29,20 @@ def diagnosis_text(diagnosis: Json, request: Request) -> str:
     silent = [tables.not_observable_table(diagnosis), tables.limits_table(diagnosis)]
     if any(silent):
         parts += ["## What these flights cannot tell", *(t for s in silent for t in _table(s))]
-    if diagnosis.get("next_flight"):
-        parts += ["## What to fly next", markdown.escape(clean(diagnosis["next_flight"]))]
+    if diagnosis.next_flight:
+        parts += ["## What to fly next", markdown.escape(clean(diagnosis.next_flight))]
     parts += ["## Flights", *_table(tables.left_out_table(diagnosis))]
     parts += _table(tables.flights_table(diagnosis))
     parts += _table(tables.noise_table(diagnosis))
     return "\n\n".join(parts) + "\n"
 
 
-def _effects(diagnosis: Json) -> list[str]:
+def _effects(diagnosis: Diagnosis) -> list[str]:
     parts = []
-    for effect in diagnosis["effects"]:
-        words = effect_words(clean(effect["name"]))
-        sure = tables.probability(effect.get("probability"))
-        label = markdown.escape(words.label)
-        parts.append(f"**{label}**, probability {markdown.escape(sure)}. {words.physics}".strip())
+    for effect in diagnosis.effects:
+        words = effect_words(clean(effect.name))
+        heading = markdown.escape(tables.effect_heading(effect))
+        parts.append(f"**{heading}**. {words.physics}".strip())
         parts += _table(tables.parameters_table(effect))
     return parts
 

@@ -6,7 +6,6 @@ answers in one piece: an answer is there whole or not at all. How a diagnosis fa
 too; it is not tried again.
 """
 
-import hashlib
 import json
 import os
 import shutil
@@ -21,6 +20,8 @@ import simulators
 from blind.draw.cases import Case
 from blind.draw.folders import Folders, write_json
 from blind.run.children import Ended, Task, python, run_tasks
+from blind.score.answers import scored_form
+from diagnosis import program
 
 DIAGNOSE = tuple(python("-m", "blind.run.one"))
 """The command that diagnoses a folder."""
@@ -66,14 +67,14 @@ def answer_all(
 
 def read_answers(
     folders: Folders, cases: Mapping[str, Case]
-) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
+) -> tuple[dict[str, Mapping[str, Any]], dict[str, dict[str, Any]]]:
     """The diagnoses that did not fail, and how each ended, by case."""
     answers, statuses = {}, {}
     for name in cases:
         place = folders.answers / name
         statuses[name] = _read(place / STATUS)
         if statuses[name]["status"] == "ok":
-            answers[name] = _read(place / "diagnosis.json")
+            answers[name] = scored_form(_read(place / "diagnosis.json"))
     return answers, statuses
 
 
@@ -82,12 +83,7 @@ def sources_digest(with_generator: bool = False) -> str:
 
     `with_generator`: and of the one that makes cases and measures them.
     """
-    found = hashlib.sha256()
-    for package in (diagnosis, simulators, *([blind] if with_generator else [])):
-        root = Path(str(package.__file__)).parent
-        for path in sorted(root.rglob("*.py")):
-            found.update(f"{root.name}/{path.relative_to(root)}\n".encode() + path.read_bytes())
-    return found.hexdigest()
+    return program.sources_digest(diagnosis, simulators, *([blind] if with_generator else []))
 
 
 def _task(
@@ -117,9 +113,7 @@ def _kept(ended: Ended, work: Path, answers: Path, sources: str) -> dict[str, An
         sources = _read(made / PROGRAM)["sources"]
     if not cause:
         try:
-            content = _read(made / "diagnosis.json")
-            if content.get("schema") != 1:
-                cause = f"diagnosis.json has schema {content.get('schema')!r}, not 1"
+            scored_form(_read(made / "diagnosis.json"))
         except (OSError, ValueError) as error:
             cause = f"diagnosis.json cannot be read: {' '.join(str(error).split())}"
     status = {

@@ -136,7 +136,7 @@ def threshold(strengths: Sequence[float], alarms: float = 0.02) -> float:
 
 
 def answer(finding: Finding, threshold: float, seconds: float) -> dict[str, Any]:
-    """What a finding says, in the form of `diagnosis.json`; `seconds` is a flight's duration."""
+    """What a finding says, in the form that scores read; `seconds` is a flight's duration."""
     named = [name for name, strength in finding.strengths if strength > threshold]
     effects = [
         {
@@ -147,7 +147,7 @@ def answer(finding: Finding, threshold: float, seconds: float) -> dict[str, Any]
         }
         for name in named
     ]
-    return {"schema": 1, "verdict": "effect" if effects else "none", "effects": effects}
+    return {"verdict": "effect" if effects else "none", "effects": effects}
 
 
 def _parameters(finding: Finding, effect: str, seconds: float) -> dict[str, Any]:

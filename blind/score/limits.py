@@ -7,7 +7,7 @@ size s and the logged noise the scores of all parameters are Gaussian,
 
 and every set S of effects promises a fall of chi-square g_S' H_SS^-1 g_S, noncentral chi-square
 where S holds the effect. With that its log posterior is that of `diagnosis.decide.verdict`: half of
-the fall, less Occam's term, less `EFFECT_COST` an effect. Sets are nominal, every single effect,
+the fall, less Occam's term, less `effect_cost` an effect. Sets are nominal, every single effect,
 the true one with any other, and a gust from every window on. The effect is named if the best set
 holds it and what is left does not look like structure. The limit is the size at which 90 % of the
 draws of z name it. More flights add information, so that H grows with the flights that are fitted.
@@ -32,6 +32,7 @@ from blind.fly.references import N_KINDS
 from blind.score.identifiable import NEUTRAL, SECONDARY
 from diagnosis.decide import verdict
 from diagnosis.decide.decidable import truth_fit
+from diagnosis.decision import DECISION
 from diagnosis.fit.fit import Set
 from diagnosis.fit.reduced import QUIET
 from diagnosis.fit.search import Problem
@@ -246,7 +247,7 @@ class _Weighed:
             for s in slots
         ]
         cost = problem.occam(H, [int(self.index[i]) for i in at])
-        cost += verdict.EFFECT_COST * len(names)
+        cost += DECISION.effect_cost * len(names)
         return _Set(names, white @ signal[at], noise[:, at] @ white.T, np.asarray(signs), cost)
 
 

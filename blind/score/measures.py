@@ -28,8 +28,8 @@ from diagnosis.decide.decidable import (
     values,
 )
 from diagnosis.decide.reference import Reference, beside, fit_reference
+from diagnosis.decision import DECISION
 from diagnosis.diagnose import (
-    DISTRUST,
     STEPS,
     make_likelihood,
     nominal_simulator,
@@ -156,7 +156,7 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
     """Held-out shrink under the true set and under the single wrong effect that looks best."""
     problem, n = desk.logged(case)
     fit = truth_fit(problem, truth)
-    problem.likelihood.settle(fit.total, beyond(DISTRUST))
+    problem.likelihood.settle(fit.total, beyond(DECISION.distrust_sigmas))
     problem.renew()
     fit = truth_fit(problem, truth)
     problem.phi = dispersion(fit.normal, n)
@@ -178,4 +178,4 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
 def _shrink(problem: Problem, fit: Fit, n_flights: int) -> float | None:
     """Shrink of the drift [%] on flights left out in turn; None with too few flights."""
     drift = shrinkage.score(problem, fit, problem.likelihood, n_flights, lofo=True)
-    return shrinkage.shrink(drift, problem.likelihood.sigma, lofo=True)["percent"]
+    return shrinkage.shrink(drift, problem.likelihood.sigma, lofo=True).percent

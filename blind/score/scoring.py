@@ -25,7 +25,7 @@ FLAGGED = 0.1
 """Unexplained share from which an answer that names an effect also says that more is there [-]."""
 
 Answer = Mapping[str, Any]
-"""Content of a `diagnosis.json`, schema 1; of it `verdict` and `effects` are required."""
+"""An answer in the form of `answers.scored_form`; `verdict` and `effects` are required."""
 
 Measured = Mapping[str, Any]
 """What `measures.measure` says of a case; without it, no shrink is compared."""

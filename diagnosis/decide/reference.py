@@ -16,12 +16,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from diagnosis.decide.verdict import Floor, floor_of
+from diagnosis.decision import DECISION
 from diagnosis.fit.equations import dispersion, loosened, spread_between
 from diagnosis.fit.fit import Set
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.outliers import beyond
 from diagnosis.fit.search import Problem
 from diagnosis.replay.library import Library
+from diagnosis.result_parts import SharedParameter
 
 PRIOR = 0.1
 """Standard deviation of the prior over the allowed range; a choice."""
@@ -75,19 +77,19 @@ class Reference:
         values: dict[str, Any] = {n: x if x.ndim else float(x) for n, x in arrays.items()}
         return cls(**values)
 
-    def shared(self, library: Library) -> list[dict]:
+    def shared(self, library: Library) -> tuple[SharedParameter, ...]:
         """The vector where it differs from neutral by more than two standard errors."""
         error = np.sqrt(np.diag(np.linalg.inv(self.precision / self.phi)))
-        return [
-            {
-                "name": slot.effect,
-                "parameter": slot.parameter,
-                "value": float(self.vector[i]),
-                "unit": slot.unit,
-            }
+        return tuple(
+            SharedParameter(
+                effect=slot.effect,
+                parameter=slot.parameter,
+                value=float(self.vector[i]),
+                unit=slot.unit,
+            )
             for i, slot in enumerate(library.slots)
             if abs(self.vector[i] - slot.neutral) > 2.0 * error[i]
-        ]
+        )
 
 
 def fit_reference(likelihood: Likelihood) -> Reference:
@@ -95,7 +97,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     library = likelihood.replay.library
     n_flights = len({flight for group in likelihood.groups for flight in group.flight})
     vector = _descended(likelihood, library)
-    likelihood.settle(vector, beyond(6.0))
+    likelihood.settle(vector, beyond(DECISION.reference_distrust_sigmas))
     vector = _descended(likelihood, library, vector)
     normal = likelihood.normal(vector)
     per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / likelihood.n_channels)
@@ -104,7 +106,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])
     enlarged = np.sqrt(np.maximum(per_channel, 1.0))
     likelihood.sigma = likelihood.sigma * enlarged
-    likelihood.settle(vector, beyond(6.0))
+    likelihood.settle(vector, beyond(DECISION.reference_distrust_sigmas))
     normal = likelihood.normal(vector)
     floor, prior = floor_of(library, normal), _prior(library)
     spread = spread_between(normal, _shared(library))

@@ -7,17 +7,12 @@ from jaxtyping import Float
 
 from diagnosis.decide.reference import Reference
 from diagnosis.decide.support import Support
-from diagnosis.decide.verdict import FOLLOWED, SLIGHT, Verdict
+from diagnosis.decide.verdict import FOLLOWED, Verdict
+from diagnosis.decision import DECISION
 from diagnosis.fit import shrinkage
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.search import Problem
 from diagnosis.logs.inputs import Inputs
-
-ATTITUDE_LOST = 30.0
-"""Chi-square per node of a roll, pitch or yaw that nothing explains, from which the attitude is
-prescribed: five sigmas, so that forces are not judged through an attitude that is wrong."""
-FORCES_EXPLAINED = 0.1
-"""Share of the gap in forces that may be left where the attitude was prescribed for their sake."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,14 +49,14 @@ class Study:
         """
         if self.inputs.prescribed:
             return False
-        if self.base is not None and np.max(self.base.enlarged[6:]) ** 2 > ATTITUDE_LOST:
+        if self.base is not None and np.max(self.base.enlarged[6:]) ** 2 > DECISION.attitude_lost:
             return True
         if self.verdict.kind != "unexplained":
             return False
         normal = self.verdict.chosen.fit.normal
         chi2 = normal.kind.sum(axis=0)[6:] / (normal.dof.sum() / self.every.n_channels)
         enlarged = (self.every.sigma / self.noise)[6:] ** 2
-        return bool(np.max(chi2 * enlarged) > ATTITUDE_LOST)
+        return bool(np.max(chi2 * enlarged) > DECISION.attitude_lost)
 
     def convinces(self) -> bool:
         """Whether forces, judged under the measured attitude, have a gap with a clear cause.
@@ -69,5 +64,6 @@ class Study:
         The noise of the measured attitude enters the forces, which a small effect could explain.
         """
         floor = self.base.floor if self.base else FOLLOWED
-        found, share = self.verdict.found.exceeds(SLIGHT, floor), self.verdict.unexplained_share
-        return found and self.verdict.kind == "effect" and share < FORCES_EXPLAINED
+        found = self.verdict.found.exceeds(DECISION.slight_structure, floor)
+        share = self.verdict.unexplained_share
+        return found and self.verdict.kind == "effect" and share < DECISION.forces_explained

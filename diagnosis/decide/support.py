@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from diagnosis.decide.verdict import STRUCTURE, Floor, Verdict, judge
+from diagnosis.decide.verdict import Floor, Verdict, judge
+from diagnosis.decision import DECISION
 from diagnosis.fit.fit import Fit
 from diagnosis.fit.search import Problem
 from diagnosis.fit.shrinkage import FEW, misfits
@@ -63,7 +64,7 @@ def judged(
     while verdict.kind == "unexplained" or floor.unlike > 0.0:
         lines = support(problem, verdict.chosen.fit)
         idle = [one for one in lines if one.idle]
-        if not idle or verdict.kind != "effect" or floor.value <= STRUCTURE:
+        if not idle or verdict.kind != "effect" or floor.value <= DECISION.structure:
             return verdict, (*lines, *dropped)
         dropped.append(idle[-1])
         gone = {one.effect for one in dropped}

@@ -1,13 +1,12 @@
 r"""From fitted candidate sets to an answer: effects, aliases, none beyond noise, or unexplained.
 
-The posterior of a set is its evidence times a prior that every effect costs `EFFECT_COST` nats;
-beside a reference an effect must also explain a least part of the gap (`LEAST`, and `WORTHY` where
-the reference is not followed). Whether the best set explains the flights is asked afterwards, of
-the data alone: every window may have its own force and tilt, and if windows use that freedom more
-than noise would (`structure`), something is left that no candidate explains.
+The posterior of a set is its evidence times a prior that every effect costs `effect_cost` nats;
+beside a reference an effect must also explain a least part of the gap (`least_share`, and
+`worthy_share` where the reference is not followed). Whether the best set explains the flights is
+asked afterwards, of the data alone: every window may have its own force and tilt, and if windows
+use that freedom more than noise would (`structure`), something is left that no candidate explains.
 
-All constants in capitals below were set on cases of `blind` whose answers were known by
-then, earlier draws among them, before the counted ones were drawn (`reports/blind.md`).
+Every threshold stands in `Decision` with its evidence.
 """
 
 import dataclasses
@@ -18,50 +17,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from diagnosis.decision import DECISION
 from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.likelihood import Normal
 from diagnosis.fit.search import Problem
 from diagnosis.replay.library import Library
-
-EFFECT_COST = 4.0
-"""Log prior odds against one effect more [nats]; about one over the number of effects, squared
-off by development cases."""
-ALIAS_NATS = 4.0
-"""A rival whose evidence is this close cannot be told apart."""
-STRUCTURE = 1.45
-"""Structure that the right set never left on 80 s development cases (at most 1.36)."""
-UNEXPLAINED_SHARE = 0.0015
-"""Share of the gap below which structure left over is not worth a verdict; the right set left at
-most 0.0008 on development cases with a structure above 1.15."""
-WIDER = 1.2
-"""Standard deviation of errors over their standard errors: 1.19 of 108 parameters of development
-cases, of unknown cause; 1.12 of the 358 that were counted next."""
-SLIGHT = 1.15
-"""Structure that is worth a verdict where much of the gap is left (`MUCH`); 80 s of undisturbed
-flight had at most 1.04 on development cases and 1.14 on the cases that were counted next."""
-MUCH = 0.2
-"""Share of the gap that no effect may leave beyond `SLIGHT`; the right set left at most 0.05."""
-WORTHY = 0.002
-"""Share of the gap that an effect must explain to be named where reference flights are not followed
-(`Floor.unlike`): what a change does there is known no better. False second effects explained up to
-0.0005 on development cases in RotorPy when it was not, true ones 0.006 or more but for a downwash
-beside an offset of the centre of mass (0.0004 to 0.001)."""
-LEAST = 2e-5
-"""That share beside any reference. One false third effect explained 4e-6 of a gap that an offset of
-the centre of mass and a lost thrust made, true second ones 4e-4 or more."""
-CLOSE = 0.025
-"""What stands there in the place of `UNEXPLAINED_SHARE`; the right set left up to 0.023 on
-development cases in RotorPy with a structure above `STRUCTURE`."""
-CHANCE = 3.0
-"""Standard deviations of a structure of mere noise that it must exceed to count. Of 24 undisturbed
-flights of 10 s, whose structure has a standard deviation of 0.16, 5 exceeded `SLIGHT`."""
-
-
-TRUE = 0.995
-"""Share of effects that are true where the named set leaves no more structure than `SLIGHT`: 213 of
-214 on development cases in RotorPy, however probable they were among the sets looked at."""
-DOUBTED = 0.6
-"""That share where it leaves more: 17 of 28. Something flies that no candidate describes."""
+from diagnosis.result_parts import AtBound
+from diagnosis.statements import Judged
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,11 +37,12 @@ class Floor:
 
     @property
     def unlike(self) -> float:
-        """How far undisturbed flights are from being followed: 0 if they are, 1 from `SLIGHT` on.
+        """How far undisturbed flights are from being followed: 0 if they are, 1 at the most.
 
+        It is 1 from a structure of `slight_structure` on.
         What a change does to such a reality is known no better than the reality itself.
         """
-        return float(np.clip((self.value - 1.0) / (SLIGHT - 1.0), 0.0, 1.0))
+        return float(np.clip((self.value - 1.0) / (DECISION.slight_structure - 1.0), 0.0, 1.0))
 
 
 FOLLOWED = Floor()
@@ -99,7 +62,7 @@ class Structure:
 
     def exceeds(self, threshold: float, floor: Floor) -> bool:
         """Whether it is above `threshold` floors and not by chance, nor as flights differ."""
-        differing = floor.value + CHANCE * floor.scatter / math.sqrt(self.flights)
+        differing = floor.value + DECISION.chance_sigmas * floor.scatter / math.sqrt(self.flights)
         return self.value > max(beyond_chance(threshold, self.count) * floor.value, differing)
 
 
@@ -119,12 +82,16 @@ class Ranked:
 class Verdict:
     """What the flights say."""
 
-    kind: str
-    """`effect`, `none` or `unexplained`."""
+    kind: Judged
+    """What the likeliest set is judged to be by the structure that it leaves."""
     chosen: Ranked
     """The best set, also where it does not explain enough."""
     ranked: tuple[Ranked, ...]
     """All refitted sets, most probable first."""
+    true_share: float
+    """How often the effects of such an answer are true [-]."""
+    doubted: bool
+    """Whether that is rare, because more structure is left than noise makes."""
     probability: dict[str, float]
     """Of each chosen effect: of all sets that hold it, times how often such an answer is true."""
     aliases: dict[str, list[str]]
@@ -147,16 +114,20 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
     found = structure(problem.library, nominal.normal)
     share = (left.value - floor.value) / max(found.value - floor.value, 1e-9)
     share = float(np.clip(share, 0.0, 1.0)) if found.value > floor.value else 0.0
-    kind = "effect" if chosen.effects else "none"
-    tolerated = UNEXPLAINED_SHARE + floor.unlike * (CLOSE - UNEXPLAINED_SHARE)
+    kind: Judged = "effect" if chosen.effects else "none"
+    least, most = DECISION.unexplained_share, DECISION.unfollowed_share
+    tolerated = least + floor.unlike * (most - least)
     if unexplained(share, lambda threshold: left.exceeds(threshold, floor), tolerated):
         kind = "unexplained"
     # Not beside the reference: how often names are true was counted where it is followed.
-    true = DOUBTED if left.exceeds(SLIGHT, FOLLOWED) else TRUE
+    doubted = left.exceeds(DECISION.slight_structure, FOLLOWED)
+    true = DECISION.doubted_share if doubted else DECISION.true_share
     return Verdict(
         kind=kind,
         chosen=chosen,
         ranked=tuple(ranked),
+        true_share=true,
+        doubted=doubted,
         probability={
             name: true * sum(r.probability for r in ranked if name in r.effects)
             for name in sorted(chosen.effects)
@@ -169,21 +140,22 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
 
 
 def unexplained(
-    share: Any, exceeds: Callable[[float], Any], tolerated: float = UNEXPLAINED_SHARE
+    share: Any, exceeds: Callable[[float], Any], tolerated: float = DECISION.unexplained_share
 ) -> Any:
     """Whether what is left, and its share of the gap, say that no candidate is right.
 
     Of one answer, or of an array of them: `exceeds` says which leave more structure than given.
     """
-    return exceeds(STRUCTURE) & (share > tolerated) | exceeds(SLIGHT) & (share > MUCH)
+    clear = exceeds(DECISION.structure) & (share > tolerated)
+    return clear | exceeds(DECISION.slight_structure) & (share > DECISION.much_share)
 
 
 def _cost(problem: Problem, fits: Sequence[Fit], floor: Floor) -> float:
     """What an effect costs [nats]."""
     gap = problem.nominal().objective - min(fit.objective for fit in fits)
-    least = 0.0 if problem.precision is None else LEAST
-    share = max(least, floor.unlike * WORTHY)
-    return EFFECT_COST + share * 0.5 * max(gap, 0.0) / problem.phi
+    least = 0.0 if problem.precision is None else DECISION.least_share
+    share = max(least, floor.unlike * DECISION.worthy_share)
+    return DECISION.effect_cost + share * 0.5 * max(gap, 0.0) / problem.phi
 
 
 def _posterior(problem: Problem, fits: Sequence[Fit], cost: float) -> list[Ranked]:
@@ -204,20 +176,20 @@ def _posterior(problem: Problem, fits: Sequence[Fit], cost: float) -> list[Ranke
 
 
 def _aliases(problem: Problem, ranked: Sequence[Ranked], name: str) -> list[str]:
-    """Effects whose exchange for `name` costs less than `ALIAS_NATS`, likeliest first."""
+    """Effects whose exchange for `name` costs less than `alias_nats`, likeliest first."""
     rest, best = ranked[0].effects - {name}, problem.log_evidence(ranked[0].fit)
     found = []
     for other in ranked:
         new = other.effects - rest
         exchanged = rest < other.effects and len(new) == 1 and name not in other.effects
-        if exchanged and best - problem.log_evidence(other.fit) < ALIAS_NATS:
+        if exchanged and best - problem.log_evidence(other.fit) < DECISION.alias_nats:
             found.extend(sorted(new))
     return found
 
 
 def beyond_chance(threshold: float, count: float | int) -> float:
     """`threshold`, raised where the mean of `count` squares exceeds it by chance."""
-    return max(threshold, 1.0 + CHANCE * math.sqrt(2.0 / max(count, 1.0)))
+    return max(threshold, 1.0 + DECISION.chance_sigmas * math.sqrt(2.0 / max(count, 1.0)))
 
 
 def structure(library: Library, normal: Normal) -> Structure:
@@ -249,15 +221,15 @@ def intervals(
 ) -> tuple[list[int], Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
     """Free entries of a set's vector with the ends of their 95 % intervals.
 
-    Standard errors come from the curvature, widened by the dispersion between flights, by `WIDER`,
-    and by the root of the structure that the fit leaves (Birge's ratio): what all flights have in
-    common and no effect describes, moves parameters by as much, and flights do not differ in it.
-    They have no end where flights say nothing of a parameter.
+    Standard errors come from the curvature, widened by the dispersion between flights, by
+    `interval_widening`, and by the root of the structure that the fit leaves (Birge's ratio): what
+    all flights have in common and no effect describes, moves parameters by as much, and flights do
+    not differ in it. They have no end where flights say nothing of a parameter.
     """
     free = problem.free(fit.effects)
     phi = problem.phi * max(1.0, structure(problem.library, fit.normal).value)
     value, error = sizes(problem, fit)
-    width = 1.96 * WIDER * np.sqrt(phi) * error
+    width = 1.96 * DECISION.interval_widening * np.sqrt(phi) * error
     return free, value - width, value + width
 
 
@@ -281,7 +253,19 @@ def sizes(
     return value, np.abs(slope) * np.sqrt(problem.variance(fit, free, np.asarray(following)))
 
 
-def limits(problem: Problem, fit: Fit, sigmas: float = 5.0) -> list[tuple[int, float]]:
+def at_bounds(problem: Problem, fit: Fit) -> list[AtBound]:
+    """Of each free entry of a set's vector, the end of its allowed range at which it lies."""
+    free, found = problem.free(fit.effects), []
+    for i, low, high in zip(free, *problem.bounds_of(free), strict=True):
+        ends: tuple[tuple[AtBound, float], ...] = (("low", low), ("high", high))
+        at = [end for end, x in ends if math.isclose(fit.total[i], x, rel_tol=1e-6, abs_tol=1e-9)]
+        found.append(at[0] if at else "no")
+    return found
+
+
+def limits(
+    problem: Problem, fit: Fit, sigmas: float = DECISION.limit_sigmas
+) -> list[tuple[int, float]]:
     """Smallest size of each parameter that these flights would have shown, by Fisher information.
 
     The parameters of the best set are estimated along; other effects are taken as absent.

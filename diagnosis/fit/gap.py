@@ -21,6 +21,8 @@ from jaxtyping import Float
 from diagnosis.fit.likelihood import Tracks
 from diagnosis.logs.noise import UNSEEN
 from diagnosis.logs.segments import WINDOW
+from diagnosis.result_parts import ChannelGap, GapInTime, RegimeGap
+from diagnosis.statements import beyond_noise, main_channels
 
 N_RESAMPLES = 400
 """Bootstrap samples of flights."""
@@ -165,26 +167,34 @@ def where(
     sigma: Float[np.ndarray, " 9"],
     shake: float = 0.0,
     seed: int = 0,
-) -> list[dict]:
+) -> tuple[ChannelGap, ...]:
     """The diagnosis' `where`: one entry a channel; `shake` as in `channels`."""
     found = channels(tracks, sigma, shake)
     conditions = regimes(tracks)
     excess = [max(rms(c.value) ** 2 / c.noise**2 - 1.0, 0.0) for c in found]
     total = sum(excess)
+    shares = [part / total if total else 0.0 for part in excess]
     draws = _flight_draws(tracks, seed)
-    return [
-        {
-            "channel": channel.name,
-            "unit": channel.unit,
-            "gap_rms": rms(channel.value),
-            "noise_floor": channel.noise,
-            "share": part / total if total else 0.0,
-            **_interval(channel.value, tracks, draws),
-            "regimes": _binned(channel.value, conditions),
-            "onset_s": onset(channel, tracks),
-        }
-        for channel, part in zip(found, excess, strict=True)
-    ]
+    lines = []
+    for channel, share, main in zip(found, shares, main_channels(shares), strict=True):
+        size, floor = rms(channel.value), float(channel.noise)
+        low, high = _interval(channel.value, tracks, draws)
+        lines.append(
+            ChannelGap(
+                channel=channel.name,
+                unit=channel.unit,
+                gap_rms=size,
+                noise_floor=floor,
+                share=share,
+                low=low,
+                high=high,
+                regimes=_binned(channel.value, conditions),
+                onset_s=onset(channel, tracks),
+                beyond_noise=beyond_noise(size, low, floor),
+                main=main,
+            )
+        )
+    return tuple(lines)
 
 
 def rms(value: np.ndarray) -> float:
@@ -200,19 +210,21 @@ def _flight_draws(tracks: Tracks, seed: int) -> np.ndarray:
     return rng.multinomial(n, np.full(n, 1.0 / n), size=N_RESAMPLES)
 
 
-def _interval(value: np.ndarray, tracks: Tracks, draws: np.ndarray) -> dict[str, float | None]:
+def _interval(
+    value: np.ndarray, tracks: Tracks, draws: np.ndarray
+) -> tuple[float, float] | tuple[None, None]:
     """95 % interval of the RMS over whole flights; none for a single flight."""
     if draws.shape[1] < 2:
-        return {"low": None, "high": None}
+        return None, None
     ok = np.isfinite(value)
     squares = np.bincount(tracks.flight[ok], value[ok] ** 2, minlength=draws.shape[1])
     counts = np.bincount(tracks.flight[ok], minlength=draws.shape[1])
     sizes = np.sqrt((draws @ squares) / np.maximum(draws @ counts, 1))
     low, high = np.percentile(sizes, [2.5, 97.5])
-    return {"low": float(low), "high": float(high)}
+    return float(low), float(high)
 
 
-def _binned(value: np.ndarray, conditions: Mapping) -> list[dict]:
+def _binned(value: np.ndarray, conditions: Mapping) -> tuple[RegimeGap, ...]:
     found = []
     for name, (unit, x) in conditions.items():
         ok = np.isfinite(value) & np.isfinite(x)
@@ -221,9 +233,9 @@ def _binned(value: np.ndarray, conditions: Mapping) -> list[dict]:
         edges = np.unique(np.quantile(x[ok], np.linspace(0.0, 1.0, N_BINS + 1)))
         at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
         gaps = [value[ok & (at == i)] for i in range(len(edges) - 1)]
-        sizes = [rms(g) if len(g) >= FEWEST else None for g in gaps]
-        found.append({"variable": name, "unit": unit, "edges": edges.tolist(), "gap": sizes})
-    return found
+        sizes = tuple(rms(g) if len(g) >= FEWEST else None for g in gaps)
+        found.append(RegimeGap(variable=name, unit=unit, edges=tuple(edges.tolist()), gap=sizes))
+    return tuple(found)
 
 
 def onset(channel: Channel, tracks: Tracks) -> float | None:
@@ -248,7 +260,7 @@ def onset(channel: Channel, tracks: Tracks) -> float | None:
     return float(times[2:-2][best]) if clear else None
 
 
-def in_time(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> list[dict]:
+def in_time(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> tuple[GapInTime, ...]:
     """Per channel, the RMS over flights against time since the start, with its spread."""
     found = []
     for channel in channels(tracks, sigma):
@@ -258,13 +270,13 @@ def in_time(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> list[dict]:
         how = {"square": "mean", "low": "min", "high": "max"}
         then = frame.groupby(tracks.t[ok]).agg(how).reset_index().to_numpy()
         found.append(
-            {
-                "channel": channel.name,
-                "unit": channel.unit,
-                "t": then[:, 0].tolist(),
-                "gap": np.sqrt(then[:, 1]).tolist(),
-                "low": then[:, 2].tolist(),
-                "high": then[:, 3].tolist(),
-            }
+            GapInTime(
+                channel=channel.name,
+                unit=channel.unit,
+                t=tuple(then[:, 0].tolist()),
+                gap=tuple(np.sqrt(then[:, 1]).tolist()),
+                low=tuple(then[:, 2].tolist()),
+                high=tuple(then[:, 3].tolist()),
+            )
         )
-    return found
+    return tuple(found)

@@ -3,19 +3,8 @@
 import numpy as np
 from jaxtyping import Bool
 
+from diagnosis.decision import DECISION
 from diagnosis.fit.likelihood import Normal, Spoiled
-
-FEW = 0.25
-"""Most windows that may be left out, of those soon after an unknown command. With two drones nearly
-all are: 94 of 125 were left out with the gust in them, when it was excluded from the library."""
-ALONE = 4.0
-"""Misfit, in units of the median window's, of a window that stands out. Noise alone reaches 1.4. In
-flights with a centre of mass 5 mm off, one upset of 53 degrees that RotorPy's attitude loop catches
-otherwise had 80, 12 and 5 in a row; the offset came out at 0.4 of its size."""
-RARE = 0.025
-"""Most windows that may stand out alone, all in one flight; one at least."""
-SEVERAL = 3
-"""Flights below which no window is taken to stand out: that of a gust's onset would."""
 
 
 def beyond(limit: float) -> Spoiled:
@@ -31,25 +20,26 @@ def beyond(limit: float) -> Spoiled:
 def after_gaps(normal: Normal, limit: float) -> Bool[np.ndarray, " windows"]:
     """Windows soon after an unknown command that fit worse than `limit` sigmas.
 
-    All that there are, if they are one or `FEW` of them; else a bad fit is a finding.
+    All that there are, if they are one or `doubtful_share` of them; else a bad fit is a finding.
     """
     z = (normal.c - normal.dof) / np.sqrt(2.0 * normal.dof)
     bad = normal.doubtful & (z > limit)
-    return bad & (bad.sum() <= max(1.0, FEW * normal.doubtful.sum()))
+    return bad & (bad.sum() <= max(1.0, DECISION.doubtful_share * normal.doubtful.sum()))
 
 
 def standing_out(aside: Normal | None, typical: float) -> Normal | None:
-    """Of the windows left out, those with `ALONE` times the typical misfit; None without any."""
+    """Of the windows left out, those that stand out by `alone_misfit`; None without any."""
     if aside is None:
         return None
-    alone = aside.of(aside.misfit > ALONE * typical)
+    alone = aside.of(aside.misfit > DECISION.alone_misfit * typical)
     return alone if len(alone.c) else None
 
 
 def upsets(normal: Normal, among: Bool[np.ndarray, " windows"]) -> Bool[np.ndarray, " windows"]:
-    """The few windows of one flight that stand out `among` others (`ALONE`, `RARE`)."""
+    """The few windows of one flight that stand out `among` others."""
     misfit = normal.misfit
-    bad = among & (misfit > ALONE * np.median(misfit[among])) if among.any() else among
-    few = bad.sum() <= max(1.0, RARE * among.sum())
-    several = len(np.unique(normal.flight)) >= SEVERAL
+    limit = DECISION.alone_misfit * np.median(misfit[among]) if among.any() else np.inf
+    bad = among & (misfit > limit)
+    few = bad.sum() <= max(1.0, DECISION.alone_share * among.sum())
+    several = len(np.unique(normal.flight)) >= DECISION.alone_flights
     return bad & (few and several and len(np.unique(normal.flight[bad])) == 1)

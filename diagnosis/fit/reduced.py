@@ -100,10 +100,11 @@ class Equations:
 
     def _within(self, vector: np.ndarray, free: list[int]) -> np.ndarray:
         vector = vector.copy()
-        vector[free] = np.clip(vector[free], *self._bounds(free))
+        vector[free] = np.clip(vector[free], *self.bounds_of(free))
         return vector
 
-    def _bounds(self, free: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    def bounds_of(self, free: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper ends of what a fit may try of some entries."""
         low, high = self.low.copy(), self.high
         low[list(self.library.onsets.values())] = self.earliest
         return low[free], high[free]
@@ -115,7 +116,7 @@ class Equations:
         H, g = self.reduced(normal, fit, free)
         if not free or not np.isfinite(H).all():
             return np.zeros(len(free)), 0.0
-        low, high = self._bounds(free)
+        low, high = self.bounds_of(free)
         step = bounded_step(H, g, low - fit.vector[free], high - fit.vector[free])
         return step, float(2 * g @ step - step @ H @ step)
 
@@ -147,7 +148,7 @@ class Equations:
         joint[np.diag_indices_from(joint)] *= 1.0 + damping
         joint[-n:, -n:] += self.precision
         right[-n:] -= self.precision @ fit.shared
-        bounds = zip(self._bounds(free), (self.low, self.high), strict=True)
+        bounds = zip(self.bounds_of(free), (self.low, self.high), strict=True)
         low, high = (np.concatenate(ends) for ends in bounds)
         step = bounded_step(joint, right, low - fit.vector[every], high - fit.vector[every])
         shift = step[-n:].copy()

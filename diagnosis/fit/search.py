@@ -259,11 +259,11 @@ class Problem(Equations):
         Far from the right set, what is shared would be drawn along by the misfit, to first order;
         two drones' downwash beside a lost thrust or a battery was not found so.
         """
-        known, self.precision, self.fits = self.precision, None, {}
-        try:
-            return self.search()
-        finally:
-            self.precision = known
+        firm = Problem(self.likelihood, self.base, spread=self.spread)
+        firm.phi = self.phi
+        found = firm.search()
+        self.fits = dict(firm.fits)
+        return found
 
     def ranked(self) -> list[Fit]:
         """All fits, best evidence first."""

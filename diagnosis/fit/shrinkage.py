@@ -25,6 +25,7 @@ from diagnosis.fit.gap import channels, drifts, rms
 from diagnosis.fit.likelihood import Likelihood, Tracks
 from diagnosis.fit.search import Problem
 from diagnosis.logs.segments import WINDOW
+from diagnosis.result_parts import ChannelShrink, Shrink
 
 MANY = 10
 """Flights from which some are held out of everything."""
@@ -76,7 +77,7 @@ def score(problem: Problem, fit: Fit, scored: Likelihood, n_flights: int, lofo: 
     return Drift(before, scored.tracks(vectors))
 
 
-def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> dict:
+def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> Shrink:
     """The diagnosis' `shrink`."""
     before, after = (np.linalg.norm(drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after))
     seen = np.isfinite(before)
@@ -84,13 +85,10 @@ def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> dict:
     sizes = {f: (rms(before[flown == f]), rms(after[flown == f])) for f in np.unique(flown)}
     flights = [f for f, pair in sizes.items() if min(pair) > 0.0]
     n, lost = len(flights), int(np.sum(~np.isfinite(after)))
-    unit = {"horizon_s": WINDOW, "unit": "m", "n": n}
     if lost or n < FEW:
         few = f"{n} flight{'s' if n != 1 else ''} with windows; at least {FEW} are needed"
         cannot = f"with the chosen effects the simulator cannot be flown in {lost} windows"
-        reason = cannot if lost else few
-        empty = dict.fromkeys(("before", "after", "percent", "low", "high"))
-        return {**unit, **empty, "by_channel": {}, "reason": reason}
+        return unknown_shrink(n, cannot if lost else few)
 
     def log_ratio(chosen: np.ndarray) -> float:
         return float(np.log(rms(after[chosen]) / rms(before[chosen])))
@@ -98,26 +96,36 @@ def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> dict:
     kept = np.isin(flown, flights)
     ratio, without = log_ratio(kept), np.asarray([log_ratio(kept & (flown != f)) for f in flights])
     half = stats.t.ppf(0.975, n - 1) * np.sqrt((n - 1) * np.var(without))
-    return {
-        **unit,
-        "before": rms(before[kept]),
-        "after": rms(after[kept]),
-        "percent": 100.0 * (1.0 - float(np.exp(ratio))),
-        "low": 100.0 * (1.0 - float(np.exp(ratio + half))),
-        "high": 100.0 * (1.0 - float(np.exp(ratio - half))),
-        "by_channel": _by_channel(drift, sigma),
-        "how": "leave one flight out" if lofo else "flights held out",
-    }
+    return Shrink(
+        horizon_s=WINDOW,
+        n=n,
+        before=rms(before[kept]),
+        after=rms(after[kept]),
+        percent=100.0 * (1.0 - float(np.exp(ratio))),
+        low=100.0 * (1.0 - float(np.exp(ratio + half))),
+        high=100.0 * (1.0 - float(np.exp(ratio - half))),
+        by_channel=_by_channel(drift, sigma),
+        how="leave one flight out" if lofo else "flights held out",
+        reason=None,
+    )
 
 
-def _by_channel(drift: Drift, sigma: Float[np.ndarray, " 9"]) -> dict[str, dict]:
-    found = {}
+def unknown_shrink(n: int, reason: str) -> Shrink:
+    """A shrinkage that `n` flights do not tell, with the reason."""
+    empty = dict.fromkeys(("before", "after", "percent", "low", "high", "how"))
+    return Shrink(horizon_s=WINDOW, n=n, by_channel=(), reason=reason, **empty)
+
+
+def _by_channel(drift: Drift, sigma: Float[np.ndarray, " 9"]) -> tuple[ChannelShrink, ...]:
+    found = []
     pairs = zip(channels(drift.before, sigma), channels(drift.after, sigma), strict=True)
     for old, new in pairs:
         a, b = rms(old.value), rms(new.value)
         percent = 100.0 * (1.0 - b / a) if a > 0 else None
-        found[old.name] = {"before": a, "after": b, "percent": percent, "unit": old.unit}
-    return found
+        found.append(
+            ChannelShrink(channel=old.name, before=a, after=b, percent=percent, unit=old.unit)
+        )
+    return tuple(found)
 
 
 def misfits(problem: Problem, fit: Fit) -> Float[np.ndarray, " flights"]:

@@ -21,7 +21,7 @@ def engine(monkeypatch):
     def diagnose(flights, **options):
         asked.append((flights, options))
         options["progress"]("fitting", 0.5)
-        return types.SimpleNamespace(to_json=diagnoses_for_tests.effect)
+        return diagnoses_for_tests.load(diagnoses_for_tests.effect())
 
     fake = types.ModuleType("diagnosis.diagnose")
     fake.diagnose = diagnose

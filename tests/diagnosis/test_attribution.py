@@ -8,16 +8,13 @@ from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
 from diagnosis.decide.reference import fit_reference
 from diagnosis.decide.verdict import (
-    DOUBTED,
-    SLIGHT,
-    TRUE,
-    WORTHY,
     Floor,
     intervals,
     judge,
     limits,
     structure,
 )
+from diagnosis.decision import DECISION
 from diagnosis.diagnose import attribute, diagnose, make_likelihood
 from diagnosis.fit.equations import dispersion
 from diagnosis.fit.outliers import beyond
@@ -118,7 +115,7 @@ def test_two_withheld_effects_are_both_named(replay):
     assert verdict.kind == "effect"
     assert verdict.chosen.effects == {"wind", "attitude_gain"}
     assert min(verdict.probability.values()) > 0.9
-    assert max(verdict.probability.values()) <= TRUE
+    assert max(verdict.probability.values()) <= DECISION.true_share
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -166,12 +163,12 @@ class Trembling(Shaking):
 def test_what_leaves_structure_is_doubted_also_where_the_reference_leaves_as_much(replay):
     problem, verdict = judged(replay, Wind(x=1.5), Trembling(), seed=5)
     left = verdict.structure
-    assert left.exceeds(SLIGHT, Floor())
+    assert left.exceeds(DECISION.slight_structure, Floor())
     beside = judge(problem, problem.ranked(), Floor(left.value))
-    assert not left.exceeds(SLIGHT, Floor(left.value))
+    assert not left.exceeds(DECISION.slight_structure, Floor(left.value))
     assert beside.kind == "effect"
     assert beside.chosen.effects == {"wind"}
-    assert 0.9 * DOUBTED < beside.probability["wind"] <= DOUBTED
+    assert 0.9 * DECISION.doubted_share < beside.probability["wind"] <= DECISION.doubted_share
 
 
 def test_an_excluded_effect_and_its_aliases_are_no_candidates():
@@ -236,7 +233,7 @@ def test_a_reference_takes_out_what_both_sets_share(replay):
     free, low, high = intervals(problem, verdict.chosen.fit)
     assert problem.library.slots[free[0]].parameter == "x"
     assert low[0] - 0.02 < 0.4 < high[0] + 0.02
-    assert any(shared["name"] == "drag" for shared in base.shared(replay.library))
+    assert any(shared.effect == "drag" for shared in base.shared(replay.library))
 
 
 def test_a_gust_is_found_beside_a_reference(replay):
@@ -289,7 +286,7 @@ def test_beside_a_reference_that_is_not_followed_a_second_effect_must_be_worth_i
     problem, fits = attribute(make_likelihood(replay, flights, SIGMA), len(flights))
     by_set = {fit.effects: fit.objective for fit in fits}
     both, one = by_set[frozenset({"drag", "wind"})], by_set[frozenset({"drag"})]
-    assert (one - both) / (problem.nominal().objective - both) < WORTHY
+    assert (one - both) / (problem.nominal().objective - both) < DECISION.worthy_share
     assert judge(problem, fits).chosen.effects == {"drag", "wind"}
     assert judge(problem, fits, Floor(1.3)).chosen.effects == {"drag"}
     assert [Floor(x).unlike for x in (1.0, 1.3)] == [0.0, 1.0]
@@ -346,10 +343,10 @@ def test_a_bump_in_one_flight_does_not_count_and_is_told():
         diagnose(flight_set([*map(bumped, flights[:n]), *flights[n:]]), simulator="point_mass")
         for n in (1, 2)
     )
-    (line,) = once.to_json()["details"]["set_aside"]
-    assert (line["flight"], line["t"]) == ("flight_0", 2.0)
-    assert line["misfit"] > 4.0
-    (wind,) = once.to_json()["effects"]
-    assert wind["parameters"]["x"]["value"] == pytest.approx(0.3, abs=0.01)
-    assert once.to_json()["details"]["structure"]["after"] < 1.2
-    assert twice.to_json()["details"]["set_aside"] == []
+    (line,) = once.details.set_aside
+    assert (line.flight, line.t) == ("flight_0", 2.0)
+    assert line.misfit > 4.0
+    (wind,) = once.effects
+    assert wind.parameter("x").value == pytest.approx(0.3, abs=0.01)
+    assert once.remainder.structure < 1.2
+    assert twice.details.set_aside == ()

@@ -1,17 +1,23 @@
-"""The whole diagnosis: `diagnosis.json` for flights of known truth."""
+"""The whole diagnosis of flights whose truth is known."""
 
 import dataclasses
 import json
+from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
+from diagnosis.decision import DECISION
 from diagnosis.diagnose import diagnose, make_likelihood
 from diagnosis.fit import gap, shrinkage
 from diagnosis.logs.flights import LeftOut, LogError
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
+from diagnosis.result import Diagnosis
+from diagnosis.result_parts import NotUsed
+from diagnosis.statements import judged_of
 from simulators import registry
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
@@ -20,52 +26,62 @@ from simulators.effects.mass import Mass
 from simulators.effects.wind import Wind
 from simulators.point_mass import PointMass
 
-KEYS = {
-    *("schema", "simulator", "drone", "flights", "where", "verdict", "unexplained_share"),
-    *("effects", "candidates", "shrink", "next_flight", "details"),
-}
+PUBLISHED = Path(__file__).parents[2] / "docs" / "diagnosis.schema.json"
 
 
 @pytest.fixture(scope="module")
 def windy():
     stages = []
     flights = point_mass_set(Wind(x=0.5), n_flights=6)
-    content = diagnose(
-        flights, simulator="point_mass", progress=lambda s, x: stages.append((s, x))
-    ).to_json()
-    return content, stages
+    found = diagnose(flights, simulator="point_mass", progress=lambda s, x: stages.append((s, x)))
+    return found, stages
 
 
-def test_the_content_is_schema_1_and_plain_json(windy):
-    content, _ = windy
-    assert set(content) == KEYS
-    assert content["schema"] == 1
-    assert json.loads(json.dumps(content, allow_nan=False)) == content
+def test_the_json_is_of_the_published_schema_and_reads_back(windy, tmp_path):
+    content = windy[0].to_json()
+    jsonschema.validate(content, json.loads(PUBLISHED.read_text(encoding="utf-8")))
+    path = tmp_path / "diagnosis.json"
+    path.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+    assert Diagnosis.load(path) == windy[0]
+
+
+def test_inputs_settings_and_program_are_recorded(windy):
+    found, _ = windy
+    digests = {flight.digest for flight in found.flights.used}
+    assert len(digests) == len(found.flights.used) == 6
+    assert all(len(digest) == 64 for digest in (*digests, found.program.digest))
+    assert found.settings.simulator == "point_mass"
+    assert found.settings.decision == DECISION.values()
+    assert found.flights.mass == point_mass_set(n_flights=1).vehicle.mass
 
 
 def test_the_effect_is_named_with_its_value(windy):
-    (effect,) = windy[0]["effects"]
-    assert effect["name"] == "wind"
-    assert effect["parameters"]["x"]["value"] == pytest.approx(0.5, abs=0.02)
-    assert effect["parameters"]["x"]["unit"] == "m/s^2"
-    assert effect["probability"] > 0.9
+    (effect,) = windy[0].blamed
+    assert effect.name == "wind"
+    x = effect.parameter("x")
+    assert x.value == pytest.approx(0.5, abs=0.02)
+    assert (x.unit, x.use, x.at_bound) == ("m/s^2", "measured", "no")
+    assert windy[0].verdict == "effect"
+    assert 0.9 < windy[0].probability <= effect.probability
 
 
 def test_the_gap_lies_where_the_force_acts(windy):
-    where = {line["channel"]: line for line in windy[0]["where"]}
-    assert where["specific force x"]["gap_rms"] == pytest.approx(0.5, rel=0.15)
+    where = {line.channel: line for line in windy[0].where}
+    assert where["specific force x"].gap_rms == pytest.approx(0.5, rel=0.15)
+    assert where["specific force x"].beyond_noise
     for other in ("specific force y", "attitude roll", "attitude yaw"):
-        assert where[other]["gap_rms"] < 2.5 * where[other]["noise_floor"]
-    assert sum(line["share"] for line in where.values()) == pytest.approx(1.0)
+        assert where[other].gap_rms < 2.5 * where[other].noise_floor
+        assert not where[other].main
+    assert sum(line.share for line in where.values()) == pytest.approx(1.0)
     x = where["specific force x"]
-    assert x["low"] <= x["gap_rms"] <= x["high"]
+    assert x.low <= x.gap_rms <= x.high
 
 
 def test_the_gap_shrinks_to_the_noise(windy):
-    shrink = windy[0]["shrink"]
-    assert shrink["before"] == pytest.approx(0.5 * 0.5 * 0.5**2, rel=0.2)
-    assert shrink["percent"] > 80
-    assert shrink["low"] < shrink["percent"] < shrink["high"]
+    shrink = windy[0].shrink
+    assert shrink.before == pytest.approx(0.5 * 0.5 * 0.5**2, rel=0.2)
+    assert shrink.percent > 80
+    assert shrink.low < shrink.percent < shrink.high
 
 
 def test_progress_moves_forward_to_the_end(windy):
@@ -75,24 +91,25 @@ def test_progress_moves_forward_to_the_end(windy):
 
 
 def test_two_flights_are_diagnosed_but_their_shrinkage_is_not_stated():
-    content = diagnose(point_mass_set(Wind(x=0.5), n_flights=2), simulator="point_mass").to_json()
-    assert content["verdict"] == "effect"
-    assert content["shrink"]["percent"] is None
-    assert "at least 3" in content["shrink"]["reason"]
+    content = diagnose(point_mass_set(Wind(x=0.5), n_flights=2), simulator="point_mass")
+    assert content.verdict == "effect"
+    assert content.shrink.percent is None
+    assert "at least 3" in content.shrink.reason
 
 
 def test_with_many_flights_a_third_is_never_fitted():
     flights = point_mass_set(Wind(x=0.5), n_flights=12, seconds=3.0)
-    content = diagnose(flights, simulator="point_mass").to_json()
-    fit, held = (set(content["flights"][k]) for k in ("fit", "held_out"))
+    content = diagnose(flights, simulator="point_mass")
+    held = set(content.flights.held_out)
+    fit = {flight.name for flight in content.flights.used if flight.use == "fit"}
     assert not fit & held
     assert len(fit | held) == 12
-    assert content["shrink"]["percent"] > 60
-    curves = {line["flight"] for line in content["details"]["before_after"]}
+    assert content.shrink.percent > 60
+    curves = {line.flight for line in content.details.before_after}
     assert curves == held
-    windows = content["details"]["windows"]
-    assert 12 * 4 <= windows["n"] <= 12 * 6
-    assert windows["aside"] <= 0.25 * windows["n"]
+    windows = content.details.windows
+    assert 12 * 4 <= windows.n <= 12 * 6
+    assert windows.aside <= 0.25 * windows.n
 
 
 def test_flights_of_different_team_sizes_are_diagnosed_together():
@@ -101,20 +118,20 @@ def test_flights_of_different_team_sizes_are_diagnosed_together():
     (beside,) = fourth.drones
     beside = dataclasses.replace(beside, pos=beside.pos + np.asarray([5.0, 0.0, 0.0]))
     both = dataclasses.replace(third, drones=(*third.drones, beside))
-    content = diagnose(flight_set([first, second, both]), simulator="point_mass").to_json()
-    (effect,) = content["effects"]
-    assert effect["name"] == "wind"
-    assert content["shrink"]["n"] == 3
-    for line in content["details"]["before_after"]:
-        assert (np.diff(line["t"]) > 0).all()  # both drones' drift is one curve
-        assert len(line["t"]) == len(line["before"]) == len(line["after"]) > 5
+    content = diagnose(flight_set([first, second, both]), simulator="point_mass")
+    (effect,) = content.effects
+    assert effect.name == "wind"
+    assert content.shrink.n == 3
+    for line in content.details.before_after:
+        assert (np.diff(line.t) > 0).all()  # both drones' drift is one curve
+        assert len(line.t) == len(line.before) == len(line.after) > 5
 
 
 def test_of_a_single_flight_nothing_is_called_held_out():
-    content = diagnose(point_mass_set(Wind(x=0.5), n_flights=1), simulator="point_mass").to_json()
-    assert content["flights"]["held_out"] == []
-    assert content["details"]["before_after"] == []
-    assert {line["evidence"] for line in content["candidates"]} == {None}
+    content = diagnose(point_mass_set(Wind(x=0.5), n_flights=1), simulator="point_mass")
+    assert content.flights.held_out == []
+    assert content.details.before_after == ()
+    assert {line.evidence for line in content.candidates} == {None}
 
 
 def test_a_gust_has_an_onset_in_its_channel():
@@ -122,7 +139,7 @@ def test_a_gust_has_an_onset_in_its_channel():
     flights = point_mass_set(Gust(y=1.0, onset=3.1), n_flights=4).flights
     likelihood = make_likelihood(replay, flights, SIGMA)
     where = gap.where(likelihood.tracks(replay.library.neutral), SIGMA)
-    found = {line["channel"]: line["onset_s"] for line in where}
+    found = {line.channel: line.onset_s for line in where}
     assert found["specific force y"] == pytest.approx(3.1, abs=0.5)
     assert found["specific force x"] is None
 
@@ -131,10 +148,10 @@ def test_a_gap_that_grows_with_thrust_shows_in_that_regime():
     replay = make_replay(make_library(PointMass(dt=0.005)), 0.005)
     flights = point_mass_set(Mass(e=0.2), n_flights=4).flights
     tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
-    (line,) = [x for x in gap.where(tracks, SIGMA) if x["channel"] == "specific force z"]
-    (thrust,) = [r for r in line["regimes"] if r["variable"] == "thrust"]
-    assert thrust["gap"][-1] > 1.05 * thrust["gap"][0]
-    assert np.all(np.diff(thrust["edges"]) > 0)
+    (line,) = [x for x in gap.where(tracks, SIGMA) if x.channel == "specific force z"]
+    (thrust,) = [r for r in line.regimes if r.variable == "thrust"]
+    assert thrust.gap[-1] > 1.05 * thrust.gap[0]
+    assert np.all(np.diff(thrust.edges) > 0)
 
 
 def test_a_gap_in_one_half_of_the_voltages_shows_in_that_regime():
@@ -143,11 +160,11 @@ def test_a_gap_in_one_half_of_the_voltages_shows_in_that_regime():
     heavy, plain = (point_mass_set(Mass(e=e), n_flights=2).flights for e in (0.2, 0.0))
     flights = [with_battery(heavy[0], 3.6), with_battery(plain[0], 4.1), plain[1]]
     tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
-    (line,) = [x for x in gap.where(tracks, SIGMA) if x["channel"] == "specific force z"]
-    (battery,) = [r for r in line["regimes"] if r["variable"] == "battery"]
-    assert battery["unit"] == "V"
-    assert (battery["edges"][0], battery["edges"][-1]) == pytest.approx((3.5, 4.1), abs=0.02)
-    assert battery["gap"][0] > 4.0 * battery["gap"][-1]
+    (line,) = [x for x in gap.where(tracks, SIGMA) if x.channel == "specific force z"]
+    (battery,) = [r for r in line.regimes if r.variable == "battery"]
+    assert battery.unit == "V"
+    assert (battery.edges[0], battery.edges[-1]) == pytest.approx((3.5, 4.1), abs=0.02)
+    assert battery.gap[0] > 4.0 * battery.gap[-1]
     alone = make_likelihood(replay, plain, SIGMA).tracks(replay.library.neutral)
     assert "battery" not in gap.regimes(alone)
 
@@ -164,7 +181,7 @@ def test_the_gap_in_time_is_that_of_all_windows_which_start_then():
     flights = point_mass_set(Mass(e=0.2), n_flights=3).flights
     tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
     for line, channel in zip(gap.in_time(tracks, SIGMA), gap.channels(tracks, SIGMA), strict=True):
-        for t, rms, low, high in zip(*(line[k] for k in ("t", "gap", "low", "high")), strict=True):
+        for t, rms, low, high in zip(line.t, line.gap, line.low, line.high, strict=True):
             then = np.abs(channel.value[(tracks.t == t) & np.isfinite(channel.value)])
             assert rms == pytest.approx(np.sqrt(np.mean(then**2)))
             assert (low, high) == (then.min(), then.max())
@@ -184,15 +201,15 @@ def thinned(flight, every):
 def test_a_flight_with_nothing_to_compare_is_left_out_by_name():
     good = point_mass_set(Wind(x=0.5), n_flights=4)
     mixed = dataclasses.replace(good, flights=(*good.flights[:3], thinned(good.flights[3], 8)))
-    content = diagnose(mixed, simulator="point_mass").to_json()
-    assert content["flights"]["n"] == 3
-    (left_out,) = content["flights"]["left_out"]
-    assert left_out["name"] == "flight_3"
+    content = diagnose(mixed, simulator="point_mass")
+    assert len(content.flights.used) == 3
+    (left_out,) = content.flights.left_out
+    assert left_out.name == "flight_3"
     assert (
         "flights/flight_3: in the air no 0.5 s without unknown commands hold 5 rows"
-        in left_out["reason"]
+        in left_out.reason
     )
-    assert [effect["name"] for effect in content["effects"]] == ["wind"]
+    assert [effect.name for effect in content.effects] == ["wind"]
 
 
 def test_flights_without_anything_to_compare_are_refused_with_a_line_each():
@@ -206,27 +223,28 @@ def test_beside_a_reference_only_what_changed_is_named():
     before = point_mass_set(Wind(x=0.5), n_flights=4, seed=1)
     before = dataclasses.replace(before, left_out=(LeftOut("x.csv", "flights/x.csv: empty"),))
     after = point_mass_set(Wind(x=0.5), Mass(e=0.2), n_flights=4)
-    content = diagnose(after, simulator="point_mass", reference=before).to_json()
-    named = [e["name"] for e in content["effects"]]
+    content = diagnose(after, simulator="point_mass", reference=before)
+    named = [e.name for e in content.effects]
     assert len(named) == 1
-    assert "mass" in [*named, *content["effects"][0]["aliases"]]
-    shared = {(x["name"], x["parameter"]): x["value"] for x in content["details"]["shared"]}
+    assert "mass" in [*named, *content.effects[0].aliases]
+    shared = {(x.effect, x.parameter): x.value for x in content.details.shared}
     assert shared["wind", "x"] == pytest.approx(0.5, abs=0.05)
-    assert content["flights"]["left_out"] == [
-        {"name": "x.csv", "reason": "reference, flights/x.csv: empty"}
-    ]
+    assert content.flights.left_out == ()
+    assert content.reference.left_out == (NotUsed(name="x.csv", reason="flights/x.csv: empty"),)
+    assert {flight.use for flight in content.reference.used} == {"reference"}
 
 
 def test_a_withheld_effect_is_not_blamed_and_what_is_left_is_located():
-    content = diagnose(
-        point_mass_set(Wind(x=0.5)), simulator="point_mass", exclude=("wind",)
-    ).to_json()
-    named = {name for line in content["candidates"] for name in line["effects"]}
+    content = diagnose(point_mass_set(Wind(x=0.5)), simulator="point_mass", exclude=("wind",))
+    named = {name for line in content.candidates for name in line.effects}
     assert named.isdisjoint({"wind", "gust"})
-    assert content["verdict"] == "unexplained"
-    left = {line["channel"]: line["share"] for line in content["details"]["where_left"]}
+    assert judged_of(content.verdict) == "unexplained"
+    sizes = [x for effect in content.effects for x in effect.parameters]
+    assert sizes
+    assert {x.use for x in sizes} == {"descriptive"}
+    left = {line.channel: line.share for line in content.remainder.where}
     assert max(left, key=lambda name: left[name]) == "specific force x"
-    why = {x["effect"]: x["why"] for x in content["details"]["not_observable"]}
+    why = {x.effect: x.why for x in content.details.not_observable}
     assert "excluded" in why["wind"]
 
 
@@ -247,9 +265,9 @@ def test_flights_are_held_out_once_there_are_ten(n, held):
 
 def test_a_withheld_mass_is_named_through_crazyflow():
     reality = with_effects(Crazyflow(), [Mass(e=0.15)])
-    content = diagnose(flight_set(fly(reality, n_flights=4, seconds=4.0))).to_json()
-    assert content["verdict"] == "effect"
-    (effect,) = content["effects"]
-    assert "mass" in [effect["name"], *effect["aliases"]]
+    content = diagnose(flight_set(fly(reality, n_flights=4, seconds=4.0)))
+    assert content.verdict == "effect"
+    (effect,) = content.effects
+    assert "mass" in [effect.name, *effect.aliases]
     registered = set(registry.names("effect"))
-    assert {line["effect"] for line in content["details"]["not_observable"]} <= registered
+    assert {line.effect for line in content.details.not_observable} <= registered

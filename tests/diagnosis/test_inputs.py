@@ -123,12 +123,12 @@ def test_measured_rotors_of_an_unchanged_vehicle_leave_no_gap():
 def test_effects_on_the_attitude_are_not_observable_without_its_command():
     spec = VEHICLES["cf21B_500"]
     flights = flight_set(rotors_only(fly(PointMass(dt=0.005), n_flights=3, noise=0.3), spec))
-    found = diagnose(flights, simulator="point_mass").to_json()
-    hidden = {line["effect"]: line["why"] for line in found["details"]["not_observable"]}
+    found = diagnose(flights, simulator="point_mass")
+    hidden = {line.effect: line.why for line in found.details.not_observable}
     assert {"trim", "delay", "attitude_gain"} <= set(hidden)
     assert "prescribed" in hidden["trim"]
-    assert found["flights"]["input"] == "rotor speeds"
-    assert found["effects"] == []
+    assert found.flights.driven_by == "rotor speeds"
+    assert found.effects == ()
 
 
 def test_both_sets_are_replayed_by_what_both_have():

@@ -74,27 +74,28 @@ def misled(flight, rng):
 def test_forces_are_judged_under_the_measured_attitude_where_nothing_explains_it():
     rng = np.random.default_rng(0)
     flights = [misled(f, rng) for f in fine_set(Wind(x=1.5)).flights]
-    content = diagnose(flight_set(flights), simulator="point_mass").to_json()
-    assert content["flights"]["input"] == PRESCRIBED
-    assert content["verdict"] == "effect"
-    (effect,) = content["effects"]
-    assert effect["name"] == "wind"
-    assert effect["parameters"]["x"]["value"] == pytest.approx(1.5, abs=0.1)
-    why = {x["effect"]: x["why"] for x in content["details"]["not_observable"]}
+    content = diagnose(flight_set(flights), simulator="point_mass")
+    assert content.flights.driven_by == PRESCRIBED
+    assert content.verdict == "effect"
+    (effect,) = content.effects
+    assert effect.name == "wind"
+    assert effect.parameter("x").value == pytest.approx(1.5, abs=0.1)
+    why = {x.effect: x.why for x in content.details.not_observable}
     assert "measurement" in why["attitude_lag"]
-    assert content["details"]["noise"]["attitude roll"] is None
-    assert content["details"]["noise"]["position x"] > 0.0
+    noise = {line.channel: line.sigma for line in content.details.noise}
+    assert noise["attitude roll"] is None
+    assert noise["position x"] > 0.0
 
 
 def test_rotor_speeds_alone_tell_a_weaker_thrust():
     flights = spun_set(ThrustGain(e=-0.1), rotors_of=1.0 / 0.9)
-    content = diagnose(flights, simulator="point_mass").to_json()
-    assert content["flights"]["input"] == "rotor speeds"
-    (effect,) = content["effects"]
-    assert "thrust_gain" in [effect["name"], *effect["aliases"]]
-    (size,) = effect["parameters"].values()
-    expected = {"thrust_gain": -0.1, "mass": 1.0 / 0.9 - 1.0}[effect["name"]]
-    assert size["value"] == pytest.approx(expected, abs=0.015)
+    content = diagnose(flights, simulator="point_mass")
+    assert content.flights.driven_by == "rotor speeds"
+    (effect,) = content.effects
+    assert "thrust_gain" in [effect.name, *effect.aliases]
+    (size,) = effect.parameters
+    expected = {"thrust_gain": -0.1, "mass": 1.0 / 0.9 - 1.0}[effect.name]
+    assert size.value == pytest.approx(expected, abs=0.015)
 
 
 @pytest.mark.parametrize(("given", "limited"), [(False, 0.65), (True, 0.48)])
@@ -110,17 +111,17 @@ def test_only_a_commanded_thrust_is_limited_to_what_can_be_commanded(given, limi
 
 def test_the_noise_of_measured_attitudes_is_no_effect():
     """Structure is one, where it was 1.5 while the noise in the force did not count."""
-    content = diagnose(spun_set(), simulator="point_mass").to_json()
-    assert content["verdict"] == "none"
-    assert content["unexplained_share"] == 0.0
-    assert content["details"]["structure"]["before"] == pytest.approx(1.0, abs=0.15)
-    assert content["details"]["chi2_per_dof"]["before"] == pytest.approx(1.0, abs=0.1)
-    where = {line["channel"]: line for line in content["where"]}
+    content = diagnose(spun_set(), simulator="point_mass")
+    assert content.verdict == "none"
+    assert content.remainder.share == 0.0
+    assert content.remainder.structure_before == pytest.approx(1.0, abs=0.15)
+    assert content.details.misfit.before == pytest.approx(1.0, abs=0.1)
+    where = {line.channel: line for line in content.where}
     assert not any("attitude" in name for name in where)
     for axis, shaken in (("x", True), ("y", True), ("z", False)):
         line = where[f"specific force {axis}"]
-        assert line["gap_rms"] == pytest.approx(line["noise_floor"], rel=0.25)
-        above = line["noise_floor"] > 1.05 * where["specific force z"]["noise_floor"]
+        assert line.gap_rms == pytest.approx(line.noise_floor, rel=0.25)
+        above = line.noise_floor > 1.05 * where["specific force z"].noise_floor
         assert above == shaken
 
 

@@ -8,6 +8,7 @@ from flights_for_tests import SIGMA, flight_set, point_mass_set
 
 from diagnosis.decide.support import judged, support
 from diagnosis.decide.verdict import Floor, intervals
+from diagnosis.decision import DECISION
 from diagnosis.diagnose import diagnose, make_likelihood
 from diagnosis.fit import shrinkage
 from diagnosis.fit.search import Problem
@@ -103,13 +104,13 @@ def test_the_interval_of_the_shrinkage_is_that_of_its_percentage(replay, monkeyp
         return shrink(Drift(tracks, tracks), SIGMA, lofo=True)
 
     found = shrunk((0.1, 0.02), (0.01, 0.009))
-    assert found["percent"] == pytest.approx(68.8, abs=0.1)
-    assert found["low"] < 40.0 < found["percent"] < found["high"]
+    assert found.percent == pytest.approx(68.8, abs=0.1)
+    assert found.low < 40.0 < found.percent < found.high
     alike = shrunk((0.1, 0.05), (0.01, 0.005))
-    assert (alike["low"], alike["percent"], alike["high"]) == pytest.approx((50.0, 50.0, 50.0))
+    assert (alike.low, alike.percent, alike.high) == pytest.approx((50.0, 50.0, 50.0))
     lost = shrunk((0.1, np.nan), (0.01, 0.005))
-    assert lost["percent"] is None
-    assert "cannot be flown in 6 windows" in lost["reason"]
+    assert lost.percent is None
+    assert "cannot be flown in 6 windows" in lost.reason
 
 
 def test_parameters_of_which_flights_say_nothing_have_no_interval(replay):
@@ -134,14 +135,18 @@ def unsteady(flight, rng):
 
 
 def test_it_is_told_where_the_simulator_does_not_follow():
-    """Commands with errors that no effect has: unexplained, and yet a wind helps."""
+    """Commands with errors that no effect has: a wind is found, and something else is left."""
     rng = np.random.default_rng(0)
     calm = point_mass_set(Wind(x=1.5), n_flights=4)
-    assert diagnose(calm, simulator="point_mass").to_json()["details"]["support"] == []
+    assert diagnose(calm, simulator="point_mass").support == ()
     flights = flight_set([unsteady(f, rng) for f in calm.flights])
-    content = diagnose(flights, simulator="point_mass").to_json()
-    assert content["verdict"] == "unexplained"
-    lines = {line["effect"]: line for line in content["details"]["support"]}
-    assert set(lines) == set(content["details"]["best_set"])
-    assert lines["wind"]["clear"]
-    assert lines["wind"]["n"] == 4
+    found = diagnose(flights, simulator="point_mass")
+    assert found.verdict == "partly"
+    lines = {line.effect: line for line in found.support}
+    assert set(lines) == {effect.name for effect in found.effects}
+    assert lines["wind"].confirmed
+    assert lines["wind"].n == 4
+    (wind,) = [effect for effect in found.blamed if effect.name == "wind"]
+    assert wind.parameter("x").use == "descriptive"
+    assert wind.probability <= DECISION.doubted_share
+    assert found.probability is None

@@ -34,24 +34,24 @@ def flown():
 
 
 def diagnosed(flights):
-    return diagnose(flight_set(flights), simulator="point_mass").to_json()
+    return diagnose(flight_set(flights), simulator="point_mass")
 
 
 def test_thrust_that_follows_the_voltage_is_named_and_measured(flown):
     found = diagnosed([weakened(f, 4.15 - 0.05 * i, True) for i, f in enumerate(flown)])
-    assert [effect["name"] for effect in found["effects"]] == ["voltage_sag"]
-    k = found["effects"][0]["parameters"]["k"]
-    assert k["low"] < K < k["high"]
-    assert k["value"] == pytest.approx(K, rel=0.05)
-    assert found["verdict"] == "effect"
+    assert [effect.name for effect in found.effects] == ["voltage_sag"]
+    k = found.effects[0].parameter("k")
+    assert k.low < K < k.high
+    assert k.value == pytest.approx(K, rel=0.05)
+    assert found.verdict == "effect"
 
 
 def test_a_voltage_that_is_compensated_for_is_not_blamed(flown):
     found = diagnosed([weakened(f, 4.15 - 0.05 * i, False) for i, f in enumerate(flown)])
-    assert found["verdict"] == "none"
+    assert found.verdict == "none"
 
 
 def test_a_voltage_that_was_not_logged_everywhere_is_no_candidate(flown):
     found = diagnosed([weakened(flown[0], 4.1, True), *flown[1:]])
-    (why,) = [x["why"] for x in found["details"]["not_observable"] if x["effect"] == "voltage_sag"]
+    (why,) = [x.why for x in found.details.not_observable if x.effect == "voltage_sag"]
     assert "voltage" in why

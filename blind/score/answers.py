@@ -1,0 +1,49 @@
+"""What of a diagnosis the scores compare: one form for answers of schema 1 and 2."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from diagnosis.result import Diagnosis, Effect
+from diagnosis.statements import judged_of
+
+
+def scored_form(content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """An answer as the scores read it, which is what schema 1 held.
+
+    `partly` counts as `unexplained` and names nothing: an answer that says that something else
+    acts abstains, as it did before it had a word of its own.
+
+    Raises:
+        ValueError: The content is of no known schema, or not what its schema says.
+    """
+    if content.get("schema") == 1:
+        return content
+    found = Diagnosis.of_json(content)
+    whole, remainder, shrink = found.verdict == "effect", found.remainder, found.shrink
+    return {
+        "verdict": judged_of(found.verdict),
+        "effects": [_effect(effect) for effect in found.effects] if whole else [],
+        "candidates": [
+            {"effects": list(c.effects), "probability": c.posterior, "evidence": c.evidence}
+            for c in found.candidates
+        ],
+        "unexplained_share": remainder.share,
+        "shrink": {"percent": shrink.percent, "low": shrink.low, "high": shrink.high},
+        "details": {
+            "structure": {"after": remainder.structure},
+            "dispersion": found.details.dispersion,
+        },
+    }
+
+
+def _effect(effect: Effect) -> dict[str, Any]:
+    sizes = {
+        p.name: {"value": p.value, "low": p.low, "high": p.high, "unit": p.unit}
+        for p in effect.parameters
+    }
+    return {
+        "name": effect.name,
+        "probability": effect.probability,
+        "aliases": list(effect.aliases),
+        "parameters": sizes,
+    }

@@ -1,0 +1,381 @@
+"""From a finished study to the typed `Diagnosis`: every statement is made here, once."""
+
+import hashlib
+import math
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+import diagnosis
+import simulators
+from diagnosis.decide.advice import next_flight
+from diagnosis.decide.study import Study
+from diagnosis.decide.verdict import Verdict, at_bounds, intervals, limits, sizes
+from diagnosis.decision import DECISION
+from diagnosis.fit import gap, shrinkage
+from diagnosis.fit.outliers import standing_out
+from diagnosis.fit.search import Problem
+from diagnosis.logs.flights import FlightLog, FlightSet
+from diagnosis.logs.inputs import Inputs
+from diagnosis.logs.noise import CHANNELS, UNITS
+from diagnosis.program import sources_digest, version
+from diagnosis.replay.library import Library, with_aliases
+from diagnosis.result import (
+    Candidate,
+    Details,
+    Diagnosis,
+    Doubt,
+    Effect,
+    Parameter,
+    Program,
+    Remainder,
+    Settings,
+    Support,
+)
+from diagnosis.result_parts import (
+    ChannelGap,
+    ChannelNoise,
+    DriftAlong,
+    Flights,
+    FlightUsed,
+    Limit,
+    Misfit,
+    NotObservable,
+    NotUsed,
+    SetAside,
+    Windows,
+)
+from diagnosis.statements import (
+    answer_probability,
+    judged_of,
+    mostly_explained,
+    noteworthy,
+    use_of,
+    verdict_of,
+)
+from simulators import registry
+from simulators.effects.card import Input
+
+MOST_CANDIDATES = 8
+"""Sets that are listed."""
+
+
+def answer(
+    flights: FlightSet,
+    simulator: str,
+    study: Study,
+    reference: FlightSet | None,
+    exclude: Collection[str],
+) -> Diagnosis:
+    """The diagnosis; `exclude` are effects that were left out by request."""
+    problem, judged = study.problem, study.verdict
+    support = tuple(_support(line) for line in study.support)
+    confirmed = {line.effect for line in support if line.confirmed} & judged.chosen.effects
+    verdict = verdict_of(judged.kind, bool(confirmed))
+    named = judged.chosen.effects if judged.kind != "unexplained" else None
+    blamed = confirmed if named is None else named
+    effects = tuple(_effect(problem, judged, n, verdict, n in blamed) for n in _named(judged))
+    stated = [effect.probability for effect in effects]
+    seen = limits(problem, judged.chosen.fit)
+    remainder = _remainder(study)
+    withheld = tuple(sorted(with_aliases(exclude)))
+    return Diagnosis(
+        verdict=verdict,
+        probability=None
+        if named is None
+        else answer_probability(judged.chosen.probability, stated),
+        effects=effects,
+        remainder=remainder,
+        doubt=_doubt(judged) if verdict == "effect" else None,
+        where=gap.where(study.every.tracks(problem.base), *_noise(study)),
+        candidates=_candidates(problem, judged, named),
+        support=support,
+        shrink=shrinkage.shrink(study.drift, study.every.sigma, study.fit_ids == study.held),
+        next_flight=next_flight(
+            judged_of(verdict),
+            {effect.name: list(effect.aliases) for effect in effects} if named else {},
+            _largest_regime(remainder.where),
+            _blind_to(problem.library, seen),
+        ),
+        flights=_flights(flights, study.inputs, lambda i: _use(study, i)),
+        reference=None
+        if reference is None or study.compared is None
+        else _flights(reference, study.compared, lambda _: "reference"),
+        settings=Settings(
+            simulator=simulator,
+            exclude=tuple(exclude),
+            withheld=withheld,
+            decision=DECISION.values(),
+        ),
+        program=Program(version=version(), digest=sources_digest(diagnosis, simulators)),
+        details=_details(study, seen, withheld),
+    )
+
+
+def _noise(study: Study) -> tuple[Float[np.ndarray, " 9"], float]:
+    return study.every.sigma, study.every.shake
+
+
+def _named(judged: Verdict) -> list[str]:
+    return sorted(judged.chosen.effects)
+
+
+def _use(study: Study, i: int) -> Any:
+    """What flight `i` was used for."""
+    if study.fit_ids == study.held:
+        return "fit, and held out in turn" if len(study.inputs.flights) > 1 else "fit"
+    return "held out" if i in study.held else "fit"
+
+
+def _flights(flights: FlightSet, inputs: Inputs, use: Callable[[int], Any]) -> Flights:
+    """The flights as they were read, with what each was used for."""
+    read = {log.name: log for log in flights.flights}
+    left_out = [(x.name, x.reason) for x in flights.left_out] + list(inputs.left_out)
+    return Flights(
+        name=flights.path.resolve().name or None,
+        drone=flights.vehicle.drone,
+        mass=flights.vehicle.mass,
+        driven_by=inputs.kind,
+        used=tuple(
+            FlightUsed(name=f.name, seconds=f.seconds, use=use(i), digest=_digest(read[f.name]))
+            for i, f in enumerate(inputs.flights)
+        ),
+        left_out=tuple(NotUsed(name=name, reason=reason) for name, reason in left_out),
+    )
+
+
+def _digest(log: FlightLog) -> str:
+    """SHA-256 of a flight's columns."""
+    found = hashlib.sha256()
+    for i, drone in enumerate(log.drones):
+        for name, column in vars(drone).items():
+            if column is not None:
+                found.update(f"{i} {name} {column.shape}\n".encode())
+                found.update(np.ascontiguousarray(column).tobytes())
+    return found.hexdigest()
+
+
+def _support(line: Any) -> Support:
+    """What left-out flights say of an effect, with whether that confirms it."""
+    return Support(
+        effect=line.effect,
+        percent=_known(line.percent),
+        low=_known(line.low),
+        high=_known(line.high),
+        n=line.n,
+        confirmed=None if line.percent is None else line.clear,
+    )
+
+
+def _known(value: float | None) -> float | None:
+    """A finite number, or None."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _effect(problem: Problem, judged: Verdict, name: str, verdict: str, blamed: bool) -> Effect:
+    return Effect(
+        name=name,
+        blamed=blamed,
+        probability=judged.probability[name] if blamed else None,
+        aliases=tuple(judged.aliases[name]),
+        parameters=_parameters(problem, judged, name, verdict),
+    )
+
+
+def _parameters(
+    problem: Problem, judged: Verdict, name: str, verdict: str
+) -> tuple[Parameter, ...]:
+    """Sizes of an effect of the likeliest set, each with what it may be used for."""
+    fit = judged.chosen.fit
+    free, low, high = intervals(problem, fit)
+    value, _ = sizes(problem, fit)
+    found, slots = [], problem.library.slots
+    for i, x, a, b, end in zip(free, value, low, high, at_bounds(problem, fit), strict=True):
+        if slots[i].effect == name:
+            known = math.isfinite(a) and math.isfinite(b)
+            found.append(
+                Parameter(
+                    name=slots[i].parameter,
+                    value=float(x),
+                    low=_known(a),
+                    high=_known(b),
+                    unit=slots[i].unit,
+                    at_bound=end,
+                    use=use_of(verdict, end, known),
+                )
+            )
+    return tuple(found)
+
+
+def _remainder(study: Study) -> Remainder:
+    judged = study.verdict
+    share = 0.0 if judged.kind == "none" else judged.unexplained_share
+    return Remainder(
+        share=share,
+        noteworthy=noteworthy(share),
+        mostly_explained=mostly_explained(share),
+        structure_before=_known(judged.found.value),
+        structure=_known(judged.structure.value),
+        where=gap.where(study.every.tracks(judged.chosen.fit.total), *_noise(study)),
+    )
+
+
+def _doubt(judged: Verdict) -> Doubt | None:
+    """Why effects are less probable than their evidence says."""
+    if not judged.doubted:
+        return None
+    return Doubt(structure=judged.structure.value, true_share=judged.true_share)
+
+
+def _candidates(
+    problem: Problem, judged: Verdict, named: frozenset[str] | None
+) -> tuple[Candidate, ...]:
+    """The likeliest sets; their shrinks are on the flights that they were fitted to."""
+    nominal = problem.nominal()
+    before, alone = _drift(problem, problem.base), len(np.unique(nominal.normal.flight)) < 2
+    return tuple(
+        Candidate(
+            effects=tuple(sorted(ranked.effects)),
+            posterior=ranked.probability,
+            evidence=None if alone else _known(shrinkage.evidence(problem, ranked.fit)),
+            shrink_percent=_known(100.0 * (1.0 - _drift(problem, ranked.fit.total) / before))
+            if before > 0
+            else None,
+            named=ranked.effects == named,
+        )
+        for ranked in judged.ranked[:MOST_CANDIDATES]
+    )
+
+
+def _drift(problem: Problem, vector: Float[np.ndarray, " params"]) -> float:
+    """RMS position drift of the fitted flights [m]."""
+    return _rms(gap.drifts(problem.likelihood.tracks(vector))[:, :3])
+
+
+def _rms(vectors: Float[np.ndarray, "lines 3"]) -> float:
+    lengths = np.sum(vectors**2, axis=1)
+    return float(np.sqrt(np.nanmean(lengths))) if np.isfinite(lengths).any() else 0.0
+
+
+def _largest_regime(where: Sequence[ChannelGap]) -> str | None:
+    """The bin in which the channel with the largest share has its largest gap."""
+    if not where:
+        return None
+    channel = max(where, key=lambda c: c.share)
+    best, text = 0.0, None
+    for regime in channel.regimes:
+        gaps = [g or 0.0 for g in regime.gap]
+        contrast = max(gaps) / max(float(np.mean(gaps)), 1e-12) if gaps else 0.0
+        if contrast > best:
+            i, best = int(np.argmax(gaps)), contrast
+            low, high = regime.edges[i], regime.edges[i + 1]
+            text = f"{regime.variable} {low:.2g} to {high:.2g} {regime.unit}"
+    return text
+
+
+def _blind_to(library: Library, seen: Sequence[tuple[int, float]]) -> list[str]:
+    """Effects whose smallest visible size is `blind_share` of the allowed range or more."""
+    slots, share = library.slots, DECISION.blind_share
+    return [slots[i].effect for i, size in seen if size > share * (slots[i].high - slots[i].low)]
+
+
+def _details(study: Study, seen: Sequence[tuple[int, float]], withheld: Collection[str]) -> Details:
+    problem, every, logs = study.problem, study.every, study.inputs.flights
+    nominal, chosen = problem.nominal().normal, study.verdict.chosen.fit.normal
+    slots, scored = problem.library.slots, [logs[i] for i in study.held]
+    return Details(
+        misfit=Misfit(
+            before=_known(nominal.chi2 / float(nominal.dof.sum())),
+            after=_known(chosen.chi2 / float(chosen.dof.sum())),
+        ),
+        dispersion=problem.phi,
+        noise=_channel_noise(study),
+        windows=_windows(study),
+        set_aside=_set_aside(study),
+        limits=tuple(
+            Limit(
+                effect=slots[i].effect,
+                parameter=slots[i].parameter,
+                unit=slots[i].unit,
+                smallest=_known(size),
+            )
+            for i, size in seen
+        ),
+        not_observable=_not_observable(study, withheld),
+        shared=study.base.shared(problem.library) if study.base else (),
+        before_after=_along(study.drift, scored) if len(logs) > 1 else (),
+        gap_in_time=gap.in_time(every.tracks(problem.base), every.sigma),
+    )
+
+
+def _channel_noise(study: Study) -> tuple[ChannelNoise, ...]:
+    """Noise of every channel; none of a prescribed attitude."""
+    return tuple(
+        ChannelNoise(
+            channel=name,
+            sigma=None if study.inputs.prescribed and i >= 6 else float(study.noise[i]),
+            unit=unit,
+        )
+        for i, (name, unit) in enumerate(zip(CHANNELS, UNITS, strict=True))
+    )
+
+
+def _set_aside(study: Study) -> tuple[SetAside, ...]:
+    """Windows that stand out and did not count, alone or soon after an unknown command."""
+    out = standing_out(study.every.aside, study.every.typical)
+    if out is None:
+        return ()
+    lines = zip(out.flight, out.t, out.misfit, out.doubtful, strict=True)
+    return tuple(
+        SetAside(
+            flight=study.inputs.flights[i].name,
+            t=float(t),
+            misfit=float(misfit),
+            after_gap=bool(doubtful),
+        )
+        for i, t, misfit, doubtful in lines
+    )
+
+
+def _windows(study: Study) -> Windows:
+    """How many half seconds there are, and how many of them count nowhere, in no shrink either."""
+    aside = 0 if study.every.aside is None else len(study.every.aside.c)
+    trusted = 0 if study.every.trusted is None else int(study.every.trusted.sum())
+    return Windows(n=trusted + aside, aside=aside)
+
+
+def _along(drift: shrinkage.Drift, logs: Sequence[FlightLog]) -> tuple[DriftAlong, ...]:
+    """Drift before and after along the flights that were scored, which `logs` are.
+
+    That of several drones is their RMS at each time.
+    """
+    square = np.stack(
+        [np.sum(gap.drifts(t)[:, :3] ** 2, axis=1) for t in (drift.before, drift.after)]
+    )
+    found = []
+    for flight in np.unique(drift.before.flight):
+        mine = (drift.before.flight == flight) & np.isfinite(square).all(axis=0)
+        t, at = np.unique(drift.before.t[mine], return_inverse=True)
+        before, after = (
+            tuple(np.sqrt(np.bincount(at, x) / np.bincount(at)).tolist()) for x in square[:, mine]
+        )
+        name = logs[flight].name
+        found.append(DriftAlong(flight=name, t=tuple(t.tolist()), before=before, after=after))
+    return tuple(found)
+
+
+def _not_observable(study: Study, withheld: Collection[str]) -> tuple[NotObservable, ...]:
+    """Registered effects that are no candidates, and why."""
+    library, found = study.problem.library, []
+    for name, kind in sorted(registry.load_all("effect").items()):
+        if name in library.candidates:
+            continue
+        why = library.why_out(name, kind)
+        if name in withheld:
+            why = "excluded by request, or cannot be told from what was"
+        elif why == Input.ATTITUDE_CMD.value:
+            why += f" ({study.inputs.kind})"
+        found.append(NotObservable(effect=name, why=why))
+    return tuple(found)
