@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from methods.calibration.pool import Attitude, Calibration, calibrate, pool_size
 from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.policy import Policy, make_policy
+from methods.policy import AbstractPolicy, make_policy
 from methods.residuals.contract import AbstractResidual, AbstractResidualModel, Transitions
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
@@ -56,14 +56,14 @@ class Hybrid(AbstractMethod):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"`{name}` must be at least 0, got {getattr(self, name)}.")
 
-    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+    def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         return self.adapted(setup, key, init, registry.load("residual", self.residual)())
 
     def adapted(
         self,
         setup: Setup,
         key: PRNGKeyArray,
-        init: Policy | None,
+        init: AbstractPolicy | None,
         residual: AbstractResidual,
         fitted: AbstractResidualModel | None = None,
     ) -> Trained:
@@ -102,7 +102,7 @@ def trained_under(
     model: AbstractResidualModel,
     setup: Setup,
     trainer: BPTT,
-    policy: Policy,
+    policy: AbstractPolicy,
     key: PRNGKeyArray,
     bill: Ledger,
     notes: Mapping[str, float] = MappingProxyType({}),

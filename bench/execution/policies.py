@@ -1,9 +1,9 @@
 """Trained policies kept beside their tables, one file a cell, and flown again from there.
 
 `policies/TASK-nN.npz` holds the arrays of every kept run of a cell as RUN/INDEX, in the order of
-the policy's pytree. Only runs whose row is in the tables are kept, and a run that is kept stays as
-it is. Rows of default settings in the undisturbed simulator are kept: others can be trained from
-them.
+the policy's pytree, and RUN/structure where it is not the shared policy. Only runs whose row is in
+the tables are kept, and a run that is kept stays as it is. Rows of default settings in the
+undisturbed simulator are kept: others can be trained from them.
 """
 
 import io
@@ -20,21 +20,21 @@ from rich.text import Text
 from bench.plan.expansion import NOMINAL, REALITY
 from bench.plan.realities import parse_reality
 from bench.stats.statistics import cell_of, entry_of, estimate, records
-from bench.store.record import UnreadableRunError, with_arrays
+from bench.store.record import UnreadableRunError, policy_of
 from bench.store.store import Store
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 from bench.text.numbers import number
 from bench.text.say import say
-from methods.policy import Policy, PolicyController, make_policy
+from methods.policy import AbstractPolicy, PolicyController, make_policy
 from methods.training.evaluate import evaluate
 from simulators import registry
 from tasks.contract import AbstractTask
 
 FOLDER = "policies"
 """Where they are, beside the tables."""
-Kept = dict[str, list[np.ndarray]]
-"""Arrays by run."""
+Kept = dict[str, dict[str, np.ndarray]]
+"""By run, what its policy was stored as, by name."""
 
 
 def path_of(tables_dir: Path, task: str, team_size: int) -> Path:
@@ -54,7 +54,8 @@ def load_kept(path: Path) -> Kept:
     try:
         with np.load(path, allow_pickle=False) as stored:
             for name in sorted(stored.files):
-                found.setdefault(name.rpartition("/")[0], []).append(stored[name])
+                run, _, entry = name.rpartition("/")
+                found.setdefault(run, {})[entry] = stored[name]
     except (OSError, ValueError) as error:
         raise UsageError(f"{path} cannot be read: {error}") from error
     return found
@@ -85,14 +86,14 @@ def keep(tables_dir: Path, tasks: Iterable[str], team_sizes: Iterable[int]) -> d
         own = kept.setdefault(path, load_kept(path))
         if row["run"] not in own and store.status(row["run"]) not in ("", "failed"):
             with np.load(store.runs / row["run"] / "policy.npz", allow_pickle=False) as stored:
-                own[row["run"]] = [stored[name] for name in sorted(stored.files)]
+                own[row["run"]] = {name: stored[name] for name in sorted(stored.files)}
     for path, own in kept.items():
         if own:
             _write(path, own)
     return {path: len(own) for path, own in kept.items() if own}
 
 
-def kept_policy(tables_dir: Path, task: AbstractTask, name: str, run: str) -> Policy:
+def kept_policy(tables_dir: Path, task: AbstractTask, name: str, run: str) -> AbstractPolicy:
     """The policy of a run; `name` is that of the task.
 
     Raises:
@@ -105,7 +106,7 @@ def kept_policy(tables_dir: Path, task: AbstractTask, name: str, run: str) -> Po
     nominal = registry.load("simulator", NOMINAL)()
     template = make_policy(task, nominal.spec, nominal.action_space, jax.random.key(0))
     try:
-        return with_arrays(template, found[run], f"{run} in {path.name}")
+        return policy_of(found[run], template, f"{run} in {path.name}")
     except UnreadableRunError as error:
         raise UsageError(str(error)) from error
 
@@ -155,7 +156,7 @@ def deploy(
 def _write(path: Path, kept: Kept) -> None:
     """A file whole or not at all; the same bytes for the same content."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    named = {f"{run}/{i:03d}": x for run in sorted(kept) for i, x in enumerate(kept[run])}
+    named = {f"{run}/{name}": kept[run][name] for run in sorted(kept) for name in sorted(kept[run])}
     content = io.BytesIO()
     np.savez_compressed(content, allow_pickle=False, **named)
     part = path.with_name(f".{path.name}.part")

@@ -4,7 +4,8 @@
                metrics.json        metric -> value
                curves.parquet      training history
                trajectory.parquet  first evaluation episode
-               policy.npz          arrays of the policy, in the order of its pytree
+               policy.npz          arrays of the policy, in the order of its pytree, and its
+                                   structure where it is not the shared one
                residual.npz        the same of the residual, where there is one
 
 A folder is written beside its place, flushed to disk and renamed; from then on nobody changes it. A
@@ -37,13 +38,14 @@ from bench.store.record import (
     checksum,
     describe_run,
     load_arrays,
+    load_policy,
     number,
     run_files,
     to_json,
 )
 from bench.store.tables import IDENTITY, STATUSES, Tables, results_rows, runs_row, stack, table
 from methods.contract import Ledger, Trained
-from methods.policy import Policy
+from methods.policy import AbstractPolicy
 from methods.residuals.contract import blank
 from simulators import registry
 
@@ -266,8 +268,8 @@ class Store:
             runs=table("runs", [runs_row(c) for c in contents]),
         )
 
-    def trained(self, name: str, template: Policy, residual: bool = False) -> Trained:
-        """What a run trained, its policy in the structure of `template`.
+    def trained(self, name: str, template: AbstractPolicy, residual: bool = False) -> Trained:
+        """What a run trained; a policy whose structure was not stored has that of `template`.
 
         Its residual is left out unless `residual`.
 
@@ -283,7 +285,7 @@ class Store:
         if residual and file.name in content["files"] and content["residual"]:
             model = load_arrays(file, blank(registry.load("residual", content["residual"])()))
         return Trained(
-            policy=load_arrays(self.runs / name / "policy.npz", template),
+            policy=load_policy(self.runs / name / "policy.npz", template),
             residual=model,
             ledger=Ledger(**content["ledger"]),
             curves={column: curves[column].to_numpy() for column in curves},
