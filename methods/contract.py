@@ -9,7 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
-from methods.policy import Policy
+from methods.policy import AbstractPolicy
 from methods.training.context import Context
 from simulators.contract import AbstractSimulator
 from simulators.effects.contract import AbstractEffect
@@ -60,8 +60,11 @@ class Ledger:
 class Trained:
     """What a method returns."""
 
-    policy: Policy
-    """The policy at the end of training; evaluation episodes never choose it."""
+    policy: AbstractPolicy
+    """The policy at the end of training, the shared one or one of the method's own architecture.
+
+    Evaluation episodes never choose it.
+    """
     ledger: Ledger
     """What it cost."""
     curves: Mapping[str, Float[np.ndarray, " epochs"]]
@@ -92,5 +95,9 @@ class AbstractMethod(eqx.Module):
     """Parents of one fixed cell, name -> (task, team size); the others are of the run's own."""
 
     @abc.abstractmethod
-    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
-        """A trained policy; `init` replaces the fresh or parent's policy to start from."""
+    def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
+        """A trained policy.
+
+        `init` replaces the fresh or parent's policy to start from; it is of the architecture that
+        the method trains.
+        """

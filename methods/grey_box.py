@@ -32,7 +32,7 @@ from methods.calibration.identification import DITHER, Identification, identify
 from methods.calibration.remainder import remaining_transitions
 from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.policy import Policy, make_policy
+from methods.policy import AbstractPolicy, make_policy
 from methods.residuals.contract import AbstractResidualModel
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
@@ -78,7 +78,7 @@ class GreyBox(AbstractMethod):
         if not 0.0 <= self.spread < 2.0:
             raise ValueError(f"`spread` must lie in [0, 2), got {self.spread}.")
 
-    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+    def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
         task, nominal = setup.task, dataclasses.replace(setup.nominal, dt=self.dt)
         with setup.context.in_turn():

@@ -6,7 +6,7 @@ import equinox as eqx
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.policy import Policy
+from methods.policy import AbstractPolicy
 from methods.training.bptt import BPTT
 from methods.training.high_fidelity import train_in_reality
 
@@ -25,6 +25,6 @@ class HFHotStart(AbstractMethod):
     parents: ClassVar[tuple[str, ...]] = ("lf_baseline",)
     simulator: ClassVar[str] = "crazyflow"
 
-    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+    def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         policy = init or setup.parents["lf_baseline"].policy
         return train_in_reality(self.trainer, setup, policy, key, "HF fine-tuning")

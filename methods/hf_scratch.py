@@ -8,7 +8,7 @@ import jax
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.policy import Policy, make_policy
+from methods.policy import AbstractPolicy, make_policy
 from methods.training.bptt import BPTT
 from methods.training.high_fidelity import train_in_reality
 
@@ -41,7 +41,7 @@ class HFScratch(AbstractMethod):
         budget = round(self.epochs_base + self.epochs_per_drone * n_drones)
         return min(budget, self.trainer.epochs)
 
-    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+    def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         policy_key, train_key = jax.random.split(key)
         reality = setup.reality
         policy = init or make_policy(setup.task, reality.spec, reality.action_space, policy_key)

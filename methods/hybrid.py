@@ -16,7 +16,7 @@ from methods.calibration.pool import Attitude, Calibration, calibrate, pool_size
 from methods.calibration.remainder import calibrate_as_grey_box
 from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.policy import Policy, make_policy
+from methods.policy import AbstractPolicy, make_policy
 from methods.residuals.contract import AbstractResidual, AbstractResidualModel, Transitions
 from methods.residuals.mlp import MLPEnsemble
 from methods.training.bptt import BPTT
@@ -74,7 +74,7 @@ class Hybrid(AbstractMethod):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"`{name}` must be at least 0, got {getattr(self, name)}.")
 
-    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+    def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         residual = registry.load("residual", self.residual)()
         if self.rows is not None:
             residual = MLPEnsemble(max_samples=self.rows)
@@ -84,7 +84,7 @@ class Hybrid(AbstractMethod):
         self,
         setup: Setup,
         key: PRNGKeyArray,
-        init: Policy | None,
+        init: AbstractPolicy | None,
         residual: AbstractResidual,
         fitted: AbstractResidualModel | None = None,
     ) -> Trained:
@@ -131,7 +131,7 @@ def trained_under(
     model: AbstractResidualModel,
     setup: Setup,
     trainer: BPTT,
-    policy: Policy,
+    policy: AbstractPolicy,
     key: PRNGKeyArray,
     bill: Ledger,
     notes: Mapping[str, float] = MappingProxyType({}),

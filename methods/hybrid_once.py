@@ -14,7 +14,7 @@ from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.hybrid import trained_under
-from methods.policy import Policy, make_policy
+from methods.policy import AbstractPolicy, make_policy
 from methods.residuals.contract import AbstractResidualModel
 from methods.training.bptt import BPTT
 
@@ -31,7 +31,7 @@ class HybridOnce(AbstractMethod):
     resumes_from: ClassVar[tuple[str, ...]] = ("hybrid",)
     simulator: ClassVar[str] = "point_mass"
 
-    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+    def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         policy_key, train_key = jax.random.split(key)
         task, nominal, parent = setup.task, setup.nominal, setup.parents["hybrid"]
         if not isinstance(parent.residual, AbstractResidualModel):

@@ -7,7 +7,7 @@ import jax
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.policy import Policy, make_policy
+from methods.policy import AbstractPolicy, make_policy
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
 
@@ -22,7 +22,7 @@ class LFBaseline(AbstractMethod):
     parents: ClassVar[tuple[str, ...]] = ()
     simulator: ClassVar[str] = "point_mass"
 
-    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+    def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         policy_key, train_key = jax.random.split(key)
         simulator = setup.nominal
         policy = init or make_policy(setup.task, simulator.spec, simulator.action_space, policy_key)

@@ -1,4 +1,6 @@
-"""The shared policy: one small network, applied to each drone's own observation."""
+"""What a policy is, and the shared one: a small network applied to each drone's own observation."""
+
+import abc
 
 import equinox as eqx
 import jax
@@ -17,7 +19,19 @@ LIFT = 0.1
 nothing in a simulator with a floor."""
 
 
-class Policy(eqx.Module):
+class AbstractPolicy(eqx.Module):
+    """Maps observations to actions. A method may have a class of its own.
+
+    It is stored by its structure, so that it holds equinox modules, arrays, lists, tuples, numbers,
+    text, and functions that stand at the top of a module.
+    """
+
+    @abc.abstractmethod
+    def __call__(self, obs: Float[Array, "drones obs"]) -> Float[Array, "drones 3"]:
+        """Actions in [-1, 1], one row a drone."""
+
+
+class Policy(AbstractPolicy):
     """obs -> 128 -> 128 -> 3, tanh throughout. Source: paper, Sec. III-A."""
 
     net: eqx.nn.MLP
@@ -64,9 +78,7 @@ def make_policy(
     task: AbstractTask, spec: VehicleSpec, space: ActionSpace, key: PRNGKeyArray
 ) -> Policy:
     """A fresh policy that roughly hovers."""
-    net = eqx.nn.MLP(
-        task.obs_size, 3, WIDTH, 2, activation=jnp.tanh, final_activation=jnp.tanh, key=key
-    )
+    net = _network(task.obs_size, key)
     hover = jnp.arctanh(space.hover(spec.mass) + LIFT)
     last = net.layers[-1]
     net = eqx.tree_at(
@@ -77,12 +89,33 @@ def make_policy(
     return Policy(net)
 
 
+def _network(obs_size: int, key: PRNGKeyArray) -> eqx.nn.MLP:
+    """The network with equinox's initial weights."""
+    return eqx.nn.MLP(
+        obs_size, 3, WIDTH, 2, activation=jnp.tanh, final_activation=jnp.tanh, key=key
+    )
+
+
+def is_shared(policy: AbstractPolicy) -> bool:
+    """Whether a policy has the architecture that `make_policy` gives, whatever its weights."""
+    if type(policy) is not Policy:
+        return False
+    own, size = policy.net, policy.net.in_size
+    if not isinstance(size, int):
+        return False
+    shared = eqx.filter_eval_shape(_network, size, jax.random.key(0))
+    shapes = lambda net: [  # noqa: E731
+        (x.shape, x.dtype) if hasattr(x, "shape") else x for x in jax.tree.leaves(net)
+    ]
+    return jax.tree.structure(own) == jax.tree.structure(shared) and shapes(own) == shapes(shared)
+
+
 class PolicyController(eqx.Module):
     """Deploys a policy on a task."""
 
     task: AbstractTask
     """Makes the observations."""
-    policy: Policy
+    policy: AbstractPolicy
     """Makes the actions."""
 
     def __call__(self, state: TaskState) -> Float[Array, "drones 3"]:

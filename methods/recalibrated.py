@@ -13,7 +13,7 @@ from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.hybrid import Hybrid, trained_under
-from methods.policy import Policy
+from methods.policy import AbstractPolicy
 from methods.residuals.contract import AbstractResidualModel
 from methods.residuals.mlp import MLPEnsemble, MLPModel
 from methods.training.bptt import BPTT
@@ -43,7 +43,7 @@ class Recalibrated(AbstractMethod):
         if not self.refit_lr > 0.0:
             raise ValueError(f"`refit_lr` must be above 0, got {self.refit_lr}.")
 
-    def train(self, setup: Setup, key: PRNGKeyArray, init: Policy | None = None) -> Trained:
+    def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         parent = setup.parents["hybrid"]
         if not self.flights:
             if not isinstance(parent.residual, AbstractResidualModel):

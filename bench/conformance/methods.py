@@ -1,4 +1,4 @@
-"""What a method must keep to: an honest ledger, the shared policy, the same key the same result.
+"""What a method must keep to: an honest ledger, a policy to store, one result per key.
 
 It is trained for a moment on a tiny cell: two drones, a fraction of a second, parents whose
 policies are fresh. Whether it learns is for `bench run` to say.
@@ -6,7 +6,9 @@ policies are fresh. Whether it learns is for `bench run` to say.
 
 import dataclasses
 import functools
+import tempfile
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -16,9 +18,10 @@ import numpy as np
 
 from bench.conformance.suite import Check, declaration_checks, demand, equal, finite
 from bench.plan.settings import Setting, build
+from bench.store.record import load_policy, policy_bytes
 from bench.store.tables import SCHEMAS, STATUSES, UNITS
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.policy import Policy, make_policy
+from methods.policy import AbstractPolicy, Policy, is_shared, make_policy
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from simulators import registry
@@ -73,7 +76,8 @@ def behaviour(
         return made().train(watched.setup(cls, TASK), KEY)
 
     sentences = {
-        "`train` returns a Trained with the shared policy": lambda: _returns(trained()),
+        "`train` returns a Trained with a policy": lambda: _returns(trained()),
+        "the policy can be stored and deployed": lambda: _stored(trained()),
         "the policy is finite": lambda: _finite_policy(trained()),
         "its status is one that a run can have": lambda: _status(trained()),
         "the ledger holds costs that can be": lambda: _ledger(trained()),
@@ -87,7 +91,7 @@ def behaviour(
             trained(), made().train(_Watch(reality).setup(cls, TASK), KEY)
         ),
         "training can start from a given policy": lambda: _starts(
-            made().train(_Watch(reality).setup(cls, TASK), KEY, fresh(3))
+            made().train(_Watch(reality).setup(cls, TASK), KEY, _other(trained().policy))
         ),
     }
     return [Check(text, check) for text, check in sentences.items()]
@@ -97,6 +101,11 @@ def fresh(seed: int) -> Policy:
     """A policy of the tiny cell."""
     nominal = PointMass()
     return make_policy(TASK, nominal.spec, nominal.action_space, jax.random.key(seed))
+
+
+def _other(policy: AbstractPolicy) -> AbstractPolicy:
+    """A policy of the same architecture with other numbers."""
+    return fresh(3) if is_shared(policy) else policy
 
 
 class _Watch:
@@ -152,18 +161,31 @@ def _simulator(cls: type[Any]) -> None:
 
 def _returns(trained: Trained) -> None:
     demand(isinstance(trained, Trained), f"`train` must return a Trained, got {trained!r:.60}")
-    wanted, got = (
-        [x.shape for x in jax.tree.leaves(eqx.filter(policy, eqx.is_array))]
-        for policy in (fresh(0), trained.policy)
-    )
     demand(
-        got == wanted,
-        f"the policy must be that of `make_policy` (arrays {wanted}), so that it can be stored and "
-        f"compared, got arrays {got}",
+        isinstance(trained.policy, AbstractPolicy),
+        "the policy must be that of `make_policy` or of a class of your own below "
+        f"`AbstractPolicy`, got {trained.policy!r:.60}",
     )
     action = trained.policy(jnp.zeros((2, TASK.obs_size)))
     demand(
         action.shape == (2, 3), f"for two drones the policy must give (2, 3), got {action.shape}"
+    )
+
+
+def _stored(trained: Trained) -> None:
+    """What `bench run` stores of it is the policy that it deploys."""
+    _returns(trained)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "policy.npz"
+        try:
+            path.write_bytes(policy_bytes(trained.policy))
+        except TypeError as error:
+            demand(False, str(error))
+        again = load_policy(path, fresh(0))
+    obs = jax.random.normal(KEY, (2, TASK.obs_size))
+    demand(
+        equal(again(obs), trained.policy(obs)),
+        "the policy acts otherwise once it is stored and loaded; keep all that it needs in fields",
     )
 
 

@@ -19,14 +19,14 @@ from bench.plan.realities import parse_reality
 from bench.plan.suite import built_in, load_suite
 from bench.stats.statistics import cell_of, entry_of, estimate, records
 from bench.store.kept import RESIDUAL, KeptRun, load_kept, path_of, save_kept
-from bench.store.record import UnreadableRunError, with_arrays
+from bench.store.record import UnreadableRunError, policy_of
 from bench.store.resume import reproduces
 from bench.store.store import Store
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 from bench.text.numbers import number
 from bench.text.say import say
-from methods.policy import Policy, PolicyController, make_policy
+from methods.policy import AbstractPolicy, PolicyController, make_policy
 from methods.training.evaluate import evaluate
 from simulators import registry
 from tasks.contract import AbstractTask
@@ -62,7 +62,7 @@ def keep(tables_dir: Path, tasks: Iterable[str], team_sizes: Iterable[int]) -> d
         if store.status(run) in ("", "failed"):
             continue
         if not reproduces(store.metrics(run), tables.metrics(run)):  # else it is not that row's run
-            residual = store.arrays(run, RESIDUAL) if run in resumed else []
+            residual = [*store.arrays(run, RESIDUAL).values()] if run in resumed else []
             own[run] = KeptRun(store.arrays(run, "policy"), residual, committed[run])
     for path, own in kept.items():
         if own:
@@ -80,7 +80,7 @@ def runs_to_resume() -> set[str]:
     return found
 
 
-def kept_policy(tables_dir: Path, task: AbstractTask, name: str, run: str) -> Policy:
+def kept_policy(tables_dir: Path, task: AbstractTask, name: str, run: str) -> AbstractPolicy:
     """The policy of a run; `name` is that of the task.
 
     Raises:
@@ -93,7 +93,7 @@ def kept_policy(tables_dir: Path, task: AbstractTask, name: str, run: str) -> Po
     nominal = registry.load("simulator", NOMINAL)()
     template = make_policy(task, nominal.spec, nominal.action_space, jax.random.key(0))
     try:
-        return with_arrays(template, found[run].policy, f"{run} in {path.name}")
+        return policy_of(found[run].policy, template, f"{run} in {path.name}")
     except UnreadableRunError as error:
         raise UsageError(str(error)) from error
 

@@ -29,6 +29,7 @@ from bench.plan.realities import parse_reality
 from bench.plan.settings import build
 from bench.store.record import Outcome
 from bench.store.store import Store
+from bench.store.structure import describe
 from bench.store.tables import SCHEMAS, STATUSES, UNITS, table
 from methods.calibration.reference_paths import Followers
 from methods.contract import Ledger, Setup, Trained
@@ -131,7 +132,7 @@ def train_and_evaluate(run: Run, store: Store, context: Context) -> Outcome:
 
     Raises:
         UnreadableRunError: A parent's policy cannot be loaded.
-        TypeError: The method did not return what it must.
+        TypeError: The method did not return what it must, or a policy that cannot be stored.
     """
     task = build(
         registry.load("task", run.task), run.task_overrides, run.task, n_drones=run.team_size
@@ -145,6 +146,7 @@ def train_and_evaluate(run: Run, store: Store, context: Context) -> Outcome:
         raise TypeError(f"`train` of '{run.method}' must return a Trained, got {trained!r:.80}.")
     if trained.status not in STATUSES or trained.status == "failed":
         raise ValueError(f"'{run.method}' returned the status '{trained.status}'; raise to fail.")
+    describe(trained.policy)  # what cannot be stored fails before it is flown
     context.progress("evaluation", 0, 2, float("nan"))
     controller = PolicyController(task, trained.policy)
     if run.tracked:

@@ -1,6 +1,7 @@
 """Policies kept beside their tables, one file a cell, and runs restored from them.
 
     policies/TASK-nN.npz    RUN/000, RUN/001, ...   arrays of the policy, in its pytree's order
+                            RUN/structure           how it is made, unless it is the shared one
                             RUN/residual/000, ...   those of its residual, if other runs need it
                             RUN/committed           when the run of the row was committed
 
@@ -20,7 +21,7 @@ import jax
 import numpy as np
 
 from bench.plan.expansion import NOMINAL, PACKAGES, Run
-from bench.store.record import Outcome, UnreadableRunError, with_arrays
+from bench.store.record import Outcome, UnreadableRunError, policy_of, with_arrays
 from bench.store.tables import UNITS, Tables
 from bench.text.errors import UsageError
 from methods.contract import Ledger, Trained
@@ -39,8 +40,8 @@ RESIDUAL = "residual"
 class KeptRun(NamedTuple):
     """What is kept of a run."""
 
-    policy: list[np.ndarray]
-    """Arrays of the policy."""
+    policy: dict[str, np.ndarray]
+    """What its policy was stored as, by name (`record.policy_bytes`)."""
     residual: list[np.ndarray]
     """Arrays of the residual; empty if it is not kept."""
     committed: str
@@ -71,11 +72,13 @@ def load_kept(path: Path, only: str = "") -> dict[str, KeptRun]:
                 run, *rest = name.split("/")
                 if only not in ("", run):
                     continue
-                kept = found.setdefault(run, KeptRun([], [], ""))
+                kept = found.setdefault(run, KeptRun({}, [], ""))
                 if rest == [COMMITTED]:
                     found[run] = kept._replace(committed=str(stored[name]))
+                elif rest[0] == RESIDUAL:
+                    kept.residual.append(stored[name])
                 else:
-                    (kept.residual if rest[0] == RESIDUAL else kept.policy).append(stored[name])
+                    kept.policy["/".join(rest)] = stored[name]
     except (OSError, ValueError, IndexError, EOFError, zipfile.BadZipFile) as error:
         raise UsageError(f"{path} cannot be read: {error}") from error
     return found
@@ -86,7 +89,7 @@ def save_kept(path: Path, kept: Mapping[str, KeptRun]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     named: dict[str, Any] = {}
     for run, own in sorted(kept.items()):
-        named |= {f"{run}/{i:03d}": x for i, x in enumerate(own.policy)}
+        named |= {f"{run}/{name}": x for name, x in sorted(own.policy.items())}
         named |= {f"{run}/{RESIDUAL}/{i:03d}": x for i, x in enumerate(own.residual)}
         if own.committed:
             named[f"{run}/{COMMITTED}"] = np.asarray(own.committed)
@@ -165,7 +168,7 @@ def _outcome(
     metrics = recorded.metrics(run.name)
     of_run = lambda table: table.loc[table["run"].eq(run.name)].reset_index(drop=True)  # noqa: E731
     trained = Trained(
-        policy=with_arrays(template, own.policy, where),
+        policy=policy_of(own.policy, template, where),
         ledger=_ledger(metrics, int(results["calibration_flights"].iloc[0])),
         curves={},
         status=row["status"],

@@ -7,6 +7,7 @@ import json
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -18,12 +19,16 @@ from bench.plan.expansion import REALITY, Run, packages
 from bench.plan.provenance import provenance
 from bench.plan.realities import parse_reality
 from bench.plan.settings import describe_fields
+from bench.store.structure import describe, rebuild
 from bench.store.tables import table
 from methods.contract import Trained
+from methods.policy import AbstractPolicy, is_shared
 from simulators.effects.chain import canonical
 
 FILES = ("metrics.json", "curves.parquet", "trajectory.parquet", "policy.npz")
 """What the folder of a trained run holds beside run.json."""
+STRUCTURE = "structure"
+"""Name of the entry in `policy.npz` that says how a policy of another architecture is made."""
 
 
 class UnreadableRunError(ValueError):
@@ -66,7 +71,7 @@ def run_files(outcome: Outcome) -> dict[str, bytes]:
         files["metrics.json"] = to_json({k: _finite(v) for k, v in outcome.metrics.items()})
         files["curves.parquet"] = _parquet("curves", outcome.curves)
         files["trajectory.parquet"] = _parquet("trajectories", outcome.trajectory)
-        files["policy.npz"] = _arrays(outcome.trained.policy)
+        files["policy.npz"] = policy_bytes(outcome.trained.policy)
         if outcome.trained.residual is not None:
             files["residual.npz"] = _arrays(outcome.trained.residual)
     if outcome.details:
@@ -111,13 +116,24 @@ def _parquet(name: str, frame: pd.DataFrame | None) -> bytes:
     return (table(name, []) if frame is None else frame).to_parquet(index=False)
 
 
-def _arrays(tree: eqx.Module) -> bytes:
-    """The arrays of a pytree as an npz file, in its order."""
+def _arrays(tree: eqx.Module, others: Mapping[str, np.ndarray] = MappingProxyType({})) -> bytes:
+    """The arrays of a pytree as an npz file, in its order, and `others`, by name."""
     leaves = jax.tree.leaves(eqx.filter(tree, eqx.is_array))
     file = io.BytesIO()
     arrays = {f"{index:03d}": np.asarray(leaf) for index, leaf in enumerate(leaves)}
-    np.savez(file, allow_pickle=False, **arrays)
+    np.savez(file, allow_pickle=False, **arrays, **others)
     return file.getvalue()
+
+
+def policy_bytes(policy: AbstractPolicy) -> bytes:
+    """The arrays of a policy as an npz file, and its structure unless it is the shared one.
+
+    Raises:
+        TypeError: Its structure cannot be described, e.g. because it holds a lambda.
+    """
+    if is_shared(policy):
+        return _arrays(policy)
+    return _arrays(policy, {STRUCTURE: np.asarray(describe(policy))})
 
 
 def load_arrays(path: Path, template: T) -> T:
@@ -126,12 +142,45 @@ def load_arrays(path: Path, template: T) -> T:
     Raises:
         UnreadableRunError: The file is damaged, or holds arrays of other shapes.
     """
+    return with_arrays(template, list(_load(path).values()), _where(path))
+
+
+def load_policy(path: Path, template: AbstractPolicy) -> AbstractPolicy:
+    """The policy of a file: in the structure that it names, else in that of `template`.
+
+    Raises:
+        UnreadableRunError: The file is damaged, or its policy cannot be made again.
+    """
+    return policy_of(_load(path), template, _where(path))
+
+
+def policy_of(
+    stored: Mapping[str, np.ndarray], template: AbstractPolicy, where: str
+) -> AbstractPolicy:
+    """The policy that was stored as these arrays, by name, as in `load_policy`."""
+    found = [stored[name] for name in sorted(stored) if name != STRUCTURE]
+    if STRUCTURE not in stored:
+        return with_arrays(template, found, where)
+    try:
+        policy = rebuild(str(stored[STRUCTURE]), found)
+    except (ValueError, ImportError) as error:
+        raise UnreadableRunError(f"{where} cannot be loaded: {error}") from error
+    if not isinstance(policy, AbstractPolicy):
+        raise UnreadableRunError(f"{where} holds a {type(policy).__name__}, which is no policy")
+    return policy
+
+
+def _load(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a file, by name, sorted."""
     try:
         with np.load(path, allow_pickle=False) as stored:
-            found = [stored[name] for name in sorted(stored.files)]
+            return {name: stored[name] for name in sorted(stored.files)}
     except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise UnreadableRunError(f"{path.name} of {path.parent.name}: {error}") from error
-    return with_arrays(template, found, f"{path.name} of {path.parent.name}")
+        raise UnreadableRunError(f"{_where(path)}: {error}") from error
+
+
+def _where(path: Path) -> str:
+    return f"{path.name} of {path.parent.name}"
 
 
 def with_arrays(template: T, found: Sequence[np.ndarray], where: str) -> T:

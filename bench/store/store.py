@@ -4,7 +4,8 @@
                metrics.json        metric -> value
                curves.parquet      training history
                trajectory.parquet  first evaluation episode
-               policy.npz          arrays of the policy, in the order of its pytree
+               policy.npz          arrays of the policy, in the order of its pytree, and its
+                                   structure where it is not the shared one
                residual.npz        the same of the residual, where there is one
 
 A folder is written beside its place, flushed to disk and renamed; from then on nobody changes it. A
@@ -38,13 +39,14 @@ from bench.store.record import (
     checksum,
     describe_run,
     load_arrays,
+    load_policy,
     number,
     run_files,
     to_json,
 )
 from bench.store.tables import IDENTITY, STATUSES, Tables, results_rows, runs_row, stack, table
 from methods.contract import Ledger, Trained
-from methods.policy import Policy
+from methods.policy import AbstractPolicy
 from methods.residuals.contract import blank
 from simulators import registry
 
@@ -244,13 +246,13 @@ class Store:
         """A run's `curves` or `trajectory`."""
         return pd.read_parquet(self.runs / name / f"{file}.parquet")
 
-    def arrays(self, name: str, file: str) -> list[np.ndarray]:
-        """Arrays of a run's `policy` or `residual`, in order; none without such a file."""
+    def arrays(self, name: str, file: str) -> dict[str, np.ndarray]:
+        """What a run's `policy` or `residual` is stored as, by name; empty without such a file."""
         path = self.runs / name / f"{file}.npz"
         if not path.is_file():
-            return []
+            return {}
         with np.load(path, allow_pickle=False) as stored:
-            return [stored[key] for key in sorted(stored.files)]
+            return {key: stored[key] for key in sorted(stored.files)}
 
     def tables(self, sound: Mapping[str, dict], current: Collection[str]) -> Tables:
         """The tables of all runs in `sound`.
@@ -275,8 +277,8 @@ class Store:
             runs=table("runs", [runs_row(c) for c in contents]),
         )
 
-    def trained(self, name: str, template: Policy, residual: bool = False) -> Trained:
-        """What a run trained, its policy in the structure of `template`.
+    def trained(self, name: str, template: AbstractPolicy, residual: bool = False) -> Trained:
+        """What a run trained; a policy whose structure was not stored has that of `template`.
 
         Its residual is left out unless `residual`.
 
@@ -292,7 +294,7 @@ class Store:
         if residual and file.name in content["files"] and content["residual"]:
             model = load_arrays(file, blank(registry.load("residual", content["residual"])()))
         return Trained(
-            policy=load_arrays(self.runs / name / "policy.npz", template),
+            policy=load_policy(self.runs / name / "policy.npz", template),
             residual=model,
             ledger=Ledger(**content["ledger"]),
             curves={column: curves[column].to_numpy() for column in curves},

@@ -29,7 +29,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from methods.calibration.reference_paths import Reference, team_reference
 from methods.calibration.residual_effect import features
-from methods.policy import Policy, PolicyController
+from methods.policy import AbstractPolicy, PolicyController
 from methods.residuals.contract import Transitions
 from simulators.contract import AbstractSimulator
 from simulators.flight import Flight
@@ -95,7 +95,7 @@ def calibrate(
     task: AbstractTask,
     nominal: AbstractSimulator,
     reality: AbstractSimulator,
-    policy: Policy,
+    policy: AbstractPolicy,
     key: PRNGKeyArray,
     n_flights: int,
     attitude: Attitude,
@@ -145,7 +145,7 @@ def _fly(
     task: AbstractTask,
     nominal: AbstractSimulator,
     reality: AbstractSimulator,
-    policy: Policy,
+    policy: AbstractPolicy,
     attitude: Attitude,
     excitation: float,
     keys: Key[Array, " flights"],
@@ -162,7 +162,7 @@ def _fly(
 def make_reference(
     task: AbstractTask,
     nominal: AbstractSimulator,
-    policy: Policy,
+    policy: AbstractPolicy,
     key: PRNGKeyArray,
     role: Array,
 ) -> Reference:

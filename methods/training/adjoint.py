@@ -11,6 +11,8 @@ and is what `jax.grad` of `tasks.rollout.episode` gives, up to rounding. Product
 one product. What the layers gave on the way forward is either kept in buffers that one epoch hands
 to the next (memory that is asked for anew costs as much as computing it), or computed again where
 `kept` is None. What a simulator's frozen effects did is not computed again (`repeating`).
+
+A policy of another architecture has no layers written out: `jax.grad` of the episode it is.
 """
 
 import math
@@ -22,11 +24,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
-from methods.policy import Policy
+from methods.policy import AbstractPolicy, Policy, PolicyController
 from simulators.contract import AbstractSimulator
 from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState
-from tasks.rollout import COTANGENT_LIMIT, Episode, start
+from tasks.rollout import COTANGENT_LIMIT, Episode, episode, start
 
 LARGEST = 128e6
 """Bytes of activations above which they are computed again; a choice."""
@@ -50,15 +52,17 @@ def buffers(
 def gradient(
     task: AbstractTask,
     simulator: AbstractSimulator,
-    policy: Policy,
+    policy: AbstractPolicy,
     keys: Key[Array, " worlds"],
     decay: float,
     kept: Sequence[Array] | None,
-) -> tuple[Episode, Policy, Sequence[Array] | None]:
+) -> tuple[Episode, AbstractPolicy, Sequence[Array] | None]:
     """Episodes by world, the gradient of minus the sum of their smooth returns, and `kept` filled.
 
     `decay` is the share of the gradient that a step passes back (`tasks/rollout.py`).
     """
+    if not isinstance(policy, Policy):
+        return *by_autodiff(task, simulator, policy, keys, decay), kept
     first, goal = jax.vmap(lambda key: start(task, simulator, key))(keys)
     n_worlds, n_drones, steps = len(keys), task.n_drones, jnp.arange(task.horizon)
 
@@ -112,6 +116,26 @@ def gradient(
     flat = jax.tree.map(jnp.zeros_like, eqx.filter(policy, eqx.is_inexact_array))
     (_, slopes), _ = jax.lax.scan(backward, (nothing, flat), (steps, states, afters), reverse=True)
     return sums, slopes, kept
+
+
+def by_autodiff(
+    task: AbstractTask,
+    simulator: AbstractSimulator,
+    policy: AbstractPolicy,
+    keys: Key[Array, " worlds"],
+    decay: float,
+) -> tuple[Episode, AbstractPolicy]:
+    """Episodes and gradient as `gradient` gives them, of any policy; slower."""
+    live, fixed = eqx.partition(policy, eqx.is_inexact_array)
+
+    def loss(live: Any) -> tuple[Array, Episode]:
+        controller = PolicyController(task, eqx.combine(live, fixed))
+        fly = lambda key: episode(task, simulator, controller, key, decay)  # noqa: E731
+        episodes = jax.vmap(fly)(keys)
+        return -jnp.sum(episodes.smooth_reward), episodes
+
+    slopes, episodes = jax.grad(loss, has_aux=True)(live)
+    return episodes, slopes
 
 
 def _scored(

@@ -29,7 +29,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from methods.policy import Policy
+from methods.policy import AbstractPolicy, Policy
 from methods.training.adjoint import buffers, gradient
 from methods.training.context import Context
 from methods.training.together import Team
@@ -112,13 +112,13 @@ class BPTT(eqx.Module):
         """That of an epoch."""
         return _schedule(self.lr, self.epochs, self.final_lr)(epoch)
 
-    def room(self, policy: Policy, task: AbstractTask, n_trainings: int = 0) -> Any:
+    def room(self, policy: AbstractPolicy, task: AbstractTask, n_trainings: int = 0) -> Any:
         """What an epoch keeps of the policy's layers (`methods/training/adjoint.py`), or None.
 
         Who trains in one world at a time, trains in an expensive simulator: there its steps cost,
         not products, and memory is to stay small.
         """
-        if self.n_worlds == 1:
+        if self.n_worlds == 1 or not isinstance(policy, Policy):
             return None
         return buffers(policy, task, self.worlds(task.n_drones), n_trainings)
 
@@ -126,7 +126,7 @@ class BPTT(eqx.Module):
         self,
         task: AbstractTask,
         simulator: AbstractSimulator,
-        policy: Policy,
+        policy: AbstractPolicy,
         key: PRNGKeyArray,
         context: Context,
         stage: str,
@@ -184,7 +184,7 @@ def _step(team: Team | None, room: Callable[[int], Any]) -> Callable[[tuple], tu
 class _Course:
     """How far a training has come: all that its next epochs depend on, beside its key."""
 
-    def __init__(self, settings: BPTT, policy: Policy) -> None:
+    def __init__(self, settings: BPTT, policy: AbstractPolicy) -> None:
         self.settings = settings
         self.policy = policy
         self.opt_state = optimizer(settings.clip).init(eqx.filter(policy, eqx.is_inexact_array))
@@ -211,7 +211,7 @@ class _Course:
         patience = self.settings.patience
         return patience is not None and len(self.history) - 1 - self._milestone_epoch >= patience
 
-    def add(self, updated: Policy, opt_state: Any, row: dict[str, float]) -> None:
+    def add(self, updated: AbstractPolicy, opt_state: Any, row: dict[str, float]) -> None:
         """One more epoch; its row describes the policy before the update."""
         self.history.append(row)
         if len(self.history) >= self._window and self.recent > self.best:
@@ -253,7 +253,7 @@ class _Course:
 class Training:
     """The outcome of one BPTT run."""
 
-    policy: Policy
+    policy: AbstractPolicy
     """The last policy; with patience, that at the best average."""
     curves: dict[str, Float[np.ndarray, " epochs"]]
     """History, one entry an epoch."""
@@ -313,10 +313,10 @@ def _schedule(lr: float, epochs: int, final_lr: float) -> Callable[[int], Array]
 
 
 def _update(
-    given: tuple[Rule, AbstractTask, AbstractSimulator, Policy, Any, Array, PRNGKeyArray],
+    given: tuple[Rule, AbstractTask, AbstractSimulator, AbstractPolicy, Any, Array, PRNGKeyArray],
     kept: Any,
-) -> tuple[Policy, Any, dict[str, Array], Any]:
-    """Policy and optimiser's state after one epoch, its row, and the buffers of `kept`.
+) -> tuple[AbstractPolicy, Any, dict[str, Array], Any]:
+    """AbstractPolicy and optimiser's state after one epoch, its row, and the buffers of `kept`.
 
     The history's row describes the policy before the update. `kept` comes from `BPTT.room` and
     may not be used again.

@@ -3,13 +3,13 @@
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import Ledger, Setup, Trained
-from methods.policy import Policy
+from methods.policy import AbstractPolicy
 from methods.training.bptt import BPTT
 from simulators.vehicle import CONTROL_DT
 
 
 def train_in_reality(
-    trainer: BPTT, setup: Setup, policy: Policy, key: PRNGKeyArray, stage: str
+    trainer: BPTT, setup: Setup, policy: AbstractPolicy, key: PRNGKeyArray, stage: str
 ) -> Trained:
     """`policy` trained in `setup.reality`, with its fleet-seconds and crashes."""
     task = setup.task

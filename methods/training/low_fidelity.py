@@ -7,7 +7,7 @@ from types import MappingProxyType
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import Ledger, Setup, Trained
-from methods.policy import Policy
+from methods.policy import AbstractPolicy
 from methods.training.bptt import BPTT
 from simulators.contract import AbstractSimulator
 
@@ -19,7 +19,7 @@ def train_in_point_mass(
     trainer: BPTT,
     setup: Setup,
     simulator: AbstractSimulator,
-    policy: Policy,
+    policy: AbstractPolicy,
     key: PRNGKeyArray,
     stage: str,
     bill: Ledger = NOTHING,

@@ -1,5 +1,6 @@
 """Plug-ins that each break one promise; the conformance suite must name it."""
 
+from collections.abc import Callable
 from typing import ClassVar
 
 import equinox as eqx
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from methods.contract import AbstractMethod, Ledger, Trained
-from methods.policy import make_policy
+from methods.policy import AbstractPolicy, make_policy
 from methods.residuals.affine import Affine
 from methods.residuals.contract import AbstractResidual, AbstractResidualModel
 from simulators.effects.contract import Parameter, WrenchEffect
@@ -257,6 +258,35 @@ class Honest(AbstractMethod):
 
     def result(self, policy, ledger, **rest):
         return Trained(policy=policy, ledger=ledger, curves={"reward": np.zeros(1)}, **rest)
+
+
+class Linear(AbstractPolicy):
+    """A policy of an architecture of its own."""
+
+    gain: jax.Array
+    squash: Callable = jnp.tanh
+
+    def __call__(self, obs):
+        return self.squash(obs @ self.gain)
+
+
+def linear(task, seed=0, **settings):
+    return Linear(0.1 * jax.random.normal(jax.random.key(seed), (task.obs_size, 3)), **settings)
+
+
+class Homemade(Honest):
+    """Trains a policy of its own architecture; whole."""
+
+    def train(self, setup, key, init=None):
+        return Honest.train(self, setup, key, init or linear(setup.task))
+
+
+class Nameless(Honest):
+    """Its policy holds a function that nobody finds again."""
+
+    def train(self, setup, key, init=None):
+        policy = linear(setup.task, squash=lambda x: jnp.tanh(x))
+        return Honest.train(self, setup, key, init or policy)
 
 
 class Thief(Honest):

@@ -79,6 +79,7 @@ def test_a_whole_plugin_passes(kind, cls):
         ("residual", broken.Dice, "same fit", "take randomness from `key` alone"),
         ("residual", broken.Blind, "heavier rows", "use `transitions.weight`"),
         ("method", broken.Thief, "is billed", "flies in `setup.reality` but bills no flight"),
+        ("method", broken.Nameless, "stored and deployed", "policy.squash is .* found by name"),
         ("method", broken.Unfinished, "policy is finite", "the policy holds NaN"),
         ("method", broken.Loud, "names of their own", "a note cannot be called 'reward'"),
         ("method", broken.Loud, "its status", "must be one of ok, diverged, budget"),
@@ -88,6 +89,10 @@ def test_a_whole_plugin_passes(kind, cls):
 )
 def test_a_broken_plugin_is_told_what_is_wrong(kind, cls, sentence, said):
     assert re.search(said, problem(kind, cls, sentence))
+
+
+def test_a_method_may_train_a_policy_of_its_own_architecture():
+    assert problems("method", broken.Homemade) == {}
 
 
 def test_the_whole_point_mass_passes_and_broken_ones_do_not():

@@ -9,7 +9,7 @@ from flying import SIMULATORS, attached, x64
 
 from methods.calibration.residual_effect import ResidualEffect
 from methods.domain_randomization import randomized
-from methods.policy import PolicyController, make_policy
+from methods.policy import AbstractPolicy, Policy, PolicyController, make_policy
 from methods.residuals.contract import AbstractResidualModel
 from methods.training.adjoint import LARGEST, buffers, gradient
 from methods.training.bptt import BPTT
@@ -146,3 +146,24 @@ def test_a_residual_does_not_depend_on_what_it_remembers():
     np.testing.assert_array_equal(
         simulator.step(state, action).vel, simulator.step(shaken, action).vel
     )
+
+
+class Wrapped(AbstractPolicy):
+    """The shared policy in a class of its own, whose layers nobody has written out."""
+
+    inner: Policy
+
+    def __call__(self, obs):
+        return self.inner(obs)
+
+
+def test_a_policy_of_its_own_architecture_has_the_same_gradient():
+    with x64():
+        task, simulator = Circle(n_drones=3, horizon=25), SIMULATORS["point_mass"]()
+        policy = make_policy(task, simulator.spec, simulator.action_space, KEY)
+        keys = jax.random.split(KEY, 2)
+        fast, slopes, _ = gradient(task, simulator, policy, keys, 0.97, None)
+        slow, others, _ = gradient(task, simulator, Wrapped(policy), keys, 0.97, None)
+        np.testing.assert_allclose(slow.smooth_reward, fast.smooth_reward, rtol=1e-10)
+        for one, other in zip(jax.tree.leaves(slopes), jax.tree.leaves(others), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-9)
