@@ -8,7 +8,7 @@ from rich.console import Console
 
 from bench.diagnosis_report.documents import NAMES, check_place, write_documents
 from bench.diagnosis_report.numbers import clean
-from bench.diagnosis_report.terminal import Display, show_summary
+from bench.diagnosis_report.terminal import DiagnosisProgress, show_summary
 from bench.text.errors import UsageError
 from diagnosis.diagnose import diagnose
 from diagnosis.logs.flights import LogError, load_flights
@@ -35,7 +35,7 @@ def run_diagnosis(
     out = out or Path("reports") / "diagnosis" / name
     check_place(out)
     try:
-        with Display(Console(stderr=True)) as display:
+        with DiagnosisProgress(Console(stderr=True)) as display:
             found = diagnose(
                 load_flights(flights),
                 simulator=simulator,

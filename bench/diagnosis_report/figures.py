@@ -17,7 +17,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.diagnosis_report.numbers import clean, is_number, number, scale_of, shorten, with_unit
+from bench.diagnosis_report.numbers import clean, is_number, rounded, scale_of, shorten, with_unit
 from diagnosis.result import Diagnosis
 from diagnosis.result_parts import ChannelGap, RegimeGap
 
@@ -78,7 +78,7 @@ def before_after_panels(diagnosis: Diagnosis) -> list[Panel]:
             axes.set(xlabel="time [s]", ylabel=f"drift [{unit}]", ylim=(0.0, factor * top or 1.0))
 
         middles = [
-            with_unit(number(factor * _middle(values), 2), unit) for values in (before, after)
+            with_unit(rounded(factor * _middle(values), 2), unit) for values in (before, after)
         ]
         name = clean(line.flight)
         alt = f"Drift along {name}: median {middles[0]} before, {middles[1]} after."
@@ -167,7 +167,7 @@ def _onset(axes: Axes, channel: ChannelGap) -> None:
     axes.axvline(onset, color=INK, lw=1.0, ls=":")
     late = onset > np.mean(axes.get_xlim())
     axes.annotate(
-        f" sets in at {number(onset, 2)} s ",
+        f" sets in at {rounded(onset, 2)} s ",
         (onset, 1.0),
         xycoords=("data", "axes fraction"),
         va="bottom",
@@ -180,7 +180,7 @@ def _range_text(what: str, gap: Float[np.ndarray, " time"], unit: str) -> str:
     seen = gap[np.isfinite(gap)]
     if not len(seen):
         return f"{what}: no data."
-    ends = (with_unit(number(end, 2), unit) for end in (seen[0], seen[-1], seen.max()))
+    ends = (with_unit(rounded(end, 2), unit) for end in (seen[0], seen[-1], seen.max()))
     return "{}: {} at the left end, {} at the right, {} at most.".format(what, *ends)
 
 

@@ -4,8 +4,7 @@ import math
 import re
 from typing import Any, TypeGuard
 
-MISSING = "-"
-"""What stands where there is no number."""
+from bench.text.numbers import MISSING
 
 UNITS = {"m/s^2": "m/s²", "rad/s^2": "rad/s²"}
 """Units as they are shown, where not as they are reported."""
@@ -39,11 +38,11 @@ def decimals_of(value: float, digits: int) -> int:
     """Decimals with which `value` shows `digits` significant digits."""
     if value == 0.0:
         return 0
-    rounded = float(f"{abs(value):.{digits - 1}e}")
-    return max(0, digits - 1 - math.floor(math.log10(rounded)))
+    shortened = float(f"{abs(value):.{digits - 1}e}")
+    return max(0, digits - 1 - math.floor(math.log10(shortened)))
 
 
-def number(value: Any, digits: int = 3) -> str:
+def rounded(value: Any, digits: int = 3) -> str:
     """`value` with `digits` significant digits, never in exponents."""
     if not is_number(value):
         return MISSING
@@ -72,7 +71,7 @@ def quantity(value: Any, unit: str, digits: int = 3) -> str:
     factor, shown = scale_of(unit)
     if unit == "m" and abs(value) >= 1.0:
         factor, shown = 1.0, unit
-    return with_unit(number(factor * value, digits), shown)
+    return with_unit(rounded(factor * value, digits), shown)
 
 
 def estimate(value: Any, low: Any, high: Any) -> tuple[str, str]:
@@ -83,7 +82,7 @@ def estimate(value: Any, low: Any, high: Any) -> tuple[str, str]:
     if not is_number(value):
         return MISSING, ""
     if not (is_number(low) and is_number(high)):
-        return number(value), ""
+        return rounded(value), ""
     width = high - low
     places = decimals_of(width, 2) if width > 0.0 else decimals_of(value, 4)
     places = min(places, decimals_of(value, 5) if value else places)

@@ -11,10 +11,10 @@ from bench.diagnosis_report.numbers import (
     clean,
     estimate,
     is_number,
-    number,
     percent,
     probability,
     quantity,
+    rounded,
     with_unit,
 )
 from diagnosis.result import Diagnosis, Effect, Parameter
@@ -66,7 +66,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
     for soon, why in ((False, "alone"), (True, "soon after a gap in the log or its start")):
         lines = [line for line in diagnosis.details.set_aside if line.after_gap is soon]
         if lines:
-            at = join(f"{clean(line.flight)} at {number(line.t, 2)} s" for line in lines)
+            at = join(f"{clean(line.flight)} at {rounded(line.t, 2)} s" for line in lines)
             said.append(f"Left out, half a second each, for standing out {why}: {at}.")
     if diagnosis.settings.exclude:
         names = join(effect_words(clean(name)).label for name in diagnosis.settings.exclude)
@@ -90,7 +90,7 @@ def _beside_effect(diagnosis: Diagnosis) -> list[str]:
         said.append(f"{percent(diagnosis.remainder.share)} of the gap stays unexplained{tail}.")
     if doubt is not None:
         said.append(
-            f"More than noise is left ({number(doubt.structure, 2)} times it); where that was so, "
+            f"More than noise is left ({rounded(doubt.structure, 2)} times it); where that was so, "
             f"{percent(doubt.true_share)} of the effects named in cases with known answers were "
             "true."
         )
@@ -167,7 +167,7 @@ def where_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none" or not where:
         return "No channel stands out of its noise."
     onsets = [
-        f"{clean(c.channel)} at {number(c.onset_s, 2)} s"
+        f"{clean(c.channel)} at {rounded(c.onset_s, 2)} s"
         for c in diagnosis.where
         if c.onset_s is not None
     ]
@@ -204,7 +204,7 @@ def parameter_texts(effect: str, parameter: Parameter, sign: float = 1.0) -> tup
 def shared_text(shared: SharedParameter) -> str:
     """Value of a parameter in the reference flights, with the unit that people use."""
     words = parameter_words(shared.effect, shared.parameter)
-    return with_unit(number(words.factor * shared.value), words.unit or shared.unit)
+    return with_unit(rounded(words.factor * shared.value), words.unit or shared.unit)
 
 
 def left_out_lines(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -258,7 +258,7 @@ def _main_channels(where: Sequence[ChannelGap]) -> str:
 
 def _extent(diagnosis: Diagnosis) -> str:
     flights = diagnosis.flights
-    return f"{_count(len(flights.used), 'flight')}, {number(flights.seconds)} s in all"
+    return f"{_count(len(flights.used), 'flight')}, {rounded(flights.seconds)} s in all"
 
 
 def _count(n: Any, noun: str) -> str:

@@ -9,10 +9,10 @@ from bench.diagnosis_report.numbers import (
     clean,
     estimate,
     is_number,
-    number,
     percent,
     probability,
     quantity,
+    rounded,
     scale_of,
     with_unit,
 )
@@ -61,7 +61,7 @@ def where_table(diagnosis: Diagnosis) -> Table:
             clean(c.channel),
             percent(c.share),
             *_channel_texts(c),
-            with_unit(number(c.onset_s, 2), "s"),
+            with_unit(rounded(c.onset_s, 2), "s"),
         )
         for c in channels
     ]
@@ -119,8 +119,8 @@ def candidates_table(diagnosis: Diagnosis) -> Table | None:
         (
             set_label(c.effects),
             probability(c.posterior),
-            number(c.evidence, 2),
-            f"{number(c.shrink_percent, 2)} %" if c.shrink_percent is not None else MISSING,
+            rounded(c.evidence, 2),
+            f"{rounded(c.shrink_percent, 2)} %" if c.shrink_percent is not None else MISSING,
         )
         for c in diagnosis.candidates
     ]
@@ -164,7 +164,7 @@ def parameters_table(effect: Effect) -> Table | None:
     for parameter in effect.parameters:
         words = parameter_words(name, parameter.name)
         value, interval = parameter_texts(name, parameter)
-        raw = with_unit(number(parameter.value, 4), parameter.unit)
+        raw = with_unit(rounded(parameter.value, 4), parameter.unit)
         inside = f"{clean(parameter.name)} = {raw}"
         rows.append((clean(words.label), value, interval or MISSING, inside, _use(parameter)))
     if not rows:
@@ -187,7 +187,7 @@ def shrink_table(diagnosis: Diagnosis) -> Table | None:
             clean(line.channel),
             quantity(line.before, clean(line.unit)),
             quantity(line.after, clean(line.unit)),
-            f"{number(line.percent, 2)} %" if line.percent is not None else MISSING,
+            f"{rounded(line.percent, 2)} %" if line.percent is not None else MISSING,
         )
         for line in diagnosis.shrink.by_channel
     )
@@ -211,7 +211,7 @@ def limits_table(diagnosis: Diagnosis) -> Table | None:
     for line in diagnosis.details.limits:
         name = clean(line.effect)
         words = parameter_words(name, clean(line.parameter))
-        size = MISSING if line.smallest is None else number(words.factor * line.smallest, 2)
+        size = MISSING if line.smallest is None else rounded(words.factor * line.smallest, 2)
         shown = with_unit(size, words.unit or line.unit)
         rows.append((effect_words(name).label, clean(words.label), shown))
     caption = "Smallest size that these flights could have shown"
@@ -268,9 +268,9 @@ def facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         ("drone", clean(flights.drone)),
         ("flights", str(len(flights.used))),
         ("held out", str(len(flights.held_out))),
-        ("flown", f"{number(flights.seconds)} s"),
+        ("flown", f"{rounded(flights.seconds)} s"),
     ]
-    texts = [number(x) for x in (misfit.before, misfit.after) if x is not None]
+    texts = [rounded(x) for x in (misfit.before, misfit.after) if x is not None]
     if texts:
         found.append(("misfit (1: only noise)", " → ".join(texts)))
     return found

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.diagnosis_report import tables
-from bench.diagnosis_report.numbers import clean, number, probability
+from bench.diagnosis_report.numbers import clean, probability, rounded
 from bench.diagnosis_report.sentences import remarks, set_label, verdict
 from diagnosis.result import Diagnosis
 
@@ -25,7 +25,7 @@ MOST_LINES = 4
 """Channels and candidates in the summary."""
 
 
-class Display:
+class DiagnosisProgress:
     """A context whose `update` shows what the diagnosis is doing.
 
     A bar on a terminal; elsewhere one line as each stage begins.
@@ -44,7 +44,7 @@ class Display:
         )
         self._task = self._bar.add_task("loading flights", total=1.0)
 
-    def __enter__(self) -> "Display":
+    def __enter__(self) -> "DiagnosisProgress":
         if self.console.is_terminal:
             self._bar.start()
         return self
@@ -101,7 +101,7 @@ def _candidates(diagnosis: Diagnosis) -> Table:
         table.add_row(
             Text(set_label(candidate.effects), style),
             Text(probability(candidate.posterior), style),
-            Text(f"{number(candidate.evidence, 2)} nats", style),
+            Text(f"{rounded(candidate.evidence, 2)} nats", style),
         )
     return table
 

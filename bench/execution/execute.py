@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 
 from bench.execution.executor import AbstractExecutor, Ended
-from bench.execution.progress import Display
+from bench.execution.progress import SweepProgress
 from bench.execution.worker import Done, do_runs
 from bench.plan.expansion import Run
 from bench.store.record import Outcome
@@ -19,7 +19,7 @@ def execute(
     runs: Sequence[Run],
     store: Store,
     executor: AbstractExecutor,
-    display: Display,
+    display: SweepProgress,
     done: Iterable[str] = (),
     failed: Iterable[str] = (),
     *,
@@ -56,7 +56,7 @@ class _Execution:
         runs: Sequence[Run],
         store: Store,
         executor: AbstractExecutor,
-        display: Display,
+        display: SweepProgress,
         done: Iterable[str],
         failed: Iterable[str],
         check: Callable[[Run], str],

@@ -51,7 +51,7 @@ class _Line:
         return (time.monotonic() - self.stage_start) * (1.0 / self.fraction - 1.0)
 
 
-class Display:
+class SweepProgress:
     """A context in which the progress of `runs` is shown on `console`."""
 
     def __init__(self, runs: list[Run], console: Console) -> None:
@@ -68,7 +68,7 @@ class Display:
             else None
         )
 
-    def __enter__(self) -> "Display":
+    def __enter__(self) -> "SweepProgress":
         if self._live is not None:
             self._live.start()
         return self

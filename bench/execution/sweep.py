@@ -10,7 +10,7 @@ from rich.text import Text
 from bench.execution.environment import seeds_together
 from bench.execution.execute import execute
 from bench.execution.executor import Name, make_executor
-from bench.execution.progress import Display
+from bench.execution.progress import SweepProgress
 from bench.plan.expansion import Plan
 from bench.plan.provenance import moved, provenance
 from bench.report.leaderboard import COLUMNS, leaderboard_rows, write_leaderboard
@@ -104,7 +104,7 @@ def sweep(
         chosen = executor if missing else "local"  # which starts nothing before it is needed
         with make_executor(chosen, jobs, max(1, len(missing)), logs) as workers:
             say(console, _announcement(standing, workers.slots))
-            display = Display(missing, console)
+            display = SweepProgress(missing, console)
             try:
                 with display:
                     ready = [run.name for run in standing.done if run.name not in again]

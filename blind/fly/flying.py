@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from blind.fly import realities
 from blind.fly.realities import DT, HOVER, MASS, AbstractReality, Disturbance
-from blind.fly.references import Reference
+from blind.fly.references import TrackedPath
 from simulators.vehicle import GRAVITY
 
 CHUNK = 5000
@@ -62,7 +62,7 @@ class _Inputs(eqx.Module):
     tick: Array
     """Whether the controller acts."""
     target: Array
-    """`Reference`, side by side."""
+    """`TrackedPath`, side by side."""
     noise: Array
     """Errors of the estimates."""
 
@@ -80,7 +80,7 @@ class Flown:
 def fly(
     reality: str,
     disturbance: Disturbance,
-    references: list[list[Reference]],
+    references: list[list[TrackedPath]],
     noise: Noise,
     rng: np.random.Generator,
 ) -> list[Flown]:
@@ -131,7 +131,7 @@ def _ticks(n_steps: int, padded: int, rng: np.random.Generator) -> np.ndarray:
     return ticks
 
 
-def _target(reference: Reference, padded: int) -> np.ndarray:
+def _target(reference: TrackedPath, padded: int) -> np.ndarray:
     parts = [reference.pos, reference.vel, reference.acc, reference.yaw[:, None], reference.dither]
     target = np.concatenate(parts, axis=1)
     return np.pad(target, ((0, padded - len(target)), (0, 0)), mode="edge").astype(np.float32)

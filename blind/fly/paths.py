@@ -1,13 +1,13 @@
 """Targets of single manoeuvres: what `diagnosis.decide.advice` says, and gentle flights beside.
 
-Every function takes the times of the physics steps [s] and gives the `Reference` of one drone.
+Every function takes the times of the physics steps [s] and gives the `TrackedPath` of one drone.
 Steps of attitude and thrust are added to the controller's commands and are as sharp as these.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from blind.fly.references import Reference, smooth
+from blind.fly.references import TrackedPath, smooth
 
 Array = np.ndarray
 Times = Float[np.ndarray, " steps"]
@@ -22,60 +22,60 @@ THRUST = 0.3
 """Size of a step of thrust over hover thrust, likewise [-]."""
 
 
-def hover(t: Times) -> Reference:
+def hover(t: Times) -> TrackedPath:
     """Hover at 1 m, swaying by 5 cm."""
     return _reference(t, _swaying(t, HEIGHT))
 
 
-def hover_low(t: Times) -> Reference:
+def hover_low(t: Times) -> TrackedPath:
     """Hover at 0.1 m, swaying by 5 cm."""
     return _reference(t, _swaying(t, 0.1))
 
 
-def slow_lines(t: Times) -> Reference:
+def slow_lines(t: Times) -> TrackedPath:
     """To and fro along a straight line, at most at 0.5 m/s."""
     return _reference(t, _at_height(0.5 * np.sin(t) * smooth(t / 2.0)))
 
 
-def fast_lines(t: Times) -> Reference:
+def fast_lines(t: Times) -> TrackedPath:
     """To and fro along a straight line, at 3 m/s in its middle."""
     return _reference(t, _at_height(2.0 * np.sin(1.5 * t) * smooth(t / 4.0)))
 
 
-def two_speeds(t: Times) -> Reference:
+def two_speeds(t: Times) -> TrackedPath:
     """Along a line at 0.5 and 3 m/s, each held for 2 s, and back."""
     at = [0.0, 0.5, 2.5, 3.5, 5.5, 6.5, 8.5, 9.5, 11.5, 12.0]
     speed = np.interp(t % 12.0, at, [0.0, 0.5, 0.5, 3.0, 3.0, 0.0, 0.0, -3.0, -3.0, -0.5])
     return _reference(t, _at_height(np.cumsum(speed) * (t[1] - t[0])))
 
 
-def attitude_steps(t: Times) -> Reference:
+def attitude_steps(t: Times) -> TrackedPath:
     """Steps of roll and pitch of 0.3 rad every 0.4 s in hover."""
     return _reference(t, _swaying(t, HEIGHT), tilt=_steps(t, np.ones(len(t), bool)))
 
 
-def both_steps(t: Times) -> Reference:
+def both_steps(t: Times) -> TrackedPath:
     """Steps of attitude and of thrust in turn, 2.4 s each."""
     tilting = _count(t) % 12 < 6
     thrust = np.where(tilting, 0.0, THRUST * _square(t))
     return _reference(t, _swaying(t, HEIGHT), tilt=_steps(t, tilting), thrust=thrust)
 
 
-def pumping(t: Times) -> Reference:
+def pumping(t: Times) -> TrackedPath:
     """Up and down by 25 cm every 1.4 s: thrust swings by half of the weight to either side."""
     pos = _swaying(t, HEIGHT)
     pos[:, 2] += 0.25 * np.sin(2 * np.pi * t / 1.4) * smooth(t / 2.0)
     return _reference(t, pos)
 
 
-def tumbling(t: Times) -> Reference:
+def tumbling(t: Times) -> TrackedPath:
     """Climbs and descents at up to 1 m/s in a circle of 1 m at 2 m/s, tilted by 0.4 rad."""
     swing = smooth(t / 2.0)
     x, y = swing * np.cos(2.0 * t), swing * np.sin(2.0 * t)
     return _reference(t, np.stack([x, y, 1.5 + 0.5 * swing * np.sin(2.0 * t)], axis=1))
 
 
-def turning(t: Times) -> Reference:
+def turning(t: Times) -> TrackedPath:
     """Hover with the yaw turned by 90 degrees every 3 s, to the left, back, and to the right."""
     quarters = np.asarray([0.0, 0.0, 1.0, 0.0, -1.0])
     i = np.floor(t / 3.0).astype(int) % 4
@@ -83,7 +83,7 @@ def turning(t: Times) -> Reference:
     return _reference(t, _swaying(t, HEIGHT), yaw=0.5 * np.pi * yaw)
 
 
-def heights(t: Times) -> Reference:
+def heights(t: Times) -> TrackedPath:
     """Hover at 1, 0.3, 0.1 and 0.05 m, 2.5 s each."""
     at = np.asarray([1.0, 1.0, 0.3, 0.1, 0.05])
     i = np.minimum(np.floor(t / 2.5).astype(int), 3)
@@ -127,8 +127,8 @@ def _reference(
     yaw: Array | float = 0.0,
     tilt: Array | float = 0.0,
     thrust: Array | float = 0.0,
-) -> Reference:
+) -> TrackedPath:
     vel = np.gradient(pos, t, axis=0)
     dither = np.zeros((len(t), 4))
     dither[:, :2], dither[:, 3] = tilt, thrust
-    return Reference(pos, vel, np.gradient(vel, t, axis=0), np.full_like(t, 0.0) + yaw, dither)
+    return TrackedPath(pos, vel, np.gradient(vel, t, axis=0), np.full_like(t, 0.0) + yaw, dither)

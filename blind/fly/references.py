@@ -27,7 +27,7 @@ Array = np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
-class Reference:
+class TrackedPath:
     """Targets of one drone at every physics step."""
 
     pos: Float[Array, "steps 3"]
@@ -44,7 +44,7 @@ class Reference:
 
 def make_reference(
     kind: int, t: Float[Array, " steps"], rng: np.random.Generator, low_height: float = 0.0
-) -> Reference:
+) -> TrackedPath:
     """Targets of a flight of the given kind (counted modulo `N_KINDS`) at times `t` [s].
 
     `low_height` [m] lifts the low flights, for vehicles with something below them.
@@ -61,10 +61,10 @@ def make_reference(
     yaw = np.zeros_like(t)
     if kind == 4:
         yaw = rng.uniform(0.7, 1.1) * np.sin(2 * np.pi * rng.uniform(0.08, 0.13) * t)
-    return Reference(pos, vel, np.gradient(vel, t, axis=0), yaw, _dither(t, rng))
+    return TrackedPath(pos, vel, np.gradient(vel, t, axis=0), yaw, _dither(t, rng))
 
 
-def above(below: Reference, t: Float[Array, " steps"], rng: np.random.Generator) -> Reference:
+def above(below: TrackedPath, t: Float[Array, " steps"], rng: np.random.Generator) -> TrackedPath:
     """Targets of a second drone that sweeps to and fro about half a metre above another."""
     angle = rng.uniform(0.0, 2 * np.pi)
     sweep = rng.uniform(0.2, 0.3) * np.sin(2 * np.pi * rng.uniform(0.2, 0.35) * t)
@@ -73,7 +73,7 @@ def above(below: Reference, t: Float[Array, " steps"], rng: np.random.Generator)
     y = np.sin(angle) * sweep + np.cos(angle) * across
     pos = below.pos + np.stack([x, y, np.full_like(t, rng.uniform(0.45, 0.6))], axis=1)
     vel = np.gradient(pos, t, axis=0)
-    return Reference(pos, vel, np.gradient(vel, t, axis=0), below.yaw, _dither(t, rng))
+    return TrackedPath(pos, vel, np.gradient(vel, t, axis=0), below.yaw, _dither(t, rng))
 
 
 def smooth(s: Array) -> Array:

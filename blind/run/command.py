@@ -25,7 +25,7 @@ from blind.report.tables import Tables, make_tables, save_labels
 from blind.run.answer_baselines import answer_baselines
 from blind.run.answering import DIAGNOSE, TIMEOUT, answer_all, missing, read_answers
 from blind.run.children import Ended, Task, python, run_tasks
-from blind.run.display import Display
+from blind.run.display import CasesProgress
 from blind.run.measuring import measure_all, read_measures, unmeasured
 
 DOCUMENT = Path("reports") / "blind.md"
@@ -200,7 +200,7 @@ def _fly(folders: Folders, settings: Mapping[str, Any], total: int, console: Con
     def end(ended: Ended) -> None:
         causes.append(ended.cause)
 
-    with Display("flying cases", total, console) as display:
+    with CasesProgress("flying cases", total, console) as display:
         poll = lambda: display.at(len(folders.flown()))  # noqa: E731
         run_tasks([make], 1, end, on_poll=poll)
     if causes[0]:
@@ -219,7 +219,7 @@ def _answer(
     done = len(labels) - len(left)
     if done:
         console.print(f"{done} of {len(labels)} cases have an answer already.", highlight=False)
-    with Display("diagnosing", len(labels), console, done) as display:
+    with CasesProgress("diagnosing", len(labels), console, done) as display:
 
         def on_end(case: Case, status: Mapping[str, Any]) -> None:
             display.finished(case.id, status["cause"], status["seconds"])
@@ -231,7 +231,7 @@ def _answer(
 def _measure(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:
     left = unmeasured(folders, labels)
     if left:
-        with Display("measuring what the flights allow", len(left), console) as display:
+        with CasesProgress("measuring what the flights allow", len(left), console) as display:
             measure_all(folders, left, jobs, display.at)
     if lost := unmeasured(folders, labels):
         console.print(

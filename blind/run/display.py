@@ -14,7 +14,7 @@ from rich.progress import (
 from rich.text import Text
 
 
-class Display:
+class CasesProgress:
     """A context that shows how many of `total` cases are done."""
 
     def __init__(self, what: str, total: int, console: Console, done: int = 0) -> None:
@@ -33,7 +33,7 @@ class Display:
         )
         self._task = self._bar.add_task(what, total=total, completed=done)
 
-    def __enter__(self) -> "Display":
+    def __enter__(self) -> "CasesProgress":
         if self.console.is_terminal:
             self._bar.start()
         elif self._count < self._total:

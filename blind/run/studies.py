@@ -18,7 +18,7 @@ from bench.text.errors import UsageError
 from blind.draw.folders import RESULTS, Folders, write_json
 from blind.run.answering import sources_digest
 from blind.run.command import alone, rebuild_report
-from blind.run.display import Display
+from blind.run.display import CasesProgress
 from blind.score.measures import OWN
 
 Row = Mapping[str, Any]
@@ -96,7 +96,7 @@ def run_study(study: Study, folders: Folders, console: Console) -> Path:
     left = [item for item, found in rows.items() if found is None]
     done = len(rows) - len(left)
     folders.out.mkdir(parents=True, exist_ok=True)
-    with Display(study.title, len(rows), console, done) as display:
+    with CasesProgress(study.title, len(rows), console, done) as display:
         for number, item in enumerate(left, done + 1):
             rows[item] = list(study.measure(item))
             write_json(kept / f"{item}.json", {"sources": sources, "rows": rows[item]})

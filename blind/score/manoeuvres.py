@@ -20,7 +20,7 @@ from blind.draw.cases import write_flights
 from blind.draw.catalogue import Withheld
 from blind.fly import flying, paths
 from blind.fly.realities import DT
-from blind.fly.references import Reference
+from blind.fly.references import TrackedPath
 from blind.score.measures import OWN
 from diagnosis.decide.decidable import DECIDABLE, truth_fit
 from diagnosis.diagnose import STEPS, make_likelihood, nominal_simulator
@@ -43,7 +43,7 @@ Parameters = Mapping[str, float]
 class Flights:
     """Flights that all follow the same targets."""
 
-    path: Callable[[np.ndarray], Reference]
+    path: Callable[[np.ndarray], TrackedPath]
     """Targets at times [s]."""
     n: int = 1
     """Number of flights."""

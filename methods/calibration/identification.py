@@ -44,7 +44,7 @@ from diagnosis.logs.segments import cut
 from diagnosis.replay.library import Library, make_library
 from diagnosis.replay.replay import make_replay
 from methods.calibration.pool import TrackingFlight, track_dithered
-from methods.calibration.reference_paths import Reference
+from methods.calibration.reference_paths import ReferencePath
 from simulators import registry
 from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
 from simulators.contract import AbstractSimulator, with_effects
@@ -229,17 +229,17 @@ def logged(flights: TrackingFlight, key: PRNGKeyArray) -> TrackingFlight:
 def _fly(
     nominal: AbstractSimulator,
     reality: AbstractSimulator,
-    references: Reference,
+    references: ReferencePath,
     dither: Float[Array, "flights time 1 3"],
 ) -> TrackingFlight:
-    def one(reference: Reference, dither: Array) -> TrackingFlight:
+    def one(reference: ReferencePath, dither: Array) -> TrackingFlight:
         key = jax.random.key(0)
         return track_dithered(nominal, reality, reference, "filtered", dither, key)
 
     return jax.vmap(one)(references, dither)
 
 
-def paths() -> dict[str, Reference]:
+def paths() -> dict[str, ReferencePath]:
     """The paths, by name."""
     t = np.arange(round(SECONDS / CONTROL_DT) + 1) * CONTROL_DT
     lift = _step(t, 0.0, 0.4)
@@ -265,10 +265,10 @@ def _step(t: Float[np.ndarray, " time"], at: float, width: float) -> Float[np.nd
     return 1.0 - np.exp(-r) * (1.0 + r)
 
 
-def _reference(pos: Float[np.ndarray, "time 3"]) -> Reference:
+def _reference(pos: Float[np.ndarray, "time 3"]) -> ReferencePath:
     vel = np.gradient(pos, CONTROL_DT, axis=0)
     acc = np.diff(vel, axis=0) / CONTROL_DT
-    return Reference(*(jnp.asarray(x, float) for x in (pos[:-1], vel[:-1], acc)))
+    return ReferencePath(*(jnp.asarray(x, float) for x in (pos[:-1], vel[:-1], acc)))
 
 
 def _log(nominal: AbstractSimulator, flights: TrackingFlight, i: int, name: str) -> FlightLog:

@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from methods.calibration.reference_paths import Reference, team_reference
+from methods.calibration.reference_paths import ReferencePath, team_reference
 from methods.calibration.residual_effect import features
 from methods.policy import AbstractPolicy, PolicyController
 from methods.residuals.contract import Transitions
@@ -150,8 +150,8 @@ def _fly(
     excitation: float,
     keys: Key[Array, " flights"],
     roles: Int[Array, " flights"],
-) -> tuple[Reference, TrackingFlight]:
-    def one(args: tuple[PRNGKeyArray, Array]) -> tuple[Reference, TrackingFlight]:
+) -> tuple[ReferencePath, TrackingFlight]:
+    def one(args: tuple[PRNGKeyArray, Array]) -> tuple[ReferencePath, TrackingFlight]:
         key, role = args
         reference = make_reference(task, nominal, policy, key, role)
         return reference, track(nominal, reality, reference, attitude, excitation, key)
@@ -165,7 +165,7 @@ def make_reference(
     policy: AbstractPolicy,
     key: PRNGKeyArray,
     role: Array,
-) -> Reference:
+) -> ReferencePath:
     """The path of one role in a low-fidelity episode, from the spawn to the last step but one."""
     team = team_reference(task, nominal, PolicyController(task, policy), key)
     return jax.tree.map(lambda x: x[:, role], team)
@@ -174,7 +174,7 @@ def make_reference(
 def track(
     nominal: AbstractSimulator,
     reality: AbstractSimulator,
-    reference: Reference,
+    reference: ReferencePath,
     attitude: Attitude,
     excitation: float,
     key: PRNGKeyArray,
@@ -192,7 +192,7 @@ def track(
 def track_dithered(
     nominal: AbstractSimulator,
     reality: AbstractSimulator,
-    reference: Reference,
+    reference: ReferencePath,
     attitude: Attitude,
     dither: Float[Array, "time 1 3"],
     key: PRNGKeyArray,
@@ -201,7 +201,7 @@ def track_dithered(
     tracker = PDTracker(mass=reality.spec.mass, action_space=reality.action_space)
     start = reference.pos[:1]
 
-    def step(carry: tuple, inputs: tuple[Reference, Array]) -> tuple[tuple, TrackingFlight]:
+    def step(carry: tuple, inputs: tuple[ReferencePath, Array]) -> tuple[tuple, TrackingFlight]:
         (state, shadow), (target, dither) = carry, inputs
         before = reality.flight(state)
         action, clipped = tracker.action(

@@ -16,7 +16,7 @@ from tasks.contract import AbstractTask, TaskState
 from tasks.rollout import AbstractEpisodeController, Controller, record
 
 
-class Reference(eqx.Module):
+class ReferencePath(eqx.Module):
     """Paths to follow, world frame, `CONTROL_DT` apart; of one drone or of a team."""
 
     pos: Float[Array, "time *drones 3"]
@@ -29,19 +29,19 @@ class Reference(eqx.Module):
 
 def team_reference(
     task: AbstractTask, nominal: AbstractSimulator, leader: Controller, key: PRNGKeyArray
-) -> Reference:
+) -> ReferencePath:
     """The paths of `leader` in a low-fidelity episode, from the spawn to the last step but one."""
     flown = record(task, nominal, leader, key).flight
     spawn, _ = task.reset(jax.random.split(key)[0])
     pos = jnp.concatenate([spawn[None], flown.pos])
     vel = jnp.concatenate([jnp.zeros_like(spawn)[None], flown.vel])
-    return Reference(pos=pos[:-1], vel=vel[:-1], acc=jnp.diff(vel, axis=0) / CONTROL_DT)
+    return ReferencePath(pos=pos[:-1], vel=vel[:-1], acc=jnp.diff(vel, axis=0) / CONTROL_DT)
 
 
 class PathFollower(eqx.Module):
     """A team whose drones follow a path each."""
 
-    reference: Reference
+    reference: ReferencePath
     """The paths of the team."""
     tracker: PDTracker
     """Makes the commands."""

@@ -17,7 +17,7 @@ from bench.diagnosis_report import figures, tables
 from bench.diagnosis_report.documents import NAMES, write_documents
 from bench.diagnosis_report.page import diagnosis_page
 from bench.diagnosis_report.sentences import remarks, shrink_sentence, verdict
-from bench.diagnosis_report.terminal import Display, show_summary
+from bench.diagnosis_report.terminal import DiagnosisProgress, show_summary
 from bench.diagnosis_report.text import diagnosis_text
 from bench.report.page import render_markdown
 
@@ -245,7 +245,7 @@ def test_summary_on_the_terminal_is_short_and_obeys_no_name(kind, tmp_path):
 
 def test_progress_is_a_line_per_stage_where_there_is_no_terminal():
     console = Console(file=io.StringIO(), width=80)
-    with Display(console) as display:
+    with DiagnosisProgress(console) as display:
         for stage, fraction in [("replay", 0.0), ("replay", 0.2), ("[b]fit", 0.5), ("[b]fit", 2.0)]:
             display.update(stage, fraction)
     assert console.file.getvalue() == "replay\n[b]fit\n"

@@ -6,7 +6,7 @@ import diagnoses_for_tests
 import pytest
 from diagnoses_for_tests import HOSTILE, load
 
-from bench.diagnosis_report.numbers import clean, estimate, number, probability, quantity
+from bench.diagnosis_report.numbers import clean, estimate, probability, quantity, rounded
 from bench.diagnosis_report.sentences import (
     effect_phrase,
     remarks,
@@ -161,9 +161,9 @@ def test_every_effect_can_be_told_in_a_sentence(name, value, bounded):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (number(0.00999, 2), "0.010"),
-        (number(1234.5), "1234"),
-        (number(math.nan), "-"),
+        (rounded(0.00999, 2), "0.010"),
+        (rounded(1234.5), "1234"),
+        (rounded(math.nan), "-"),
         (quantity(0.0341, "m", 2), "34 mm"),
         (quantity(1.26, "m", 2), "1.3 m"),
         (quantity(0.1, "rad"), "5.73°"),

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from bench.cli.app import main
 from bench.execution.execute import _Schedule
-from bench.execution.progress import Display
+from bench.execution.progress import SweepProgress
 from bench.execution.worker import train_and_evaluate
 from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
@@ -321,7 +321,7 @@ def test_a_group_costs_nothing_but_its_own_runs(plugins, write_suite, tmp_path, 
 def test_the_display_of_a_terminal_shows_run_stage_epoch_return_and_time_left(plugins):
     runs = expand(Suite("test", "", ("spread",), (2,), 2, (Row("instant"),))).runs
     console = Console(file=io.StringIO(), width=120, force_terminal=True, color_system=None)
-    display = Display(runs, console)
+    display = SweepProgress(runs, console)
     display.started(0, [runs[1]])
     display.progress(0, "HF training", 30, 120, -41.25)
     display.finished(runs[0], "diverged", "", 61.0)
@@ -337,7 +337,7 @@ def test_the_display_of_a_terminal_shows_run_stage_epoch_return_and_time_left(pl
 def test_the_display_of_a_group_names_the_first_and_counts_the_others(plugins):
     runs = expand(Suite("test", "", ("spread",), (2,), 3, (Row("instant"),))).runs
     console = Console(file=io.StringIO(), width=120, force_terminal=True, color_system=None)
-    display = Display(runs, console)
+    display = SweepProgress(runs, console)
     display.started(0, runs)
     display.finished(runs[0], "ok", "", 2.0)
     display.progress(0, "HF training", 30, 120, -41.25)

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from bench.execution.execute import execute
 from bench.execution.executor import AbstractExecutor, Ended
-from bench.execution.progress import Display
+from bench.execution.progress import SweepProgress
 from bench.execution.worker import do_run
 from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
@@ -52,7 +52,7 @@ def test_a_full_disk_costs_the_runs_that_cannot_be_stored(plugins, tmp_path, mon
     runs = expand(Suite("test", "", ("spread",), (2,), 2, (Row("child"),))).runs
     store = Store(tmp_path, FailingDisk())
     console = Console(file=io.StringIO(), width=200)
-    status = execute(runs, store, Full(), Display(runs, console))
+    status = execute(runs, store, Full(), SweepProgress(runs, console))
     assert status == {run.name: "failed" for run in runs}
     assert store.names() == []
     text = console.file.getvalue()
@@ -81,7 +81,7 @@ def test_what_failed_by_itself_stays_so_when_its_group_dies_later(plugins, tmp_p
         def stop(self):
             pass
 
-    display = Display(runs, Console(file=io.StringIO(), width=200))
+    display = SweepProgress(runs, Console(file=io.StringIO(), width=200))
     status = execute(runs, store, Dying(), display, together=3)
     assert status == {run.name: "failed" for run in runs}
     found = [store.read(run.name) for run in runs]
@@ -95,7 +95,7 @@ def test_a_child_of_two_that_failed_earlier_fails_once(plugins, tmp_path, monkey
     child = dataclasses.replace(run, parents={"one": "one", "other": "other"})
     grand = dataclasses.replace(run, parents={"one": "one", "child": child.name}, seed=7)
     ended = []
-    display = Display([child, grand], Console(quiet=True))
+    display = SweepProgress([child, grand], Console(quiet=True))
     monkeypatch.setattr(display, "finished", lambda run, *_: ended.append(run.name))
     store, failed = Store(tmp_path), ["one", "other"]
     status = execute([child, grand], store, Idle(), display, failed=failed)
