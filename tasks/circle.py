@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from tasks.contract import (
     SPAWN_JITTER,
-    AbstractTask,
+    AbstractTargetTask,
     Target,
     TaskState,
     check_not_negative,
@@ -31,7 +31,7 @@ from tasks.contract import (
 )
 
 
-class Circle(AbstractTask):
+class Circle(AbstractTargetTask):
     """Source: paper, Sec. IV-B."""
 
     n_drones: int = eqx.field(static=True, default=3)

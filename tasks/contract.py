@@ -1,9 +1,11 @@
 r"""What a task is: where a team starts, what each drone sees, and what it is paid for.
 
-Every task states, for each drone, the vector to the point where it should be and the velocity and
-acceleration it should have there (`target`). Observation, reward and metric are functions of
-these; without the acceleration a moving target cannot be followed without lag, because the
-velocity alone does not tell where along its path the target is:
+`AbstractTask` leaves observation, reward and metric open: any functions that JAX can differentiate.
+The built-in tasks are of one kind, `AbstractTargetTask`: each states, for each drone, the vector to
+the point where it should be and the velocity and acceleration it should have there (`target`).
+Observation, reward and metric are functions of these; without the acceleration a moving target
+cannot be followed without lag, because the velocity alone does not tell where along its path the
+target is:
 
     observation = [offset, v* - v, v, a*, (roll, pitch), neighbours]
     reward      = task_reward(d, |v* - v| + vel_slack)  -  collision penalty  (`tasks/contact.py`)
@@ -95,23 +97,52 @@ class AbstractTask(eqx.Module):
     """Team size, at least 2."""
     horizon: eqx.AbstractVar[int]
     """Episode length [control steps of 0.02 s]."""
-    n_neighbors: eqx.AbstractVar[int]
-    """How many nearest drones each one observes."""
-    observe_attitude: eqx.AbstractVar[bool]
-    """Whether roll and pitch are observed."""
     version: eqx.AbstractClassVar[str]
     """Declared version; results are reused only while it stays the same."""
     station_keeping: eqx.AbstractClassVar[bool]
     """Whether the team hovers at the end, which calibration flights under-represent."""
 
     def __check_init__(self) -> None:
-        for name, low in (("n_drones", 2), ("horizon", 1), ("n_neighbors", 0)):
+        for name, low in (("n_drones", 2), ("horizon", 1)):
             if getattr(self, name) < low:
                 raise ValueError(f"`{name}` must be at least {low}, got {getattr(self, name)}.")
 
     @abc.abstractmethod
     def reset(self, key: PRNGKeyArray) -> tuple[Float[Array, "drones 3"], Any]:
         """Spawn positions on the ground [m] and the goal of a new episode."""
+
+    @abc.abstractmethod
+    def observe(self, state: TaskState) -> Float[Array, "drones obs"]:
+        """What each drone sees."""
+
+    @property
+    @abc.abstractmethod
+    def obs_size(self) -> int:
+        """Length of one drone's observation."""
+
+    @abc.abstractmethod
+    def rewards(self, state: TaskState) -> tuple[Float[Array, " drones"], Float[Array, " drones"]]:
+        """Reward of one step, per drone: as reported (exact), and as trained on (smooth).
+
+        `tasks/contact.py` has the penalty of contacts, exact and smooth.
+        """
+
+    @abc.abstractmethod
+    def error(self, state: TaskState) -> Float[Array, " drones"]:
+        """How far each drone is from what the task asks for, the metric `position_error` [m]."""
+
+
+class AbstractTargetTask(AbstractTask):
+    """A task that says where each drone should be; observation and reward follow from that."""
+
+    n_neighbors: eqx.AbstractVar[int]
+    """How many nearest drones each one observes."""
+    observe_attitude: eqx.AbstractVar[bool]
+    """Whether roll and pitch are observed."""
+
+    def __check_init__(self) -> None:
+        if self.n_neighbors < 0:
+            raise ValueError(f"`n_neighbors` must be at least 0, got {self.n_neighbors}.")
 
     @abc.abstractmethod
     def target(self, state: TaskState) -> Target:

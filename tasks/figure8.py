@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from simulators.vehicle import CONTROL_DT
 from tasks.contract import (
-    AbstractTask,
+    AbstractTargetTask,
     Target,
     TaskState,
     check_not_negative,
@@ -34,7 +34,7 @@ from tasks.contract import (
 )
 
 
-class Figure8(AbstractTask):
+class Figure8(AbstractTargetTask):
     """Source: paper, Sec. IV-B."""
 
     n_drones: int = eqx.field(static=True, default=3)

@@ -23,7 +23,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from simulators.vehicle import CONTROL_DT
 from tasks.contract import (
-    AbstractTask,
+    AbstractTargetTask,
     Target,
     TaskState,
     check_not_negative,
@@ -34,7 +34,7 @@ from tasks.contract import (
 )
 
 
-class PitchAndExpand(AbstractTask):
+class PitchAndExpand(AbstractTargetTask):
     """Source: paper, Sec. IV-B."""
 
     n_drones: int = eqx.field(static=True, default=3)

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from tasks.contract import (
-    AbstractTask,
+    AbstractTargetTask,
     Target,
     TaskState,
     check_not_negative,
@@ -27,7 +27,7 @@ from tasks.contract import (
 )
 
 
-class Spread(AbstractTask):
+class Spread(AbstractTargetTask):
     """Source: paper, Sec. IV-B."""
 
     n_drones: int = eqx.field(static=True, default=3)

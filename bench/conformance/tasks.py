@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -15,7 +16,7 @@ from simulators.algebra.rotation import rpy_to_quat
 from simulators.flight import Flight
 from simulators.point_mass import PointMass
 from simulators.vehicle import COLLISION_RADIUS
-from tasks.contract import AbstractTask, TaskState
+from tasks.contract import AbstractTargetTask, AbstractTask, TaskState
 from tasks.rollout import episode
 
 SIZES = (2, 3, 5, 18)
@@ -42,13 +43,17 @@ def behaviour(cls: type[Any]) -> list[Check]:
         "the same key gives the same episode, another key another": _keys,
         "every quantity has one row per drone": _shapes,
         "every quantity is finite": _finite,
-        "moving by the offset satisfies the task": _offset,
-        "no place is better than the target": _best,
-        "offsets do not jump when a drone moves a little": _jumps,
         "renumbering the drones renumbers observations, rewards and errors": _renumbering,
         "compiled and batched equal single and eager": _batched,
         "an episode is finite and can be differentiated": _episode,
     }
+    if issubclass(cls, AbstractTargetTask):
+        sentences |= {
+            "its targets have one row per drone": _target_shapes,
+            "moving by the offset satisfies the task": _offset,
+            "no place is better than the target": _best,
+            "offsets do not jump when a drone moves a little": _jumps,
+        }
     return [Check(text, functools.partial(check, cls)) for text, check in sentences.items()]
 
 
@@ -148,24 +153,39 @@ def _keys(cls: type[Any]) -> None:
 
 
 def _shapes(cls: type[Any]) -> None:
-    for n, observe_attitude in itertools.product(SIZES, (False, True)):
-        task = cls(n_drones=n, observe_attitude=observe_attitude)
+    targeted = issubclass(cls, AbstractTargetTask)
+    settings = [{"observe_attitude": on} for on in (False, True)] if targeted else [{}]
+    for n, setting in itertools.product(SIZES, settings):
+        task: AbstractTask = functools.partial(cls, n_drones=n, **setting)()
         state = jax.eval_shape(lambda t=task: random_state(t))
         obs, rewards, error = jax.eval_shape(lambda s, t=task: everything(t, s), state)
-        target = jax.eval_shape(task.target, state)
+        found = {
+            "`observe`": (obs.shape, (n, task.obs_size)),
+            "`rewards`, as reported,": (rewards[0].shape, (n,)),
+            "`rewards`, as trained on,": (rewards[1].shape, (n,)),
+            "`error`": (error.shape, (n,)),
+        }
+        _demand_shapes(found, n)
+
+
+def _target_shapes(cls: type[Any]) -> None:
+    for n in SIZES:
+        task = cls(n_drones=n)
+        target = jax.eval_shape(task.target, jax.eval_shape(lambda t=task: random_state(t)))
         row = jax.ShapeDtypeStruct((n,), float)
         paid = jax.eval_shape(task.task_reward, row, row)
         found = {
-            "`observe`": (obs.shape, (n, task.obs_size)),
             "`target().offset`": (target.offset.shape, (n, 3)),
             "`target().vel`": (target.vel.shape, (n, 3)),
             "`target().acc`": (target.acc.shape, (n, 3)),
             "`task_reward`": (paid.shape, (n,)),
-            "`rewards`": (rewards[0].shape, (n,)),
-            "`error`": (error.shape, (n,)),
         }
-        for what, (got, wanted) in found.items():
-            demand(got == wanted, f"{what} must have shape {wanted} for N = {n}, got {got}")
+        _demand_shapes(found, n)
+
+
+def _demand_shapes(found: Mapping[str, tuple[tuple, tuple]], n: int) -> None:
+    for what, (got, wanted) in found.items():
+        demand(got == wanted, f"{what} must have shape {wanted} for N = {n}, got {got}")
 
 
 def _finite(cls: type[Any]) -> None:

@@ -16,7 +16,7 @@ from methods.training.context import Context
 from simulators import registry
 from simulators.point_mass import PointMass
 from simulators.vehicle import VEHICLES, ActionSpace
-from tasks.contract import AbstractTask, Target
+from tasks.contract import AbstractTargetTask, Target
 
 SPEC = VEHICLES["cf21B_500"]
 METHODS = registry.load_all("method")
@@ -33,7 +33,7 @@ SMALL = {
 }
 
 
-class Hold(AbstractTask):
+class Hold(AbstractTargetTask):
     """Every drone starts at rest at a point and should be `goal` beside it, at rest."""
 
     n_drones: int = eqx.field(static=True, default=3)

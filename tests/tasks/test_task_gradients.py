@@ -10,7 +10,7 @@ import pytest
 from flying import HOVER, KEY, SIMULATORS, TASKS, x64
 
 from simulators.vehicle import GRAVITY, ActionSpace
-from tasks.contract import AbstractTask, TaskState
+from tasks.contract import AbstractTargetTask, TaskState
 from tasks.rollout import episode
 
 # Small gains on the position and velocity error of each axis, and a bias of the three actions:
@@ -21,14 +21,14 @@ HORIZONS = (3, 10, 40)
 CASES = [(task, horizon) for task in TASKS for horizon in HORIZONS]
 
 
-class OneOfAll(AbstractTask):
+class OneOfAll(AbstractTargetTask):
     """The task and the horizon that `choice` and `last` pick, so that one program tests all.
 
     Teams start 3 m above the ground: on the ground crazyflow zeroes the velocity, which makes the
     return a step function of the time of take-off, and differences across a step no derivatives.
     """
 
-    tasks: tuple[AbstractTask, ...]
+    tasks: tuple[AbstractTargetTask, ...]
     choice: jax.Array
     """One-hot, an entry a task."""
     last: jax.Array
