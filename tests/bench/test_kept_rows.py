@@ -100,7 +100,7 @@ def test_replaced_rows_alone_change(sweep, trainer, out, monkeypatch):
     changed = {identity for identity in old if old[identity]["run"] != new[identity]["run"]}
     assert changed == {("instant", 0), ("instant", 1)}
     others = {
-        name: [line for line in own if not line.startswith(b"instant-")]
+        name: [line for line in own if not line.startswith("instant-")]
         for name, own in before.items()
     }
     assert_kept(others, lines(out))
