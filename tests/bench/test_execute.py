@@ -66,7 +66,7 @@ def test_failures_and_deaths_cost_only_their_runs_and_are_retried(
     failed = next((out / "runs").glob("failing-*"))
     assert runs["instant", 0] == runs["child", 0] == ("ok", "")
     assert runs["failing", 0] == ("failed", "RuntimeError: the propellers fell off")
-    assert runs["heir", 0] == ("failed", f"parent {failed.name} failed")
+    assert runs["heir", 0] == ("failed", f"interrupted: parent {failed.name} failed")
     assert runs["dying", 0][0] == "failed"
     assert "ended by SIGKILL" in runs["dying", 0][1]
     assert "the propellers fell off" in (failed / "traceback.txt").read_text()

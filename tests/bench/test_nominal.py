@@ -7,6 +7,7 @@ from bench.plan.expansion import expand
 from bench.plan.settings import SettingsError
 from bench.plan.suite import Row, Suite, SuiteError, load_suite
 from bench.store.store import Store
+from methods.training.context import Context
 
 
 def runs(*rows):
@@ -49,7 +50,7 @@ def test_a_worker_trains_in_it(tmp_path, monkeypatch):
     for given in ({"attitude_tau": 0.02}, {}):
         run = runs(Row("lf_baseline", nominal=given))["lf_baseline"]
         with pytest.raises(InterruptedError):
-            worker.train_and_evaluate(run, Store(tmp_path), print)
+            worker.train_and_evaluate(run, Store(tmp_path), Context())
     assert seen == pytest.approx([0.02, 0.104])
 
 

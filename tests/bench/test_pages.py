@@ -10,7 +10,6 @@ import tables_for_tests
 from browser import needs_chromium, tab
 
 from bench.diagnosis_report.page import diagnosis_page
-from bench.diagnosis_report.sentences import Request
 from bench.report.page import write_report
 from bench.report.replay import write_replay
 
@@ -197,7 +196,7 @@ def test_a_report_of_nothing_and_of_one_seed_open_without_complaint(chromium, tm
 def test_bars_of_a_diagnosis_are_seen(tmp_path):
     """A rule of another page's class of the same name once left them no height."""
     path = tmp_path / "diagnosis.html"
-    path.write_text(diagnosis_page(diagnoses_for_tests.effect(), Request("flights")))
+    path.write_text(diagnosis_page(diagnoses_for_tests.load(diagnoses_for_tests.effect())))
     with tab(tmp_path / "profile") as opened:
         opened.open(path)
         bars = "[...document.querySelectorAll('.gauge rect')]"

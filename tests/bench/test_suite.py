@@ -61,8 +61,8 @@ def test_built_in_suites_are_what_the_documentation_promises():
     assert sizes == {
         "quick": (2, (3,), 1, 8),
         "paper": (4, (3, 5, 7, 9, 12, 18), 5, 10),
-        "ablations": (2, (3, 12), 3, 3),
-        "budget": (4, (3, 7, 12), 3, 3),
+        "ablations": (2, (3, 12), 3, 15),
+        "budget": (4, (3, 7, 12), 3, 6),
         "off_spec": (2, (3, 7, 12), 5, 20),
         "scale": (2, (100, 1000), 1, 2),
         "tuning": (4, (3,), 1, 0),
@@ -143,8 +143,11 @@ def test_the_papers_studies_beside_its_grid_are_suites():
             Row("grey_box", reality=world),
             Row("hf_hotstart", reality=world),
         ]
-    flights = [row.settings["flights"] for row in budget.methods if row.settings]
-    assert flights == [1, 3, 8, 32, 100]
+    flights = [
+        (row.method, row.settings["flights"]) for row in budget.methods if "flights" in row.settings
+    ]
+    hybrids = [("hybrid", n) for n in (1, 3, 8, 32, 100)]
+    assert flights == [*hybrids, ("grey_box", 1), ("grey_box", 10)]
 
 
 def test_an_unknown_suite_is_named_with_the_nearest():

@@ -2,8 +2,9 @@
 
 import pytest
 
+from diagnosis.answer import _largest_regime
 from diagnosis.decide.advice import next_flight
-from diagnosis.result import _largest_regime
+from diagnosis.result_parts import ChannelGap, RegimeGap
 from simulators.effects.card import load_card, load_cards, manoeuvre
 
 
@@ -56,11 +57,24 @@ def test_advice_is_about_effects_that_there_are():
 )
 def test_the_regime_that_stands_out_is_that_of_the_channel_with_the_largest_share(gaps, found):
     def channel(share, regimes):
-        lines = [
-            {"variable": name, "unit": "-", "edges": [0.0, 1.0, 2.0, 3.0], "gap": gap}
+        edges = (0.0, 1.0, 2.0, 3.0)
+        lines = tuple(
+            RegimeGap(variable=name, unit="-", edges=edges, gap=tuple(gap))
             for name, gap in regimes.items()
-        ]
-        return {"share": share, "regimes": lines}
+        )
+        return ChannelGap(
+            channel="any",
+            unit="-",
+            gap_rms=1.0,
+            noise_floor=0.1,
+            share=share,
+            low=None,
+            high=None,
+            regimes=lines,
+            onset_s=None,
+            beyond_noise=True,
+            main=True,
+        )
 
     other = channel(0.3, {"height": [0.0, 0.0, 99.0]})
     assert _largest_regime([other, channel(0.7, gaps)]) == found

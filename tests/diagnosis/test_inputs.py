@@ -128,7 +128,7 @@ def test_effects_on_the_attitude_are_not_observable_without_its_command():
     assert {"trim", "delay", "attitude_gain"} <= set(hidden)
     assert "prescribed" in hidden["trim"]
     assert found.flights.driven_by == "rotor speeds"
-    assert found.effects == ()
+    assert found.blamed == ()
 
 
 def test_both_sets_are_replayed_by_what_both_have():

@@ -12,7 +12,7 @@ import pytest
 from flights_for_tests import SIGMA, fly
 
 from bench.diagnosis_report.page import diagnosis_page
-from bench.diagnosis_report.sentences import Request, effect_phrase
+from bench.diagnosis_report.sentences import effect_phrase
 from bench.diagnosis_report.text import diagnosis_text
 from blind.draw import cases, catalogue
 from blind.fly.crazyflow_reality import CrazyflowReality
@@ -116,19 +116,18 @@ def test_what_has_no_slope_at_neutral_is_not_shared_with_a_reference(replay):
 
 def test_the_page_speaks_of_them_in_their_words():
     found = copy.deepcopy(diagnoses_for_tests.effect())
-    found["effects"][0] |= {
-        "name": "updraft",
-        "parameters": {"k": diagnoses_for_tests.parameter(0.31, 0.3, 0.32, "1/s^2")},
-    }
-    phrase = effect_phrase(found["effects"][0], "believed")
+    rise = diagnoses_for_tests.parameter("k", 0.31, 0.3, 0.32, "1/s^2")
+    found["effects"][0] |= {"name": "updraft", "parameters": [rise]}
+    told = diagnoses_for_tests.load(found)
+    phrase = effect_phrase(told.effects[0], "believed")
     assert phrase.startswith("air that rises by 31.0 cm/s² a metre with the distance (95 %: 30.0")
-    for document in (diagnosis_text(found, Request("x")), diagnosis_page(found, Request("x"))):
+    for document in (diagnosis_text(told), diagnosis_page(told)):
         assert "Air rises the faster, the further forward the drone flies." in document
         assert "rising air" in document
-    plain = {
-        "name": "broken_blade",
-        "parameters": {"e": diagnoses_for_tests.parameter(1, 1, 1, "-")},
-    }
+    found["effects"][0]["name"] = "broken_blade"
+    size = diagnoses_for_tests.parameter("e", 1.0, 1.0, 1.0, "-")
+    found["effects"][0]["parameters"] = [size]
+    (plain,) = diagnoses_for_tests.load(found).effects[:1]
     assert "the effect broken blade" in effect_phrase(plain, "believed")
 
 

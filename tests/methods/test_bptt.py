@@ -210,7 +210,7 @@ def scripted(monkeypatch):
             row |= dict.fromkeys(("crashes", "contact_steps", "grad_norm", "skipped"), 0.0)
             return (marked(flown + 1), opt_state, row), 0.0
 
-        monkeypatch.setattr(bptt, "_step", lambda room: step)
+        monkeypatch.setattr(bptt, "_step", lambda team, room: step)
 
     return script
 

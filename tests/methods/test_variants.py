@@ -12,8 +12,8 @@ from methods import hybrid
 from methods.calibration import identification
 from methods.calibration.identification import PATHS, flown_paths
 from methods.calibration.remainder import calibrate_as_grey_box, remaining_transitions
-from methods.contract import silent
 from methods.training.bptt import BPTT
+from methods.training.context import Context
 from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
 
@@ -23,7 +23,7 @@ WHOLE = BPTT(epochs=10, n_worlds=1, smoothing=2)
 
 
 def train(trainer):
-    return trainer.train(HOLD, PointMass(), fresh(HOLD), KEY, silent, "test")
+    return trainer.train(HOLD, PointMass(), fresh(HOLD), KEY, Context(), "test")
 
 
 def test_a_share_of_a_training_is_the_beginning_of_the_whole():

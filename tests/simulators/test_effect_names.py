@@ -41,11 +41,13 @@ ALLOWED = {
     "diagnosis/logs/columns.py": LOG_COLUMN,
     "diagnosis/logs/flights.py": LOG_COLUMN | BELIEVED_MASS,
     "diagnosis/logs/units.py": LOG_COLUMN,
+    "simulators/rotorpy.py": {"mass": "a key of RotorPy's airframe file"},
     "methods/calibration/identification.py": {
         "delay": "half a step of it makes up for the integrator",
         "floor": "it is no candidate of a diagnosis; this method looks for it by itself",
         "rotor_drag": "a point mass cannot tell it from the thrust's response",
     },
+    "diagnosis/schema_1.py": BELIEVED_MASS,
     "methods/domain_randomization.py": dict.fromkeys(
         ("delay", "drag", "thrust_gain", "thrust_lag"), "the method is to draw these four"
     ),

@@ -54,6 +54,7 @@ def test_markdown_html_and_all_figures_are_written(full):
         "paper.md",
         "paper_cost.png",
         "paper_flights.png",
+        "paper_pipeline.png",
         "paper_summary.png",
         "paper_worlds.png",
     ]
@@ -88,7 +89,8 @@ def test_what_decides_stands_over_the_table_that_shows_it(text):
 
 
 def test_figures_stand_in_the_markdown_by_name_and_in_the_html_whole(text, html):
-    names = ["paper_cost.png", "paper_summary.png", "paper_flights.png", "paper_worlds.png"]
+    parts = ("cost", "pipeline", "summary", "flights", "worlds")
+    names = [f"paper_{part}.png" for part in parts]
     assert re.findall(r"!\[.*\]\((.*)\)", text) == names
     assert html.count('<img src="data:image/png;base64,iVBOR') == len(names)
     assert "paper_cost.png" not in html
@@ -124,7 +126,9 @@ def test_ties_are_listed_beside_the_choice(tmp_path):
     sheet = Sheet().add_upper().add(rewards=(-50.0, -51.0, -52.0))
     sheet.add("hf_scratch", rewards=(-50.9, -50.2, -52.8))
     assert "| **LF baseline** | " in (found := written(sheet.tables(), tmp_path))
-    assert lines_of(found, "| N = 3 | spread | from 0 |")[0].endswith("| HF scratch |")
+    assert lines_of(found, "| N = 3 | spread | from 0 |")[0].endswith(
+        "| HF scratch: 0.987 (-0.002 to 0.003) |"
+    )
 
 
 def test_refuted_is_bold_and_settled_before_whole(tmp_path):
@@ -158,12 +162,16 @@ def test_sections_without_anything_tested_are_left_out(tmp_path):
     assert "- **Not tested** (" in found
 
 
-def test_a_page_of_no_rows_is_complete_and_has_no_figures(tmp_path):
+def test_a_page_of_no_rows_is_complete_and_has_no_figure_of_rows(tmp_path):
     found = written(empty(), tmp_path)
     assert found.startswith(f"# {TITLE}\n\n0 runs.\n\n## What holds\n\n- **Not tested** (")
     n_paper = sum(claim.section == claims.PAPER for claim in CLAIMS)
     assert found.count("| - | not tested | not tested |") == n_paper
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["page.html", "page.md"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "page.html",
+        "page.md",
+        "page_pipeline.png",
+    ]
 
 
 def test_the_same_tables_make_the_same_bytes(tmp_path):
@@ -173,7 +181,7 @@ def test_the_same_tables_make_the_same_bytes(tmp_path):
         {path.name: path.read_bytes() for path in (tmp_path / folder).iterdir()}
         for folder in ("first", "second")
     )
-    assert len(first) == 4
+    assert len(first) == 5
     assert first == second
 
 
@@ -211,7 +219,7 @@ def test_hostile_names_stay_text(hostile):
     body = html[html.index("<main") : html.index("</main>")]
     assert "<script" not in body
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in body
-    assert re.findall(r'<img src="([^"]{10})', body) == ["data:image"] * 4
+    assert re.findall(r'<img src="([^"]{10})', body) == ["data:image"] * 5
     for table in re.findall(r"(?:^\|.*\n)+", found, re.MULTILINE):
         bars = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
         assert len(bars) == 1, table
@@ -224,7 +232,7 @@ def test_a_hostile_page_opens_without_a_complaint_or_a_request(hostile, tmp_path
         opened.open(path)
         assert "alert(1)" in opened.run("document.body.textContent")
         drawn = "[...document.images].map((image) => image.naturalWidth)"
-        assert len(opened.run(drawn)) == 4
+        assert len(opened.run(drawn)) == 5
         assert min(opened.run(drawn)) > 100
         assert opened.complaints == []
         assert all(url.startswith(("file:", "data:")) for url in opened.requests)
