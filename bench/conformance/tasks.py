@@ -49,7 +49,7 @@ def behaviour(cls: type[Any]) -> list[Check]:
     }
     if issubclass(cls, AbstractTargetTask):
         sentences |= {
-            "its targets have one row per drone": _target_shapes,
+            "its targets fit the team": _target_shapes,
             "moving by the offset satisfies the task": _offset,
             "no place is better than the target": _best,
             "offsets do not jump when a drone moves a little": _jumps,

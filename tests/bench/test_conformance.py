@@ -73,7 +73,7 @@ def test_a_whole_plugin_passes(kind, cls):
         ("task", broken.Deaf, "another key another", "same episode for another key"),
         ("task", broken.Backwards, "moving by the offset", "is still .* m from its target"),
         ("task", broken.Perverse, "better than the target", "more than 0 at the target"),
-        ("task", broken.OneNumber, "one row per drone", "`task_reward` must have shape"),
+        ("task", broken.OneNumber, "targets fit the team", "`task_reward` must have shape"),
         ("task", broken.Leader, "renumbering", "depend on the numbers of the drones"),
         ("residual", broken.Unbounded, "within the bound", "the bound is 35"),
         ("residual", broken.Dice, "same fit", "take randomness from `key` alone"),

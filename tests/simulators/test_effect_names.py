@@ -47,6 +47,9 @@ ALLOWED = {
         "floor": "it is no candidate of a diagnosis; this method looks for it by itself",
         "rotor_drag": "a point mass cannot tell it from the thrust's response",
     },
+    "diagnosis/decision.py": dict.fromkeys(
+        ("downwash", "gust"), "the evidence of a threshold names the cases that it comes from"
+    ),
     "diagnosis/schema_1.py": BELIEVED_MASS,
     "methods/domain_randomization.py": dict.fromkeys(
         ("delay", "drag", "thrust_gain", "thrust_lag"), "the method is to draw these four"
