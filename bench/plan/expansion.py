@@ -40,7 +40,7 @@ evaluation (`reports/protocol.md`). It is part of every key."""
 NOMINAL = "point_mass"
 """Name of the low-fidelity simulator."""
 REALITY = "crazyflow"
-"""Name of the high-fidelity simulator, in which every policy is evaluated."""
+"""Name of the high-fidelity simulator of a suite that names none."""
 PACKAGES = ("fidelity-bench", "jax", "equinox", "optax", "crazyflow", "mujoco")
 """Installed packages whose versions are recorded with a run; they are not part of its key."""
 
@@ -207,7 +207,8 @@ def _recipe(
         raise PlanError(f"These methods need each other as parents: {circle}.")
     chosen = (row.settings, row.task_settings, row.nominal)
     texts = (json.dumps(s, sort_keys=True, default=repr) for s in chosen)
-    index = (row.method, row.residual, *texts, row.world, row.deploys, row.tracked, task, team_size)
+    flying = (row.simulator, row.world, row.deploys, row.tracked)
+    index = (row.method, row.residual, *texts, *flying, task, team_size)
     if index not in recipes:
         method_class = _method(row.method)
         if row.deploys:
@@ -227,9 +228,10 @@ def _parent(
     method_class: type[AbstractMethod], name: str, row: Row, task: str, team_size: int
 ) -> tuple[Row, str, int]:
     """The row and the cell of a parent: the child's own, unless its class fixes another."""
+    parent = Row(name, nominal=row.nominal, simulator=row.simulator)
     if name in method_class.parent_cells:
-        return Row(name, nominal=row.nominal), *method_class.parent_cells[name]
-    return Row(name, task_settings=row.task_settings, nominal=row.nominal), task, team_size
+        return parent, *method_class.parent_cells[name]
+    return dataclasses.replace(parent, task_settings=row.task_settings), task, team_size
 
 
 def _method(name: str) -> type[AbstractMethod]:
@@ -257,11 +259,14 @@ def _make_recipe(
     default_task = _describe(task_class, {}, where, **team)
     plugins = {"method": row.method, "task": task} | ({"residual": residual} if residual else {})
     found = {f"{kind} {name}": registry.load(kind, name) for kind, name in plugins.items()}
-    found |= {f"simulator {name}": registry.load("simulator", name) for name in (NOMINAL, REALITY)}
     (nominal, changed), reality = _nominal(row), _reality(row)
-    if row.deploys and not row.tracked and not reality.effects:
+    flown_in = (NOMINAL, reality.name)
+    found |= {f"simulator {name}": registry.load("simulator", name) for name in flown_in}
+    home = row.simulator or REALITY
+    if row.deploys and not row.tracked and written(reality) == home:
         raise PlanError(
-            f"Method '{row.method}': `deployed_in` names no effect; the row is the same without."
+            f"Method '{row.method}': `deployed_in` is the suite's own simulator without any "
+            "effect; the row is the same without it."
         )
     found |= {f"effect {type(effect).__name__}": type(effect) for effect in reality.effects}
     resolved = {
@@ -281,8 +286,10 @@ def _make_recipe(
         "numerics": _numerics(),
     }
     elsewhere = {"deployed_in" if row.deploys else "reality": written(reality)}
-    flying = (elsewhere if reality.effects else {}) | ({"tracked": True} if row.tracked else {})
+    flying = elsewhere if written(reality) != home else {}
+    flying |= {"tracked": True} if row.tracked else {}
     resolved |= flying | ({"deploys": True} if row.deploys else {})
+    resolved |= {"simulator": home} if home != REALITY else {}
     others = flying | ({"nominal": changed} if changed else {})
     if row.tracked:  # the key is of the controller's settings, the variant says only that it flies
         resolved["tracked"] = settings.describe_fields(PDTracker(), "The PD controller")
@@ -319,13 +326,17 @@ def _reality(row: Row) -> AbstractSimulator:
     """Where a row is deployed.
 
     Raises:
-        PlanError: It is not the high-fidelity simulator.
+        PlanError: It is the low-fidelity simulator.
         UsageError: It is not understood.
     """
-    where = f"Method '{row.method}', `{'deployed_in' if row.deploys else 'reality'}`"
+    key = next((k for k in ("reality", "deployed_in") if getattr(row, k)), "simulator")
+    where = f"Method '{row.method}', `{key}`"
     reality = parse_reality(row.world or REALITY, where)
-    if reality.name != REALITY:
-        raise PlanError(f"{where}: policies are deployed in {REALITY}, got '{reality.name}'.")
+    if reality.name == NOMINAL:
+        raise PlanError(
+            f"{where}: policies are deployed in a high-fidelity simulator, got '{NOMINAL}', in "
+            "which they are trained."
+        )
     return reality
 
 

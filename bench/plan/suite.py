@@ -6,6 +6,7 @@
     team_sizes = [3, 12]
     seeds = 3                          # seeds 0, 1 and 2
     first_seed = 0                     # settings are tuned on seeds from 1000 on
+    simulator = "crazyflow"            # the high-fidelity one; "rotorpy" is another
 
     [[methods]]
     method = "hybrid"
@@ -62,9 +63,12 @@ class Row:
     """Fields of the task to override."""
     nominal: Mapping[str, Setting] = dataclasses.field(default_factory=dict)
     """Fields of the low-fidelity simulator to override, for the row and for its parents."""
+    simulator: str = ""
+    """High-fidelity simulator that stands for the real world, for the row and for its parents;
+    empty: crazyflow."""
     reality: str = ""
-    """High-fidelity simulator with effects for which it is trained and in which it is deployed;
-    empty: without any. Its parents know the one without."""
+    """Another reality, a simulator and its effects, for which it is trained and in which it is
+    deployed; empty: `simulator` without effects. Its parents know `simulator`."""
     deployed_in: str = ""
     """The same for a row that trains nothing: what it would train without this key is deployed."""
     tracked: bool = False
@@ -84,8 +88,8 @@ class Row:
 
     @property
     def world(self) -> str:
-        """Where it is deployed; empty: in the high-fidelity simulator without effects."""
-        return self.reality or self.deployed_in
+        """Where it is deployed; empty: in crazyflow without effects."""
+        return self.reality or self.deployed_in or self.simulator
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,6 +110,8 @@ class Suite:
     """What is compared."""
     first_seed: int = 0
     """Seeds `first_seed` to `first_seed + seeds - 1` are run."""
+    simulator: str = ""
+    """High-fidelity simulator of the rows that name none; empty: crazyflow."""
 
     def __post_init__(self) -> None:
         where = f"Suite '{self.name}'"
@@ -129,8 +135,9 @@ class Suite:
         _check_names(self.tasks, self.team_sizes)
         for row in self.methods:
             _check("method", row.method)
-            if row.residual:
-                _check("residual", row.residual)
+            for kind, name in (("residual", row.residual), ("simulator", row.simulator)):
+                if name:
+                    _check(kind, name)
             _check_names(row.tasks or (), row.team_sizes or ())
             if row.reality and row.deploys:
                 raise SuiteError(
@@ -162,11 +169,15 @@ class Suite:
             _check("residual", residual)
         rows = [row for row in self.methods if not methods or row.method in methods]
         known = {row.method for row in rows}
-        rows += [Row(method) for method in dict.fromkeys(methods) if method not in known]
+        rows += [
+            Row(method, simulator=self.simulator)
+            for method in dict.fromkeys(methods)
+            if method not in known
+        ]
         if residuals:
             rows = [kept for row in rows for kept in _filled(row, residuals, row.method in methods)]
             rows += [
-                Row(method, residual)
+                Row(method, residual, simulator=self.simulator)
                 for method in dict.fromkeys(r.method for r in self.methods if r.residual)
                 if not methods or method in methods
                 for residual in dict.fromkeys(residuals)
@@ -227,7 +238,7 @@ def load_suite(name: str) -> Suite:
 def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
     where = f"Suite '{path.stem}'"
     _check_keys(where, content, Suite, required=("tasks", "team_sizes", "seeds", "methods"))
-    rows = []
+    rows, simulator = [], _typed(where, content, "simulator", str, "")
     for number, row in enumerate(_typed(where, content, "methods", list), start=1):
         place = f"{where}, method {number}"
         if not isinstance(row, dict):
@@ -240,6 +251,7 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
                 settings=_typed(place, row, "settings", dict, {}),
                 task_settings=_typed(place, row, "task_settings", dict, {}),
                 nominal=_typed(place, row, "nominal", dict, {}),
+                simulator=_typed(place, row, "simulator", str, simulator),
                 reality=_typed(place, row, "reality", str, ""),
                 deployed_in=_typed(place, row, "deployed_in", str, ""),
                 tracked=_flag(place, row, "tracked"),
@@ -256,6 +268,7 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
         seeds=_typed(where, content, "seeds", int),
         methods=tuple(rows),
         first_seed=_typed(where, content, "first_seed", int, 0),
+        simulator=simulator,
     )
     for number, row in enumerate(rows, start=1):
         _check_within(suite, row, f"{where}, method {number}")

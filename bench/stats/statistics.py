@@ -35,7 +35,9 @@ LEVEL = 0.95
 """Coverage of every interval."""
 FEWEST = 2
 """Seeds that an entry needs in a cell, where cells are compared or pooled."""
-_WORLD = re.compile(r"(?:reality|deployed_in)=(\w+)\+(\w+\([^()]*\)(?:; \w+\([^()]*\))*)")
+REALITY = "crazyflow"
+"""The high-fidelity simulator that no label names."""
+_WORLD = re.compile(r"(?:reality|deployed_in)=(\w+)(?:\+(\w+\([^()]*\)(?:; \w+\([^()]*\))*))?")
 
 
 class Entry(NamedTuple):
@@ -57,7 +59,7 @@ class Cell(NamedTuple):
 
     task: str
     team_size: int
-    simulator: str = "crazyflow"
+    simulator: str = REALITY
     deployed_effects: str = ""
 
     @property
@@ -65,7 +67,7 @@ class Cell(NamedTuple):
         """The name to show, e.g. `circle, N = 3`."""
         name = f"{self.task}, N = {self.team_size}"
         extras = [
-            self.simulator != "crazyflow" and f"flown in {self.simulator}",
+            self.simulator != REALITY and f"flown in {self.simulator}",
             self.deployed_effects and f"flown with {self.deployed_effects}",
         ]
         return ", ".join([name, *filter(None, extras)])
@@ -211,6 +213,11 @@ def cell_of(row: Mapping[str, Any]) -> Cell:
     )
 
 
+def names_world(variant: str) -> bool:
+    """Whether a variant names the world in which its policy is deployed."""
+    return bool(_WORLD.search(variant))
+
+
 def cells_meant(task: str, team_size: int, variant: str, known: Collection[Cell]) -> set[Cell]:
     """The cells that a run was meant for that ended before it flew.
 
@@ -218,7 +225,7 @@ def cells_meant(task: str, team_size: int, variant: str, known: Collection[Cell]
     cells of its task and team size, is.
     """
     if named := _WORLD.search(variant):
-        return {Cell(task, team_size, named[1], named[2])}
+        return {Cell(task, team_size, named[1], named[2] or "")}
     plain = {cell for cell in known if not cell.deployed_effects}
     return plain or set(known) or {Cell(task, team_size)}
 

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 import pandas as pd
 
-from bench.plan.expansion import REALITY, Run, packages
+from bench.plan.expansion import Run, packages
 from bench.plan.provenance import provenance
 from bench.plan.realities import parse_reality
 from bench.plan.settings import describe_fields
@@ -81,6 +81,7 @@ def run_files(outcome: Outcome) -> dict[str, bytes]:
 
 def describe_run(run: Run, outcome: Outcome, files: Mapping[str, bytes]) -> dict:
     """Content of run.json."""
+    reality = parse_reality(run.reality)
     content = {
         "run": run.name,
         "key": run.key,
@@ -94,8 +95,8 @@ def describe_run(run: Run, outcome: Outcome, files: Mapping[str, bytes]) -> dict
         "cause": outcome.cause,
         "interrupted": outcome.interrupted,
         "trained_effects": outcome.trained_effects,
-        "deployed_in": REALITY,
-        "deployed_effects": canonical(parse_reality(run.reality).effects),
+        "deployed_in": reality.name,
+        "deployed_effects": canonical(reality.effects),
         "parents": dict(run.parents),
         "resolved": run.resolved,
         "sources": dict(run.sources),

@@ -326,12 +326,26 @@ def test_a_reality_determines_the_key_of_its_runs_and_of_no_parent(plugins):
     assert windy.resolved["versions"]["effect Wind"]
 
 
+def test_another_high_fidelity_simulator_is_a_reality_or_that_of_a_whole_suite(plugins):
+    plain = only(Row("child"))
+    here = only(Row("child", reality="rotorpy"))
+    assert here.parents == plain.parents
+    assert here.variant == "reality=rotorpy"
+    assert {"simulator point_mass", "simulator rotorpy"} < {*here.resolved["versions"]}
+    home = only(Row("child", simulator="rotorpy"))
+    assert (home.variant, home.reality, home.resolved["simulator"]) == ("", "rotorpy", "rotorpy")
+    assert home.parents != plain.parents, "its parent is evaluated in RotorPy, too"
+    assert len({run.key for run in (plain, here, home)}) == 3
+    assert only(Row("child", simulator="crazyflow")).key == plain.key
+
+
 @pytest.mark.parametrize(
     ("row", "message"),
     [
+        (Row("instant", simulator="point_mass"), "`simulator`: policies are deployed in"),
         (Row("instant", reality="point_mass+wind(x=1)"), "`reality`: policies are deployed in"),
         (Row("instant", deployed_in="crazyflow+wind(q=1)"), "'instant', `deployed_in`: 'q=1'"),
-        (Row("instant", deployed_in="crazyflow"), "`deployed_in` names no effect"),
+        (Row("instant", deployed_in="crazyflow"), "`deployed_in` is the suite's own simulator"),
         (Row("instant", reality="crazyflow+wind"), "`reality`: 'wind' is no effect"),
     ],
 )

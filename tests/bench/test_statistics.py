@@ -159,6 +159,7 @@ def test_a_run_that_never_flew_was_meant_for_the_world_of_its_variant():
     for variant, known, meant in (
         (f"deployed_in={world}, tracked=true", {plain, windy}, windy),
         (f"reality={world}, trainer.lr=0.01", set(), windy),
+        ("reality=rotorpy", {plain}, Cell("spread", 3, "rotorpy")),
         ("trainer.lr=0.01", {plain, windy}, plain),
         ("", {windy}, windy),
         ("", set(), plain),

@@ -61,6 +61,8 @@ def test_built_in_suites_are_what_the_documentation_promises():
     assert sizes == {
         "quick": (2, (3,), 1, 8),
         "paper": (4, (3, 5, 7, 9, 12, 18), 5, 10),
+        "paper_rotorpy": (4, (3, 12), 5, 10),
+        "transfer": (4, (3, 12), 5, 9),
         "ablations": (2, (3, 12), 3, 15),
         "budget": (4, (3, 7, 12), 3, 6),
         "off_spec": (2, (3, 7, 12), 5, 20),
@@ -166,6 +168,13 @@ def test_filters_replace_the_lists_of_the_suite():
 def test_a_method_outside_the_suite_gets_a_row_with_defaults():
     chosen = small().select(methods=["hf_scratch", "lf_baseline"])
     assert methods_of(chosen) == [("lf_baseline", ""), ("hf_scratch", "")]
+
+
+def test_the_rows_of_a_suite_fly_in_its_simulator(load):
+    rotorpy = load_suite("paper_rotorpy").select(methods=["lf_baseline", "recalibrated"])
+    assert {row.simulator for row in rotorpy.methods} == {"rotorpy"}
+    with pytest.raises(UnknownPluginError, match="Did you mean 'rotorpy'"):
+        load(GOOD.replace("seeds = ", 'simulator = "rotorpi"\nseeds = '))
 
 
 def test_a_residual_filter_keeps_rows_with_it():
