@@ -8,9 +8,9 @@ it.
 
 from typing import NamedTuple
 
-from bench.paper.values import NAMES, undisturbed
+from bench.paper.values import NAMES, at_home, undisturbed
 from bench.stats.scores import UPPER, scored
-from bench.stats.statistics import FEWEST, Cell, Entry, Values, estimate, seed_values
+from bench.stats.statistics import FEWEST, Entry, Values, estimate, seed_values
 from bench.stats.verdicts import Verdict, over_cells
 from bench.store.tables import Tables
 
@@ -47,7 +47,8 @@ class Tie(NamedTuple):
 
 def choices(tables: Tables) -> list[Choice]:
     """A choice for each team size and budget at which it differs from the smaller budget's."""
-    scores, minutes = _default(seed_values(scored(tables), "score")), minutes_of(tables)
+    values = at_home(seed_values(scored(tables), "score"), tables)
+    scores, minutes = _default(values), minutes_of(tables)
     found: list[Choice] = []
     for n in sorted({cell.team_size for cell in scores}):
         bills = {e: estimate(x).mean for (e, size), x in minutes.items() if size == n}
@@ -74,7 +75,7 @@ def minutes_of(tables: Tables) -> dict[tuple[Entry, int], list[float]]:
 
 
 def _default(values: Values) -> Values:
-    """Default settings in the undisturbed simulator, at least two seeds, no reference."""
+    """Default settings, at least two seeds, no reference."""
     return {
         cell: {
             entry: seeds
@@ -82,7 +83,6 @@ def _default(values: Values) -> Values:
             if not entry.variant and entry.method != UPPER and len(seeds) >= FEWEST
         }
         for cell, own in values.items()
-        if cell == Cell(cell.task, cell.team_size)
     }
 
 

@@ -6,16 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
-import numpy as np
 import pandas as pd
 import seaborn
 
-from bench.paper.budget import minutes_of, name_of
+from bench.paper.budget import name_of
 from bench.paper.rule import relative
 from bench.paper.values import HYBRID, LF, NAMES, off_spec, undisturbed
 from bench.report.figures import BUILT_IN, COLORS
-from bench.stats.scores import UPPER, primary, scored
-from bench.stats.statistics import COUNTED, Entry, entry_of, estimate, matched, records, seed_values
+from bench.stats.scores import UPPER, primary
+from bench.stats.statistics import COUNTED, Entry, entry_of, estimate, matched, records
 from bench.store.tables import Tables
 
 ROWS = {
@@ -28,63 +27,6 @@ STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": Fal
 """Settings of every figure."""
 MARKERS = "osD^PX*vh<>p"
 """One a method, repeated."""
-
-
-def write_cost(tables: Tables, path: Path) -> bool:
-    """Writes a PNG: settled score against fleet-minutes, a panel a team size.
-
-    Nothing is written, and False returned, where nothing has a score.
-    """
-    scores, minutes = seed_values(scored(tables), "score"), minutes_of(tables)
-    plain = {c: own for c, own in scores.items() if not c.deployed_effects}
-    team_sizes = sorted({cell.team_size for cell in plain})
-    entries = _ordered({e for e, n in minutes if any(e in plain[c] for c in plain)})
-    if not team_sizes or not entries:
-        return False
-    with plt.rc_context(STYLE):
-        width = 2.6 * len(team_sizes) + 1.6
-        figure, axes = plt.subplots(
-            1, len(team_sizes), figsize=(width, 3.2), sharex=True, sharey=True, squeeze=False
-        )
-        for n, panel in zip(team_sizes, axes[0], strict=True):
-            cells = [cell for cell in plain if cell.team_size == n]
-            for entry in entries:
-                own = [estimate(plain[c][entry].values()) for c in cells if entry in plain[c]]
-                if not own or (entry, n) not in minutes:
-                    continue
-                spreads = [x.std**2 for x in own if x.has_interval]
-                panel.errorbar(
-                    estimate(minutes[entry, n]).mean,
-                    float(np.mean([x.mean for x in own])),
-                    yerr=float(np.sqrt(np.mean(spreads))) if spreads else None,
-                    color=_look(entry, entries)[0],
-                    marker=_look(entry, entries)[1],
-                    linestyle="none",
-                    label=_plain(name_of(entry)),
-                )
-            panel.axhline(1.0, color="#999999", linewidth=0.8, linestyle=":")
-            panel.set_title(f"N = {n}")
-            panel.set_xlabel("HF flight [fleet-minutes]")
-        axes[0][0].set_ylabel("settled score")
-        axes[0][0].set_xscale("symlog", linthresh=0.1)
-        largest = max(estimate(minutes[e, n]).mean for e, n in minutes if e in entries)
-        axes[0][0].set_xlim(-0.05, max(1.0, 3.0 * largest))
-        found: dict[str, Any] = {}
-        for panel in axes[0]:
-            handles, labels = panel.get_legend_handles_labels()
-            found |= dict(zip(labels, handles, strict=True))
-        shown = [name for name in (_plain(name_of(e)) for e in entries) if name in found]
-        figure.legend(
-            [found[name] for name in shown],
-            shown,
-            loc="center left",
-            bbox_to_anchor=(1.0, 0.5),
-            frameon=False,
-        )
-        figure.tight_layout()
-        figure.savefig(path, dpi=110, bbox_inches="tight")
-        plt.close(figure)
-    return True
 
 
 def write_summary(tables: Tables, path: Path) -> bool:
@@ -103,9 +45,9 @@ def write_summary(tables: Tables, path: Path) -> bool:
     if shown.empty:
         return False
     found = [entry_of(row) for row in records(shown)]
-    entries = _ordered(set(found))
-    names = {entry: _plain(name_of(entry)) for entry in entries}
-    shown = shown.assign(method=[names[e] for e in found], task=shown["task"].map(_plain))
+    entries = ordered(set(found))
+    names = {entry: plain(name_of(entry)) for entry in entries}
+    shown = shown.assign(method=[names[e] for e in found], task=shown["task"].map(plain))
     with plt.rc_context(STYLE):
         grid = seaborn.relplot(
             shown,
@@ -114,10 +56,10 @@ def write_summary(tables: Tables, path: Path) -> bool:
             y="value",
             hue="method",
             hue_order=list(names.values()),
-            palette={name: _look(e, entries)[0] for e, name in names.items()},
+            palette={name: look_of(e, entries)[0] for e, name in names.items()},
             style="method",
             style_order=list(names.values()),
-            markers={name: _look(e, entries)[1] for e, name in names.items()},
+            markers={name: look_of(e, entries)[1] for e, name in names.items()},
             dashes=False,
             errorbar="sd",
             err_style="bars",
@@ -159,8 +101,8 @@ def write_worlds(tables: Tables, path: Path) -> bool:
         for entry, seeds in found.items()
         for value in seeds.values()
     ]
-    entries = _ordered({entry for found in values.values() for entry in found})
-    looks = {NAMES[entry]: _look(entry, entries) for entry in entries}
+    entries = ordered({entry for found in values.values() for entry in found})
+    looks = {NAMES[entry]: look_of(entry, entries) for entry in entries}
     return _draw(
         rows,
         path,
@@ -212,7 +154,7 @@ def _draw(
     """Lines through means over seeds with one standard deviation; False without rows."""
     if not rows:
         return False
-    shown = pd.DataFrame(rows).map(lambda x: _plain(x) if isinstance(x, str) else x)
+    shown = pd.DataFrame(rows).map(lambda x: plain(x) if isinstance(x, str) else x)
     settings: dict[str, Any] = {"markers": True} | keys
     with plt.rc_context(STYLE):
         grid = seaborn.relplot(
@@ -239,17 +181,18 @@ def _draw(
     return True
 
 
-def _plain(name: str) -> str:
+def plain(name: str) -> str:
     """A name that matplotlib does not read as mathematics."""
     return name.replace("$", r"\$")
 
 
-def _ordered(entries: set[Entry]) -> list[Entry]:
+def ordered(entries: set[Entry]) -> list[Entry]:
+    """The built-in methods in their usual order, then the others by name."""
     known = [entry for entry in BUILT_IN if entry in entries]
     return known + sorted(entries - set(BUILT_IN))
 
 
-def _look(entry: Entry, entries: list[Entry]) -> tuple[str, str]:
+def look_of(entry: Entry, entries: list[Entry]) -> tuple[str, str]:
     """Colour and marker; whoever shares a colour has another marker."""
     order = [*BUILT_IN, *(e for e in entries if e not in BUILT_IN)]
     turn, place = divmod(order.index(entry), len(COLORS))

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from bench.paper.budget import Tie, choices, name_of
 from bench.paper.claims import BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
-from bench.paper.figures import data_uri, write_cost, write_flights, write_summary, write_worlds
+from bench.paper.cost_figure import write_cost
+from bench.paper.figures import data_uri, write_flights, write_summary, write_worlds
 from bench.paper.pictures import write_pipeline, write_top_views
 from bench.paper.rule import Finding
 from bench.report.leaderboard import made_by_text

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from bench.stats.scores import UPPER
-from bench.stats.statistics import Cell, Entry, Values, seed_values
+from bench.stats.statistics import REALITY, Entry, Values, names_world, records, seed_values
 from bench.store.tables import Tables
 
 LF = Entry("lf_baseline")
@@ -36,20 +36,36 @@ Source = Callable[[Tables, str], Values]
 """Values of a metric."""
 
 
+def home_of(tables: Tables) -> str:
+    """The high-fidelity simulator of a sweep: that of the rows that name no other world."""
+    found = {row["simulator"] for row in records(tables.results.drop_duplicates("run"))
+             if not names_world(row["variant"])}  # fmt: skip
+    return REALITY if REALITY in found or not found else min(found)
+
+
+def at_home(values: Values, tables: Tables) -> Values:
+    """Those of the undisturbed high-fidelity simulator."""
+    home = home_of(tables)
+    return {
+        cell: own
+        for cell, own in values.items()
+        if cell.simulator == home and not cell.deployed_effects
+    }
+
+
 def undisturbed(tables: Tables, metric: str) -> Values:
     """Values in the undisturbed high-fidelity simulator, without the upper reference."""
     return {
         cell: {entry: seeds for entry, seeds in own.items() if entry.method != UPPER}
-        for cell, own in seed_values(tables.results, metric).items()
-        if cell == Cell(cell.task, cell.team_size)
+        for cell, own in at_home(seed_values(tables.results, metric), tables).items()
     }
 
 
 def off_spec(tables: Tables, metric: str) -> Values:
     """Values in each world in which something was recalibrated, by what it is there."""
-    nominal, found = undisturbed(tables, metric), {}
+    nominal, home, found = undisturbed(tables, metric), home_of(tables), {}
     for cell, entries in seed_values(tables.results, metric).items():
-        world = f"{cell.simulator}+{cell.deployed_effects}"
+        world = f"{cell.simulator}+{cell.deployed_effects}".rstrip("+")
         here = f"deployed_in={world}"
         named = {
             RECALIBRATED: entries.get(Entry("recalibrated", variant=f"reality={world}")),
@@ -58,7 +74,7 @@ def off_spec(tables: Tables, metric: str) -> Values:
             HYBRID: entries.get(Entry("hybrid", "mlp", here)),
             GREY_BOX: entries.get(Entry("grey_box", variant=f"reality={world}")),
             HOTSTART: entries.get(Entry("hf_hotstart", variant=f"reality={world}")),
-            CLEAN: nominal.get(Cell(cell.task, cell.team_size), {}).get(HYBRID),
+            CLEAN: nominal.get(cell._replace(simulator=home, deployed_effects=""), {}).get(HYBRID),
         }
         if named[RECALIBRATED]:
             found[cell] = {entry: values for entry, values in named.items() if values}
