@@ -65,6 +65,7 @@ from simulators.vehicle import (
     AutopilotGains,
     Vehicle,
     VehicleSpec,
+    whole_steps,
 )
 
 # MuJoCo prints a line for each optional backend that is not installed.
@@ -157,12 +158,7 @@ class Crazyflow(AbstractSimulator):
         self, state: CrazyflowState, cmd: Float[Array, "drones 4"], duration: float
     ) -> CrazyflowState:
         """Held for `duration` [s], a whole number of physics steps."""
-        n_steps = round(duration * self.freq)
-        if n_steps < 1 or abs(n_steps - duration * self.freq) > 1e-6:
-            raise ValueError(
-                f"`duration` must be a positive multiple of {1 / self.freq:g} s, got {duration}."
-            )
-
+        n_steps = whole_steps(duration, self.freq)
         if n_steps == 1:
             return self._physics_step(state, cmd)
 

@@ -51,7 +51,7 @@ from simulators.rotorpy_vehicle import (
     rotor_directions,
     runge_kutta,
 )
-from simulators.vehicle import CONTROL_DT, ActionSpace, Vehicle, VehicleSpec
+from simulators.vehicle import CONTROL_DT, ActionSpace, Vehicle, VehicleSpec, whole_steps
 
 GROUND = 0.001
 """Height at and below which a drone stands on the floor [m]; RotorPy's `_on_ground`."""
@@ -146,11 +146,7 @@ class Rotorpy(AbstractSimulator):
         self, state: RotorpyState, cmd: Float[Array, "drones 4"], duration: float
     ) -> RotorpyState:
         """Held for `duration` [s], a whole number of physics steps."""
-        n_steps = round(duration * self.freq)
-        if n_steps < 1 or abs(n_steps - duration * self.freq) > 1e-6:
-            raise ValueError(
-                f"`duration` must be a positive multiple of {1 / self.freq:g} s, got {duration}."
-            )
+        n_steps = whole_steps(duration, self.freq)
 
         # Not checkpointed: 500 control steps of 12 drones and their gradient take 92 ms so, 181 ms
         # with a checkpoint per physics step, 12 ms without gradient (crazyflow: 59 and 10 ms).
