@@ -36,6 +36,7 @@ from methods.contract import Ledger, Setup, Trained
 from methods.policy import PolicyController, make_policy
 from methods.training.context import Context, Progress
 from methods.training.evaluate import Evaluation, evaluate, standing_rewards, takeoff_steps
+from methods.training.meter import train_metered
 from methods.training.together import Team
 from simulators import registry
 from simulators.contract import AbstractSimulator
@@ -142,8 +143,6 @@ def train_and_evaluate(run: Run, store: Store, context: Context) -> Outcome:
     parents = _parents(run, store, task, nominal)
     setup = Setup(task, nominal, reality, parents, context)
     trained = _deployed(parents[run.method]) if run.deploys else _trained(run, setup)
-    if not isinstance(trained, Trained):
-        raise TypeError(f"`train` of '{run.method}' must return a Trained, got {trained!r:.80}.")
     if trained.status not in STATUSES or trained.status == "failed":
         raise ValueError(f"'{run.method}' returned the status '{trained.status}'; raise to fail.")
     describe(trained.policy)  # what cannot be stored fails before it is flown
@@ -201,7 +200,7 @@ def _trained_in(run: Run, store: Store, trained: Trained, reality: AbstractSimul
 def _trained(run: Run, setup: Setup) -> Trained:
     given = {"residual": run.residual} if run.residual else {}
     method = build(registry.load("method", run.method), run.overrides, run.method, **given)
-    return method.train(setup, jax.random.fold_in(jax.random.key(run.seed), 0))
+    return train_metered(method, setup, jax.random.fold_in(jax.random.key(run.seed), 0))
 
 
 def metrics(trained: Trained, deployed: Evaluation, in_nominal: Evaluation) -> dict[str, float]:

@@ -1,5 +1,6 @@
 """Plug-ins that each break one promise; the conformance suite must name it."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import ClassVar
 
@@ -242,7 +243,7 @@ class Blind(AbstractResidual):
 
 
 class Honest(AbstractMethod):
-    """Flies one step in reality and says so; whole, and the base of broken ones."""
+    """Flies one step in reality, which bills it; whole, and the base of broken ones."""
 
     version: ClassVar[str] = "1"
     parents: ClassVar[tuple] = ()
@@ -254,7 +255,7 @@ class Honest(AbstractMethod):
         pos, _ = setup.task.reset(key)
         setup.reality.step(setup.reality.reset(pos, key), jnp.zeros((len(pos), 3)))
         setup.context.progress("training", 1, 1, -1.0)
-        return self.result(policy, Ledger(hf_fleet_seconds=0.04, epochs=1, train_seconds=0.1))
+        return self.result(policy, Ledger(epochs=1, train_seconds=0.1))
 
     def result(self, policy, ledger, **rest):
         return Trained(policy=policy, ledger=ledger, curves={"reward": np.zeros(1)}, **rest)
@@ -289,11 +290,18 @@ class Nameless(Honest):
         return Honest.train(self, setup, key, init or policy)
 
 
-class Thief(Honest):
-    """Bills nothing."""
+class Bookkeeper(Honest):
+    """Bills its flight itself, as it sees fit."""
 
     def result(self, policy, ledger):
-        return Honest.result(self, policy, Ledger(epochs=1, train_seconds=0.1))
+        return Honest.result(self, policy, dataclasses.replace(ledger, hf_fleet_seconds=0.01))
+
+
+class Heir(Honest):
+    """Bears flight that no parent of it flew."""
+
+    def result(self, policy, ledger):
+        return Honest.result(self, policy, dataclasses.replace(ledger, inherited_fleet_seconds=9.0))
 
 
 class Unfinished(Honest):

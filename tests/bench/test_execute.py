@@ -378,6 +378,14 @@ def test_rows_in_other_realities_are_deployed_there_and_train_nothing_anew(
     assert "Wind(x=2, y=0, z=0)" in (out / "leaderboard.md").read_text()
 
 
+def test_a_method_that_hides_its_flight_has_the_minutes_in_its_row(plugins, write_suite, tmp_path):
+    """100 steps of 0.02 s, three worlds, two drones: 12 s."""
+    out = tmp_path / "out"
+    assert main(["run", str(write_suite("joyride")), "--out", str(out), "--jobs", "1"]) == 0
+    results = Tables.load(out).results.set_index("metric").value
+    assert results["fleet_minutes"] == pytest.approx(12.0 / 60.0)
+
+
 def test_a_tracked_run_flies_its_parents_paths_by_pd_control(plugins, tmp_path):
     """From a fresh policy, which climbs in the nominal simulator and drifts in the other."""
     row = Row("instant", tracked=True, task_settings={"horizon": 60})
