@@ -38,7 +38,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from simulators.algebra.products import written_out
 from simulators.algebra.rotation import rotate
-from simulators.contract import AbstractSimulator
+from simulators.contract import Replayable
 from simulators.crazyflow_params import (
     SimData,
     hover_rotor_vel,
@@ -78,7 +78,7 @@ with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.St
     from crazyflow.sim.pipeline import append_fn, insert_fn_before
 
 
-class Crazyflow(AbstractSimulator):
+class Crazyflow(Replayable):
     """Source: Schuck et al., crazyflow 0.4.0, with the identified airframe `cf21B_500`."""
 
     spec: VehicleSpec = VEHICLES["cf21B_500"]
@@ -199,6 +199,10 @@ class Crazyflow(AbstractSimulator):
         return eqx.tree_at(
             lambda s: s.rotor_vel, state, jnp.broadcast_to(speeds, state.rotor_vel.shape)
         )
+
+    def repeating(self, after: CrazyflowState) -> "Crazyflow":
+        """Itself: it keeps nothing of a step's effects."""
+        return self
 
     def flight(self, state: CrazyflowState) -> Flight:
         data = self._constants()

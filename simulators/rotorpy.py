@@ -36,7 +36,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from simulators.algebra.products import written_out
-from simulators.contract import AbstractSimulator
+from simulators.contract import Replayable
 from simulators.effects import chain
 from simulators.effects.contract import AbstractEffect
 from simulators.flight import Flight
@@ -86,7 +86,7 @@ class RotorpyState(eqx.Module):
         )
 
 
-class Rotorpy(AbstractSimulator):
+class Rotorpy(Replayable):
     """Source: Folk et al. (2023), RotorPy 3, with its file of the Crazyflie Brushless."""
 
     spec: VehicleSpec = SPEC
@@ -178,6 +178,10 @@ class Rotorpy(AbstractSimulator):
     def producing(self, state: Any, thrust: Array) -> RotorpyState:
         speeds = jnp.broadcast_to(hover_speed(thrust)[:, None], state.rotor_vel.shape)
         return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
+
+    def repeating(self, after: RotorpyState) -> "Rotorpy":
+        """Itself: it keeps nothing of a step's effects."""
+        return self
 
     def flight(self, state: RotorpyState) -> Flight:
         nominal = self._seen(state, self._vehicle())

@@ -24,7 +24,7 @@ from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import AbstractPolicy, Policy, is_shared, make_policy
 from methods.training.bptt import BPTT
 from methods.training.context import Context
-from methods.training.meter import Meter, Metered
+from methods.training.meter import Meter, metered
 from simulators import registry
 from simulators.point_mass import PointMass
 from tasks.contract import AbstractTask
@@ -111,7 +111,7 @@ class _Watch:
 
     def __init__(self, reality: type[Any]) -> None:
         self.heard: list[tuple] = []
-        self.reality = Metered(reality(), Meter())
+        self.reality = metered(reality(), Meter())
 
     def setup(self, cls: type[Any], task: AbstractTask) -> Setup:
         parents = {

@@ -48,7 +48,7 @@ from methods.calibration.reference_paths import ReferencePath
 from methods.training.meter import billed
 from simulators import registry
 from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
-from simulators.contract import AbstractSimulator, with_effects
+from simulators.contract import AbstractSimulator, replayable, with_effects
 from simulators.effects.contract import AbstractEffect, OnsetEffect
 from simulators.effects.delay import LONGEST, Delay
 from simulators.effects.floor import Floor
@@ -309,11 +309,15 @@ def along(simulator: AbstractSimulator, flights: TrackingFlight) -> Flight:
 
     Position and velocity are those of the flight before the step; attitude, thrust and what else
     the simulator remembers run along on the flown actions.
+
+    Raises:
+        TypeError: `simulator` is not `Replayable`.
     """
+    placed = replayable(simulator).placed
 
     def one(flight: TrackingFlight) -> Flight:
         def step(state: Any, row: TrackingFlight) -> tuple[Any, Flight]:
-            state = simulator.placed(state, row.before.pos, row.before.vel)
+            state = placed(state, row.before.pos, row.before.vel)
             state = simulator.step(state, row.action)
             return state, simulator.flight(state)
 

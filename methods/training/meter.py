@@ -18,7 +18,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
 from methods.policy import AbstractPolicy
@@ -105,18 +105,11 @@ class Metered(AbstractSimulator):
     def flight(self, state: Any) -> Flight:
         return self.inner.flight(state)
 
-    def turned(
-        self,
-        state: Any,
-        quat: Float[Array, "drones 4"],
-        ang_vel: Float[Array, "drones 3"],
-        chosen: Bool[Array, " drones"],
-    ) -> Any:
-        return self.inner.turned(state, quat, ang_vel, chosen)
 
-    def repeating(self, after: Any) -> AbstractSimulator:
-        """Without the meter: a step that is repeated for its gradient was counted before."""
-        return self.inner.repeating(after)
+def metered(simulator: AbstractSimulator, meter: Meter) -> Metered:
+    """`simulator`, its flight counted by `meter`."""
+    # pyright takes the properties above for fields.
+    return Metered(inner=simulator, meter=meter)  # pyright: ignore[reportCallIssue]
 
 
 def _is_number(x: Any) -> bool:
@@ -170,7 +163,7 @@ def train_metered(
     method writes there itself is replaced.
     """
     meter = Meter()
-    given = dataclasses.replace(setup, reality=Metered(setup.reality, meter))
+    given = dataclasses.replace(setup, reality=metered(setup.reality, meter))
     trained = method.train(given, key, init)
     if not isinstance(trained, Trained):
         raise TypeError(

@@ -201,6 +201,60 @@ class Mirrored(PointMass):
         return PointMass.step_cmd(self, state, cmd.at[:, 1].multiply(-1.0), duration)
 
 
+class Drifting(PointMass):
+    """Placing a drone leaves its velocity."""
+
+    name: ClassVar[str] = "drifting"
+
+    def placed(self, state, pos, vel):
+        return dataclasses.replace(state, pos=pos)
+
+
+class Stubborn(PointMass):
+    """No drone can be turned."""
+
+    name: ClassVar[str] = "stubborn"
+
+    def turned(self, state, quat, ang_vel, chosen):
+        return state
+
+
+class Whirling(PointMass):
+    """Faster rotors of one drone are those of all."""
+
+    name: ClassVar[str] = "whirling"
+
+    def spun(self, state, faster, chosen):
+        return dataclasses.replace(state, thrust=state.thrust * (1.0 + faster[:, 0]) ** 2)
+
+
+class Lazy(PointMass):
+    """Rotors of the chosen drones are not made as fast as was asked for."""
+
+    name: ClassVar[str] = "lazy"
+
+    def spun(self, state, faster, chosen):
+        return dataclasses.replace(state, thrust=jnp.where(chosen, 1.01, 1.0) * state.thrust)
+
+
+class Weak(PointMass):
+    """Produces half of the thrust."""
+
+    name: ClassVar[str] = "weak"
+
+    def producing(self, state, thrust):
+        return dataclasses.replace(state, thrust=0.5 * thrust)
+
+
+class Absent(PointMass):
+    """Repeats another step than the one that was flown."""
+
+    name: ClassVar[str] = "absent"
+
+    def repeating(self, after):
+        return dataclasses.replace(self, attitude_tau=0.5)
+
+
 class Model(AbstractResidualModel):
     """Whatever a test wants."""
 

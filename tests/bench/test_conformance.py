@@ -103,6 +103,21 @@ def test_the_whole_point_mass_passes_and_broken_ones_do_not():
     assert "promises 'wrench'" in problem("simulator", broken.Mute, "door 'wrench'")
 
 
+@pytest.mark.parametrize(
+    ("cls", "sentence", "said"),
+    [
+        (broken.Drifting, "can be placed", "not at the position and velocity"),
+        (broken.Stubborn, "can be turned", "have not the attitude"),
+        (broken.Whirling, "made faster", "changes drones that were not chosen"),
+        (broken.Lazy, "made faster", "about 21 % more thrust, got 1 to 1 %"),
+        (broken.Weak, "set to a thrust", "after `producing` the thrust must be"),
+        (broken.Absent, "a repeated step", "does not end in `after`"),
+    ],
+)
+def test_a_simulator_that_is_replayable_only_by_name_is_told_so(cls, sentence, said):
+    assert said in problem("simulator", cls, sentence)
+
+
 def test_the_number_of_checks_and_the_exit_status_are_those_of_the_suite(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "300")
     assert main(["check", "drag", "--simulator", "point_mass"]) == 0

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cells import METHODS, TINY, Hold, fresh, setup, small
 
+from diagnosis.replay.library import make_library
 from methods.calibration.pool import calibrate
 from methods.contract import AbstractMethod, Ledger, Trained
 from methods.policy import PolicyController
@@ -176,3 +177,9 @@ def test_a_method_of_ours_compiles_the_program_of_the_bare_reality():
         strict=True,
     ):
         np.testing.assert_array_equal(one, other)
+
+
+def test_logs_are_not_replayed_in_a_metered_simulator(metered):
+    """It sets no states; whoever replays logs does so in the nominal simulator."""
+    with pytest.raises(TypeError, match=r"must be Replayable, .* got 'point_mass'\. .*crazyflow"):
+        make_library(metered)
