@@ -145,17 +145,18 @@ def _returns(trained: Trained) -> None:
     demand(isinstance(trained, Trained), f"`train` must return a Trained, got {trained!r:.60}")
     demand(
         isinstance(trained.policy, AbstractPolicy),
-        "the policy must be that of `make_policy` or of a class of your own below "
-        f"`AbstractPolicy`, got {trained.policy!r:.60}",
+        "`policy` must come from `make_policy`, or from your own subclass of `AbstractPolicy`; got "
+        f"{trained.policy!r:.60}",
     )
     action = trained.policy(jnp.zeros((2, TASK.obs_size)))
     demand(
-        action.shape == (2, 3), f"for two drones the policy must give (2, 3), got {action.shape}"
+        action.shape == (2, 3),
+        f"the policy must return actions of shape (2, 3) for two drones, got {action.shape}",
     )
 
 
 def _stored(trained: Trained) -> None:
-    """What `bench run` stores of it is the policy that it deploys."""
+    """Demands that the policy that `bench run` stores acts as the one that was trained."""
     _returns(trained)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "policy.npz"

@@ -238,7 +238,7 @@ def _method(name: str) -> type[AbstractMethod]:
     if isinstance(found, type) and issubclass(found, AbstractMethod) and hasattr(found, "parents"):
         return found
     raise PlanError(
-        f"Method '{name}' is no class that implements AbstractMethod; "
+        f"Method '{name}' must be a class that implements AbstractMethod; "
         f"`bench check method:{name}` says what is wrong."
     )
 
@@ -261,7 +261,8 @@ def _make_recipe(
     (nominal, changed), reality = _nominal(row), _reality(row)
     if row.deploys and not row.tracked and not reality.effects:
         raise PlanError(
-            f"Method '{row.method}': `deployed_in` names no effect; the row is the same without."
+            f"Method '{row.method}': `deployed_in` must name an effect, such as "
+            "'crazyflow+mass(e=0.2)'. Leave it out to deploy without effects."
         )
     found |= {f"effect {type(effect).__name__}": type(effect) for effect in reality.effects}
     resolved = {
@@ -325,7 +326,7 @@ def _reality(row: Row) -> AbstractSimulator:
     where = f"Method '{row.method}', `{'deployed_in' if row.deploys else 'reality'}`"
     reality = parse_reality(row.world or REALITY, where)
     if reality.name != REALITY:
-        raise PlanError(f"{where}: policies are deployed in {REALITY}, got '{reality.name}'.")
+        raise PlanError(f"{where}: the simulator must be {REALITY}, got '{reality.name}'.")
     return reality
 
 
@@ -357,7 +358,7 @@ def _residual(row: Row, method_class: type) -> str:
 def _version(plugin: str, cls: type) -> str:
     """The version that a plug-in declares."""
     if not isinstance(version := getattr(cls, "version", None), str):
-        raise PlanError(f"Plug-in '{plugin}' must have a class attribute `version`, a text.")
+        raise PlanError(f"Plug-in '{plugin}' must have a class attribute `version`, such as '1'.")
     return version
 
 

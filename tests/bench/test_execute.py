@@ -87,7 +87,7 @@ def test_failures_and_deaths_cost_only_their_runs_and_are_retried(
         run: runs[run] for run in runs if run != ("dying", 0)
     }
     assert "To do: 2, on 1 worker. Failed earlier: 1; --retry-failed" in captured.out
-    assert "policy.npz is not as it was written. It is now runs/.quarantine" in captured.err
+    assert "policy.npz has changed since it was written. It is now runs/.quarantine" in captured.err
     assert log.read_text().count("\n") == 1  # the row of what is damaged is there
     check_tables(out)
 
