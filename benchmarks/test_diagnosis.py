@@ -27,7 +27,7 @@ LARGEST = 4096.0
 """Most memory for an hour of logs [MB]; a choice."""
 LOADED = 10.0
 """Longest processor time in which they load [s]; a choice."""
-HOUR = Path(__file__).with_name("hour.py")
+HOUR = Path(__file__).parent / "programs" / "hour.py"
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from benchmarks.training import epoch_of
+from benchmarks.programs.training import epoch_of
 from methods.contract import Setup
 from methods.hybrid import Hybrid
 from methods.policy import PolicyController, make_policy

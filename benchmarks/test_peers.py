@@ -18,7 +18,7 @@ from crazyflow.dynamics.core import parametrize
 from crazyflow.dynamics.so_rpy import dynamics
 from jaxtyping import Array, Float
 
-from benchmarks.training import epoch_of
+from benchmarks.programs.training import epoch_of
 from methods.policy import make_policy
 from methods.training.bptt import BPTT, optimizer
 from simulators.flight import Flight
@@ -54,10 +54,6 @@ class SecondOrder(eqx.Module):
         pos, quat, vel, ang_vel = state
         nothing = jnp.zeros(len(pos))
         return Flight(jnp.zeros(()), pos, vel, quat, ang_vel, nothing, jnp.zeros_like(pos))
-
-    def repeating(self, after: tuple[Array, ...]) -> "SecondOrder":
-        """Itself: it has no frozen effects."""
-        return self
 
     def step(self, state: tuple[Array, ...], action: Float[Array, "drones 3"]) -> tuple:
         """Semi-implicit Euler, as the point mass; the quaternion is normalised."""
@@ -134,7 +130,7 @@ def test_a_scan_written_the_obvious_way(benchmark, simulator_name, n_drones):
 @pytest.mark.parametrize("n_drones", TEAMS)
 def test_pytorch_point_mass(benchmark, n_drones):
     torch = pytest.importorskip("torch", reason="PyTorch is not installed")
-    from benchmarks import torch_circle
+    from benchmarks.programs import torch_circle
 
     task, simulator, policy = given("point mass", n_drones)
     n_worlds = TRAINER.worlds(n_drones)

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from benchmarks.training import epoch_of
+from benchmarks.programs.training import epoch_of
 from methods.policy import PolicyController, make_policy
 from methods.training.bptt import BPTT
 from methods.training.evaluate import fly

@@ -4,8 +4,13 @@ import os
 from pathlib import Path
 from typing import Annotated
 
+import cyclopts
+
 from bench.cli.options import Repeatable
 from bench.text.errors import UsageError
+
+NOTES = "Markdown file with remarks on failures; default: blind_notes.md beside the report."
+"""Help of `--notes`: a docstring has no parameter of that name, only a section."""
 
 
 def blind(
@@ -18,7 +23,7 @@ def blind(
     report: Annotated[bool, Repeatable] = False,
     next_flight: Annotated[bool, Repeatable] = False,
     limits: Annotated[bool, Repeatable] = False,
-    notes: Path | None = None,
+    notes: Annotated[Path | None, cyclopts.Parameter(help=NOTES)] = None,
 ) -> int:
     """Make flights whose cause is withheld, diagnose them, and score the answers.
 
@@ -29,25 +34,24 @@ def blind(
     Parameters
     ----------
     cases
-        Number of cases of all kinds; without it, the 321 of a counted run.
+        Number of cases, all kinds together; default: 321, as in a counted run.
     reality
-        Where they are flown: crazyflow (the default) or rotorpy, where a reference is used.
+        Simulator that flies the cases: crazyflow (the default), or rotorpy, where each diagnosis
+        also gets reference flights.
     out
-        Folder for tables, report and flights; without it, tables go to results/blind/REALITY and
-        the report on all realities to reports/blind.md.
+        Folder for tables, report and flights; default: results/blind/REALITY for the tables and
+        reports/blind.md for the report on all realities.
     seed
-        Seed of the cases; without it, the operating system's.
+        Seed of the cases; default: drawn by the operating system.
     jobs
-        Number of processes; without it, one per core.
+        Number of processes; default: one per core.
     report
-        Only write the report again, from the tables that are there.
+        Only write the report again, from the tables that exist.
     next_flight
-        Instead of cases, fly what the diagnosis advises to fly next, and measure what it separates.
+        Instead of cases, fly the flights that diagnoses advise, and measure what they tell apart.
     limits
-        Instead of cases, measure how small an effect may be to be named, and how long to fly.
-
-    Notes:
-        Markdown file with remarks on failures; without it, blind_notes.md beside the report.
+        Instead of cases, measure how small an effect a diagnosis still names, and how much flight
+        it needs.
     """
     from bench.execution.environment import environment
 
@@ -59,7 +63,7 @@ def blind(
     needless = [name for name, value in given.items() if value is not None]
     if needless and (report or studies):
         word = "--report" if report else "a study instead of cases"
-        raise UsageError(f"Leave out {', '.join(needless)}: no meaning with {word}.")
+        raise UsageError(f"Leave out {', '.join(needless)}: not used with {word}.")
     os.environ.update(environment())
     from blind.run.command import rebuild_report, run_blind
 

@@ -25,7 +25,8 @@ class Setup:
     nominal: AbstractSimulator
     """The low-fidelity simulator, nominal."""
     reality: AbstractSimulator
-    """The high-fidelity simulator, possibly with effects that the nominal one lacks."""
+    """The high-fidelity simulator, possibly with effects that the nominal one lacks. While a method
+    trains, every step of it is billed to the run (`methods/training/meter.py`)."""
     parents: Mapping[str, "Trained"] = dataclasses.field(default_factory=dict)
     """What the methods named in `AbstractMethod.parents` trained, of the same seed."""
     context: Context = dataclasses.field(default_factory=Context)
@@ -34,10 +35,13 @@ class Setup:
 
 @dataclasses.dataclass(frozen=True)
 class Ledger:
-    """What a training run cost. High-fidelity flight is billed at the step where it happens."""
+    """What a training run cost. The reality that the harness hands out bills its own flight."""
 
     hf_fleet_seconds: float = 0.0
-    """Simulated high-fidelity flight, summed over drones [s]."""
+    """Simulated high-fidelity flight, summed over drones [s]. Methods leave it out: it is what
+    `setup.reality` counted while the method trained, and `inherited_fleet_seconds`."""
+    inherited_fleet_seconds: float = 0.0
+    """The part of it that a parent flew and that this run bears in full [s]."""
     calibration_flights: int = 0
     """Single-drone high-fidelity flights that a residual was fitted to."""
     calibration_crashes: int = 0

@@ -95,7 +95,6 @@ class GreyBox(AbstractMethod):
             seconds = time.perf_counter() - start
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
         bill = Ledger(
-            hf_fleet_seconds=found.fleet_seconds,
             calibration_flights=found.n_flights,
             calibration_crashes=found.crashes,
             train_seconds=seconds,

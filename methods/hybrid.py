@@ -100,7 +100,6 @@ class Hybrid(AbstractMethod):
             before = time.perf_counter() - start
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
         bill = Ledger(
-            hf_fleet_seconds=calibration.fleet_seconds,
             calibration_flights=calibration.flights,
             calibration_crashes=calibration.crashes,
             train_seconds=before,

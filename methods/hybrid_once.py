@@ -38,7 +38,7 @@ class HybridOnce(AbstractMethod):
             raise TypeError("The Hybrid that `hybrid_once` starts from has no residual.")
         policy = init or make_policy(task, nominal.spec, nominal.action_space, policy_key)
         bill = Ledger(
-            hf_fleet_seconds=parent.ledger.hf_fleet_seconds,
+            inherited_fleet_seconds=parent.ledger.hf_fleet_seconds,
             calibration_flights=parent.ledger.calibration_flights,
             calibration_crashes=parent.ledger.calibration_crashes,
         )

@@ -10,9 +10,9 @@ import equinox as eqx
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
+from methods.hf_hotstart import HFHotStart
 from methods.policy import AbstractPolicy
 from methods.training.bptt import BPTT
-from methods.training.high_fidelity import train_in_reality
 
 
 class UpperReference(AbstractMethod):
@@ -26,5 +26,4 @@ class UpperReference(AbstractMethod):
     simulator: ClassVar[str] = "crazyflow"
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
-        policy = init or setup.parents["lf_baseline"].policy
-        return train_in_reality(self.trainer, setup, policy, key, "HF fine-tuning")
+        return HFHotStart(self.trainer).train(setup, key, init)

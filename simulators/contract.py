@@ -58,6 +58,28 @@ class AbstractSimulator(eqx.Module):
     def flight(self, state: Any) -> Flight:
         """What can be measured of a state."""
 
+    def step(self, state: Any, action: Float[Array, "drones 3"]) -> Any:
+        """The state one control step of `CONTROL_DT` later, under an action in [-1, 1]^3."""
+        return self.step_cmd(state, self.action_space.to_cmd(action), CONTROL_DT)
+
+
+Simulator = TypeVar("Simulator", bound=AbstractSimulator)
+
+
+class Replayable(AbstractSimulator):
+    """A simulator whose states can be set to what a log says, and whose steps can be repeated.
+
+    Replays of logs (`diagnosis/replay/replay.py`) and the adjoint of a training
+    (`methods/training/adjoint.py`) need it; evaluation and plain training do not. Its states have
+    the fields `pos` [m, world] and `vel` [m/s, world].
+    """
+
+    def placed(
+        self, state: Any, pos: Float[Array, "drones 3"], vel: Float[Array, "drones 3"]
+    ) -> Any:
+        """The state with the drones at `pos` [m] and `vel` [m/s], everything else kept."""
+        return eqx.tree_at(lambda s: (s.pos, s.vel), state, (pos, vel))
+
     @abc.abstractmethod
     def turned(
         self,
@@ -68,35 +90,39 @@ class AbstractSimulator(eqx.Module):
     ) -> Any:
         """The state with the chosen drones at `quat` and `ang_vel` [rad/s, body]."""
 
+    @abc.abstractmethod
     def spun(
         self, state: Any, faster: Float[Array, "drones 4"], chosen: Bool[Array, " drones"]
     ) -> Any:
         """The state with the chosen drones' rotors, if any, faster by those shares."""
-        return state
 
+    @abc.abstractmethod
     def producing(self, state: Any, thrust: Float[Array, " drones"]) -> Any:
         """The state with every drone's rotors, if any, at the speeds of a nominal thrust [N]."""
-        return state
 
-    def repeating(self, after: Any) -> "AbstractSimulator":
+    @abc.abstractmethod
+    def repeating(self, after: Any) -> AbstractSimulator:
         """The simulator for a step that is known to end in `after`, to be differentiated.
 
         Its frozen effects may do again what they did in that step instead of computing it.
         """
-        return self
-
-    def placed(
-        self, state: Any, pos: Float[Array, "drones 3"], vel: Float[Array, "drones 3"]
-    ) -> Any:
-        """The state with the drones at `pos` [m] and `vel` [m/s], everything else kept."""
-        return eqx.tree_at(lambda s: (s.pos, s.vel), state, (pos, vel))
-
-    def step(self, state: Any, action: Float[Array, "drones 3"]) -> Any:
-        """The state one control step of `CONTROL_DT` later, under an action in [-1, 1]^3."""
-        return self.step_cmd(state, self.action_space.to_cmd(action), CONTROL_DT)
 
 
-Simulator = TypeVar("Simulator", bound=AbstractSimulator)
+def replayable(simulator: AbstractSimulator) -> Replayable:
+    """`simulator`, if logs can be replayed in it.
+
+    Raises:
+        TypeError: It is not `Replayable`.
+    """
+    if isinstance(simulator, Replayable):
+        return simulator
+    kinds = registry.load_all("simulator").items()
+    able = ", ".join(name for name, kind in kinds if issubclass(kind, Replayable))
+    raise TypeError(
+        f"`simulator` must be Replayable, so that logs can be replayed in it; got "
+        f"'{simulator.name}'. Simulators that are: {able}. Derive yours from "
+        "`simulators.contract.Replayable` and write its methods."
+    )
 
 
 class MissingDoorError(ValueError):

@@ -38,7 +38,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from simulators.algebra.products import written_out
 from simulators.algebra.rotation import rotate
-from simulators.contract import AbstractSimulator
+from simulators.contract import Replayable
 from simulators.crazyflow_params import (
     SimData,
     hover_rotor_vel,
@@ -65,6 +65,7 @@ from simulators.vehicle import (
     AutopilotGains,
     Vehicle,
     VehicleSpec,
+    whole_steps,
 )
 
 # MuJoCo prints a line for each optional backend that is not installed.
@@ -77,7 +78,7 @@ with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.St
     from crazyflow.sim.pipeline import append_fn, insert_fn_before
 
 
-class Crazyflow(AbstractSimulator):
+class Crazyflow(Replayable):
     """Source: Schuck et al., crazyflow 0.4.0, with the identified airframe `cf21B_500`."""
 
     spec: VehicleSpec = VEHICLES["cf21B_500"]
@@ -157,12 +158,7 @@ class Crazyflow(AbstractSimulator):
         self, state: CrazyflowState, cmd: Float[Array, "drones 4"], duration: float
     ) -> CrazyflowState:
         """Held for `duration` [s], a whole number of physics steps."""
-        n_steps = round(duration * self.freq)
-        if n_steps < 1 or abs(n_steps - duration * self.freq) > 1e-6:
-            raise ValueError(
-                f"`duration` must be a positive multiple of {1 / self.freq:g} s, got {duration}."
-            )
-
+        n_steps = whole_steps(duration, self.freq)
         if n_steps == 1:
             return self._physics_step(state, cmd)
 
@@ -203,6 +199,10 @@ class Crazyflow(AbstractSimulator):
         return eqx.tree_at(
             lambda s: s.rotor_vel, state, jnp.broadcast_to(speeds, state.rotor_vel.shape)
         )
+
+    def repeating(self, after: CrazyflowState) -> "Crazyflow":
+        """Itself: it keeps nothing of a step's effects."""
+        return self
 
     def flight(self, state: CrazyflowState) -> Flight:
         data = self._constants()

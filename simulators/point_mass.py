@@ -30,7 +30,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from simulators.algebra.rotation import quat_to_rpy, rotate, rotate_back, rpy_to_quat
-from simulators.contract import AbstractSimulator
+from simulators.contract import Replayable
 from simulators.effects import chain
 from simulators.effects.contract import (
     AbstractEffect,
@@ -62,7 +62,7 @@ class PointMassState(eqx.Module):
     """Memories of the attached effects."""
 
 
-class PointMass(AbstractSimulator):
+class PointMass(Replayable):
     """Source: Mednikov and Gal, arXiv 2609.17265, Sec. IV-A, "pmDrones"."""
 
     spec: VehicleSpec = VEHICLES["cf21B_500"]
@@ -149,6 +149,19 @@ class PointMass(AbstractSimulator):
             (rpy, lag, memory),
             is_leaf=lambda x: x is state.memory,
         )
+
+    def spun(
+        self,
+        state: PointMassState,
+        faster: Float[Array, "drones 4"],
+        chosen: Bool[Array, " drones"],
+    ) -> PointMassState:
+        """As it is: a point mass has no rotors."""
+        return state
+
+    def producing(self, state: PointMassState, thrust: Float[Array, " drones"]) -> PointMassState:
+        """As it is: thrust follows its command at once."""
+        return state
 
     def repeating(self, after: PointMassState) -> "PointMass":
         """Frozen effects remember one integration step, so that a control step must be one."""

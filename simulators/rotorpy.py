@@ -1,9 +1,7 @@
 r"""A second high-fidelity simulator: RotorPy's `Multirotor`, 200 Hz, Runge-Kutta of fourth order.
 
-The only module that knows RotorPy. Its vehicle runs as it is published, with the package's file for
-the Crazyflie Brushless; a private copy of its module is evaluated with `jax.numpy`, so that it can
-be compiled and differentiated. Only the assembly of the state's derivative is written here (in
-RotorPy it fills an array in place); tests compare it with the package's own.
+The vehicle itself is the package's own, evaluated with JAX by `simulators/rotorpy_vehicle.py`, the
+only module here that imports RotorPy; this one steps it, with effects.
 
     m v' = -m g e_z + R F + f,   J w' = M - w x J w + R' t,   Omega' = (Omega_cmd - Omega) / tau_m
     F = (0, 0, sum k_eta Omega^2 + k_h |v_xy|^2) - sum Omega K v_i,   K = diag(k_d, k_d, k_z)
@@ -30,69 +28,36 @@ Model Your Crazyflie Brushless", arXiv:2603.05944, as in RotorPy 3.0.0.
 """
 
 import functools
-import importlib.util
-from types import ModuleType, SimpleNamespace
 from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.scipy.spatial.transform import Rotation
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
-from rotorpy.vehicles.crazyfliebrushless_params import quad_params
 
-from simulators.algebra.products import opaque, written_out
-from simulators.algebra.rotation import rpy_to_quat
-from simulators.contract import AbstractSimulator
+from simulators.algebra.products import written_out
+from simulators.contract import Replayable
 from simulators.effects import chain
 from simulators.effects.contract import AbstractEffect
 from simulators.flight import Flight
-from simulators.vehicle import CONTROL_DT, ActionSpace, Vehicle, VehicleSpec
-
-ATTITUDE_GAINS = {"kp_att": 150.0, "kd_att": 25.0}
-"""Gains of the attitude loop [1/s^2, 1/s]. With those of the file, which calls them hand picked,
-the loop rings with the motor's lag (damping 0.06) and is unstable with motors 2.5 times as slow;
-these give a pole at 7 rad/s and a pair at 20 rad/s with a damping of 0.31, stable with slow motors
-too."""
-
-AIRFRAME = {
-    **quad_params,
-    **ATTITUDE_GAINS,
-    "rotor_directions": np.asarray(quad_params["rotor_directions"], float),
-}
-"""Parameters of the undisturbed vehicle. Whole numbers become floats: JAX keeps programs of 32-bit
-integers that it then hands 64-bit ones where double precision is switched on and off."""
+from simulators.rotorpy_vehicle import (
+    K_ETA,
+    SPEC,
+    airframe_of,
+    derivative,
+    hover_speed,
+    make_multirotor,
+    motor_speeds,
+    rotor_directions,
+    runge_kutta,
+)
+from simulators.vehicle import CONTROL_DT, ActionSpace, Vehicle, VehicleSpec, whole_steps
 
 GROUND = 0.001
 """Height at and below which a drone stands on the floor [m]; RotorPy's `_on_ground`."""
 
 FRICTION = 0.3
 """Share of the horizontal velocity that a step on the floor takes; RotorPy's default."""
-
-STANDING = 1.0
-"""Squared rotor speed [rad^2/s^2] below which its root has no slope: the slope of a root grows
-without bound towards 0. A rotor at 1 rad/s gives 4e-8 N."""
-
-
-def _spec() -> VehicleSpec:
-    """RotorPy's file as an airframe of ours."""
-    per_rev = 2.0 * np.pi / 60.0
-    return VehicleSpec(
-        name="cf_brushless_rotorpy",
-        mass=quad_params["mass"],
-        inertia=(quad_params["Ixx"], quad_params["Iyy"], quad_params["Izz"]),
-        drag=(0.0, 0.0, 0.0),
-        thrust_min=0.0,
-        thrust_max=float(4.0 * quad_params["k_eta"] * quad_params["rotor_speed_max"] ** 2),
-        rpm2thrust=(0.0, 0.0, quad_params["k_eta"] * per_rev**2),
-        arm=float(quad_params["rotor_pos"]["r1"][0]),
-        rotor_lag=quad_params["tau_m"],
-    )
-
-
-SPEC = _spec()
-"""The airframe of RotorPy's file."""
 
 
 class RotorpyState(eqx.Module):
@@ -121,7 +86,7 @@ class RotorpyState(eqx.Module):
         )
 
 
-class Rotorpy(AbstractSimulator):
+class Rotorpy(Replayable):
     """Source: Folk et al. (2023), RotorPy 3, with its file of the Crazyflie Brushless."""
 
     spec: VehicleSpec = SPEC
@@ -181,11 +146,7 @@ class Rotorpy(AbstractSimulator):
         self, state: RotorpyState, cmd: Float[Array, "drones 4"], duration: float
     ) -> RotorpyState:
         """Held for `duration` [s], a whole number of physics steps."""
-        n_steps = round(duration * self.freq)
-        if n_steps < 1 or abs(n_steps - duration * self.freq) > 1e-6:
-            raise ValueError(
-                f"`duration` must be a positive multiple of {1 / self.freq:g} s, got {duration}."
-            )
+        n_steps = whole_steps(duration, self.freq)
 
         # Not checkpointed: 500 control steps of 12 drones and their gradient take 92 ms so, 181 ms
         # with a checkpoint per physics step, 12 ms without gradient (crazyflow: 59 and 10 ms).
@@ -218,6 +179,10 @@ class Rotorpy(AbstractSimulator):
         speeds = jnp.broadcast_to(hover_speed(thrust)[:, None], state.rotor_vel.shape)
         return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
 
+    def repeating(self, after: RotorpyState) -> "Rotorpy":
+        """Itself: it keeps nothing of a step's effects."""
+        return self
+
     def flight(self, state: RotorpyState) -> Flight:
         nominal = self._seen(state, self._vehicle())
         _, vehicle = chain.plant(
@@ -229,8 +194,8 @@ class Rotorpy(AbstractSimulator):
         return self.spec.vehicle(drag=False)
 
     def _seen(self, state: RotorpyState, vehicle: Vehicle) -> Flight:
-        each = vehicle.thrust_gain * quad_params["k_eta"] * state.rotor_vel**2
-        x, y = _directions().T * self.spec.arm * vehicle.arm_scale
+        each = vehicle.thrust_gain * K_ETA * state.rotor_vel**2
+        x, y = rotor_directions().T * self.spec.arm * vehicle.arm_scale
         torque = jnp.stack([each @ y, -each @ x, jnp.zeros(len(each), each.dtype)], axis=-1)
         return Flight(
             t=state.steps.astype(float) / self.freq,
@@ -273,125 +238,6 @@ class Rotorpy(AbstractSimulator):
         return eqx.tree_at(
             lambda s: (s.pos, s.vel, s.memory), after, (flown.pos, flown.vel, memory)
         )
-
-
-@functools.cache
-def _rotorpy() -> ModuleType:
-    """A copy of RotorPy's module, the imported one untouched, that computes with JAX."""
-    spec = importlib.util.find_spec("rotorpy.vehicles.multirotor")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    numpy = SimpleNamespace(**vars(jnp))
-    # JAX does not take a list for an array where RotorPy joins thrust and moment.
-    numpy.concatenate = lambda parts: jnp.concatenate([jnp.asarray(part) for part in parts])
-    numpy.sqrt = lambda x: jnp.sqrt(jnp.maximum(x, STANDING))
-    module.__dict__.update(np=numpy, inv=jnp.linalg.inv, Rotation=Rotation)
-    module.Multirotor._norm = staticmethod(_length)
-    return module
-
-
-def _length(vector: Float[Array, " 3"]) -> Float[Array, ""]:
-    """The length of a vector, whose slope at zero is zero where RotorPy's is not a number."""
-    square = jnp.sum(vector**2)
-    return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
-
-
-@functools.cache
-def _directions() -> Float[np.ndarray, "4 2"]:
-    """Where the rotors are, in arms from the roll and from the pitch axis."""
-    places = np.stack([quad_params["rotor_pos"][name][:2] for name in quad_params["rotor_pos"]])
-    return places / SPEC.arm
-
-
-def make_multirotor(airframe: dict[str, Any]) -> Any:
-    """RotorPy's vehicle with the given parameters, which may be traced."""
-    return _rotorpy().Multirotor(airframe, control_abstraction="cmd_ctatt")
-
-
-def airframe_of(vehicle: Vehicle) -> dict[str, Any]:
-    """RotorPy's parameters of a vehicle; what is not in it is the file's."""
-    inertia = vehicle.inertia
-    names = zip(("r1", "r2", "r3", "r4"), _directions(), strict=True)
-    arm, center = vehicle.arm * vehicle.arm_scale, vehicle.center_of_mass
-    return AIRFRAME | {
-        "mass": opaque(vehicle.mass),
-        **{f"I{a}{b}": inertia["xyz".index(a), "xyz".index(b)] for a, b in _PRODUCTS},
-        "rotor_pos": {name: arm * jnp.asarray([*place, 0.0]) - center for name, place in names},
-        "k_eta": quad_params["k_eta"] * vehicle.thrust_gain,
-        "k_m": quad_params["k_m"] * vehicle.rotor_torque_scale,
-        "tau_m": vehicle.rotor_lag * vehicle.motor_lag_scale,
-    }
-
-
-_PRODUCTS = ("xx", "yy", "zz", "xy", "xz", "yz")
-"""Entries of the inertia matrix that RotorPy is given."""
-
-
-def hover_speed(thrust: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """Speed [rad/s] at which four equal rotors are believed to give `thrust` [N]."""
-    speed = jnp.sqrt(jnp.maximum(thrust / 4.0 / quad_params["k_eta"], STANDING))
-    return jnp.clip(speed, quad_params["rotor_speed_min"], quad_params["rotor_speed_max"])
-
-
-def derivative(
-    multirotor: Any,
-    body: Float[Array, " 17"],
-    speeds: Float[Array, " 4"],
-    force: Float[Array, " 3"],
-    torque: Float[Array, " 3"],
-    slowing: Float[Array, ""] | float = 1.0,
-) -> Float[Array, " 17"]:
-    """Rate of one drone's state in still air.
-
-    Args:
-        multirotor: RotorPy's vehicle.
-        body: Position [m], velocity [m/s], quaternion, angular velocity and rotor speeds [rad/s].
-        speeds: Rotor speeds that are asked for [rad/s].
-        force: Force of effects, world frame [N].
-        torque: Torque of effects, world frame [N m].
-        slowing: Time constants of rotors that slow down over those of others [-].
-    """
-    vel, quat, ang_vel, rotors = body[3:6], body[6:10], body[10:13], body[13:]
-    matrix = Rotation.from_quat(quat).as_matrix()
-    own_force, own_torque = multirotor.compute_body_wrench(ang_vel, rotors, matrix.T @ vel)
-    acc = (multirotor.weight + matrix @ own_force + force) / multirotor.mass
-    turning = own_torque + matrix.T @ torque
-    turning = turning - jnp.cross(ang_vel, multirotor.inertia @ ang_vel)
-    lag = multirotor.tau_m * jnp.where(speeds < rotors, slowing, 1.0)
-    quat_rate = _rotorpy().quat_dot(quat, ang_vel)
-    return jnp.concatenate(
-        [vel, acc, quat_rate, multirotor.inv_inertia @ turning, (speeds - rotors) / lag]
-    )
-
-
-def motor_speeds(
-    multirotor: Any, body: Float[Array, " 17"], cmd: Float[Array, " 4"]
-) -> Float[Array, " 4"]:
-    """Speeds [rad/s] that RotorPy's attitude loop asks for, on what it believes of the vehicle.
-
-    Args:
-        multirotor: RotorPy's vehicle as it is believed to be.
-        body: As for `derivative`.
-        cmd: Roll, pitch, yaw [rad] and thrust [N].
-    """
-    speeds = multirotor.get_cmd_motor_speeds(
-        {"q": body[6:10], "w": body[10:13]},
-        {"cmd_thrust": cmd[3], "cmd_q": rpy_to_quat(cmd[None, :3])[0]},
-    )
-    return jnp.clip(speeds, multirotor.rotor_speed_min, multirotor.rotor_speed_max)
-
-
-def runge_kutta(rate: Any, body: Float[Array, "drones 17"], dt: float) -> Float[Array, "drones 17"]:
-    """States `dt` [s] later by Runge and Kutta's method of fourth order, quaternions unit."""
-    k1 = rate(body)
-    k2 = rate(body + 0.5 * dt * k1)
-    k3 = rate(body + 0.5 * dt * k2)
-    k4 = rate(body + dt * k3)
-    body = body + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    quat = body[:, 6:10] / jnp.linalg.norm(body[:, 6:10], axis=1, keepdims=True)
-    return body.at[:, 6:10].set(quat)
 
 
 def _on_floor(body: Float[Array, "drones 17"]) -> Float[Array, "drones 17"]:

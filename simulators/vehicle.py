@@ -136,6 +136,20 @@ class VehicleSpec(eqx.Module):
         )
 
 
+def whole_steps(duration: float, freq: int) -> int:
+    """Number of physics steps at `freq` [Hz] in `duration` [s].
+
+    Raises:
+        ValueError: It is no whole number of at least 1.
+    """
+    n_steps = round(duration * freq)
+    if n_steps < 1 or abs(n_steps - duration * freq) > 1e-6:
+        raise ValueError(
+            f"`duration` must be a positive multiple of {1 / freq:g} s, got {duration}."
+        )
+    return n_steps
+
+
 # thrust_min = 4 thrust_max pwm_min / pwm_max: the attitude controller never asks for less.
 VEHICLES = {
     "cf21B_500": VehicleSpec(

@@ -1,8 +1,8 @@
 """The command line: what users type, and nothing else.
 
 A command is a function that an entry point of the group `bench.commands` names; other packages add
-theirs by the same door. Whatever needs JAX or pandas is imported inside of the functions, so that
-help appears at once.
+commands in the same way. The functions import JAX and pandas themselves, so that help appears at
+once.
 """
 
 import signal
@@ -15,11 +15,11 @@ from bench.text.errors import UsageError
 from simulators import registry
 
 USAGE_ERRORS = (UsageError, registry.UnknownPluginError, registry.BrokenPluginError)
-"""What ends a command with exit status 2 and one line on stderr."""
+"""Errors that end a command with exit status 2 and one line on stderr."""
 
 
 def make_app() -> cyclopts.App:
-    """The program with all commands that import; each other one is named on stderr."""
+    """The program with its commands; a command that cannot be imported is named on stderr."""
     app = cyclopts.App(
         name="bench",
         help="How should drone-swarm policies be trained across simulator fidelities?",
@@ -34,13 +34,17 @@ def make_app() -> cyclopts.App:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit status of the command in `arguments`, by default those of this process.
+    """Runs a command and returns its exit status.
 
-    0: all is well. 1: a run failed or could not be started. 2: what was asked for makes no sense;
-    one line on stderr says why, nothing was done. 130: interrupted, by Ctrl-C or SIGTERM.
+    0: the command succeeded. 1: a run or a check failed, or a file could not be read or written.
+    2: the request cannot be carried out; nothing was done, and one line on stderr says why.
+    130: Ctrl-C or SIGTERM interrupted the command. A command may define further statuses.
+
+    Args:
+        arguments: The command and its arguments; None: those of this process.
     """
     try:
-        # Like Ctrl-C, so that processes that were started end, too.
+        # SIGTERM acts like Ctrl-C, so that the processes that a command started end, too.
         with handled(signal.SIGTERM, signal.default_int_handler):
             status = make_app()(
                 sys.argv[1:] if arguments is None else arguments,

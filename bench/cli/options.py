@@ -11,27 +11,28 @@ if TYPE_CHECKING:
     from bench.plan.suite import Suite
 
 Repeatable = cyclopts.Parameter(negative=())
-"""An option without its `--no-` twin."""
+"""For an option that has no opposite called `--no-...`."""
 
 
 @cyclopts.Parameter(name="*")
 @dataclasses.dataclass(frozen=True)
 class Part:
-    """Which part of a suite, by options that `bench run` and `bench plan` share."""
+    """The options of `bench run` and `bench plan` that choose a part of a suite."""
 
     task: Annotated[list[str] | None, Repeatable] = None
-    """Only this task."""
+    """Only this task; may be repeated."""
     team_size: Annotated[list[int] | None, Repeatable] = None
-    """Only this number of drones."""
+    """Only this number of drones; may be repeated."""
     method: Annotated[list[str] | None, Repeatable] = None
-    """Only this method."""
+    """Only this method; may be repeated."""
     residual: Annotated[list[str] | None, Repeatable] = None
-    """Only with this residual, and what --method names and takes none."""
+    """Only methods with this residual, and methods without any that --method names; may be
+    repeated."""
     seeds: int | None = None
-    """Number of seeds, from the suite's first; rows that have fewer keep their number."""
+    """Only so many seeds, from the suite's first on; rows with fewer seeds keep theirs."""
 
     def of(self, suite: str) -> "Suite":
-        """That part of the suite."""
+        """The chosen part of the suite called `suite`."""
         from bench.plan.suite import load_suite
 
         return load_suite(suite).select(
@@ -44,7 +45,7 @@ class Part:
 
 
 def check_number(option: str, value: int | None) -> None:
-    """Nothing, for a number from 1 on or none at all.
+    """Refuses a number below 1; None stands for an option that was not given.
 
     Raises:
         UsageError: It is smaller.

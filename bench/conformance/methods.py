@@ -7,7 +7,7 @@ policies are fresh. Whether it learns is for `bench run` to say.
 import dataclasses
 import functools
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,8 @@ from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import AbstractPolicy, Policy, is_shared, make_policy
 from methods.training.bptt import BPTT
 from methods.training.context import Context
+from methods.training.meter import Meter, metered
 from simulators import registry
-from simulators.contract import AbstractSimulator
 from simulators.point_mass import PointMass
 from tasks.contract import AbstractTask
 from tasks.spread import Spread
@@ -81,9 +81,7 @@ def behaviour(
         "the policy is finite": lambda: _finite_policy(trained()),
         "its status is one that a run can have": lambda: _status(trained()),
         "the ledger holds costs that can be": lambda: _ledger(trained()),
-        "flight in the high-fidelity simulator is billed, and nothing else": lambda: _billed(
-            trained(), watched
-        ),
+        "high-fidelity flight is left to the meter": lambda: _left_to_meter(trained()),
         "training curves can be stored": lambda: _curves(trained()),
         "notes are numbers under names of their own": lambda: _notes(trained()),
         "progress is reported": lambda: _progress(trained(), watched),
@@ -109,37 +107,21 @@ def _other(policy: AbstractPolicy) -> AbstractPolicy:
 
 
 class _Watch:
-    """A cell that remembers whether its reality was flown and what progress was told."""
+    """A cell whose reality is metered and which remembers what progress was told."""
 
     def __init__(self, reality: type[Any]) -> None:
-        self.flown = False
         self.heard: list[tuple] = []
-        self.reality = _watched(reality, self._fly)
+        self.reality = metered(reality(), Meter())
 
     def setup(self, cls: type[Any], task: AbstractTask) -> Setup:
         parents = {
             name: Trained(policy=fresh(i), ledger=Ledger(), curves={})
             for i, name in enumerate(cls.parents)
         }
-        return Setup(task, PointMass(), self.reality(), parents, Context(self._hear))
-
-    def _fly(self) -> None:
-        self.flown = True
+        return Setup(task, PointMass(), self.reality, parents, Context(self._hear))
 
     def _hear(self, *message: object) -> None:
         self.heard.append(message)
-
-
-def _watched(reality: type[Any], told: Callable[[], None]) -> type[Any]:
-    """A subclass that calls `told` whenever a step is taken or compiled."""
-
-    def step_cmd(self: AbstractSimulator, state: object, cmd: jax.Array, duration: float) -> object:
-        told()
-        return reality.step_cmd(self, state, cmd, duration)
-
-    made: Any = type(reality)  # equinox's metaclass, which makes a module of it
-    contents = {"step_cmd": step_cmd, "__module__": __name__}
-    return made(f"Watched{reality.__name__}", (reality,), contents)
 
 
 def _parents(cls: type[Any]) -> None:
@@ -163,17 +145,18 @@ def _returns(trained: Trained) -> None:
     demand(isinstance(trained, Trained), f"`train` must return a Trained, got {trained!r:.60}")
     demand(
         isinstance(trained.policy, AbstractPolicy),
-        "the policy must be that of `make_policy` or of a class of your own below "
-        f"`AbstractPolicy`, got {trained.policy!r:.60}",
+        "`policy` must come from `make_policy`, or from your own subclass of `AbstractPolicy`; got "
+        f"{trained.policy!r:.60}",
     )
     action = trained.policy(jnp.zeros((2, TASK.obs_size)))
     demand(
-        action.shape == (2, 3), f"for two drones the policy must give (2, 3), got {action.shape}"
+        action.shape == (2, 3),
+        f"the policy must return actions of shape (2, 3) for two drones, got {action.shape}",
     )
 
 
 def _stored(trained: Trained) -> None:
-    """What `bench run` stores of it is the policy that it deploys."""
+    """Demands that the policy that `bench run` stores acts as the one that was trained."""
     _returns(trained)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "policy.npz"
@@ -225,16 +208,18 @@ def _ledger(trained: Trained) -> None:
     )
 
 
-def _billed(trained: Trained, watched: _Watch) -> None:
+def _left_to_meter(trained: Trained) -> None:
     seconds = trained.ledger.hf_fleet_seconds
     demand(
-        seconds > 0.0 or not watched.flown,
-        "it flies in `setup.reality` but bills no flight; add every second times the number of "
-        "drones to `ledger.hf_fleet_seconds`",
+        seconds == 0.0,
+        f"it sets `ledger.hf_fleet_seconds` to {seconds:g} s, which is replaced by what "
+        "`setup.reality` counted; leave it out, and put flight of a parent that the run bears "
+        "into `inherited_fleet_seconds`",
     )
+    inherited = trained.ledger.inherited_fleet_seconds
     demand(
-        watched.flown or seconds == 0.0,
-        f"it bills {seconds:g} s of high-fidelity flight but never steps `setup.reality`",
+        inherited == 0.0,
+        f"it inherits {inherited:g} s of high-fidelity flight, but its parents here flew nothing",
     )
 
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bench.conformance import flights
+from bench.conformance import flights, replays
 from bench.conformance.suite import (
     Check,
     close,
@@ -18,7 +18,7 @@ from bench.conformance.suite import (
     finite,
 )
 from simulators import registry
-from simulators.contract import AbstractSimulator, with_effects
+from simulators.contract import AbstractSimulator, Replayable, with_effects
 from simulators.effects.card import load_cards
 from simulators.effects.contract import DOORS
 from simulators.vehicle import CONTROL_DT
@@ -55,7 +55,7 @@ def behaviour(cls: type[Any]) -> list[Check]:
         Check(f"its door '{door}' reaches the flight", functools.partial(_door, cls(), door))
         for door in cls.doors
     ]
-    return found
+    return found + (replays.behaviour(cls) if issubclass(cls, Replayable) else [])
 
 
 def _doors(cls: type[Any]) -> None:

@@ -28,6 +28,7 @@ from methods.contract import Setup, Trained
 from methods.policy import PolicyController
 from methods.training.context import Context
 from methods.training.evaluate import evaluate
+from methods.training.meter import train_metered
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.effects.chain import canonical
@@ -94,7 +95,8 @@ def _seed(
 
             method = registry.load("method", name)(**({"residual": residual} if residual else {}))
             setup = Setup(task, nominal, reality, parents, Context(shown))
-            trained = method.train(setup, jax.random.fold_in(jax.random.key(seed), 0))
+            key = jax.random.fold_in(jax.random.key(seed), 0)
+            trained = train_metered(method, setup, key)
             parents.setdefault(name, trained)
             deployed = evaluate(task, reality, PolicyController(task, trained.policy), seed)
             rows.append(

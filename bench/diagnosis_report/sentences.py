@@ -208,7 +208,7 @@ def shared_text(shared: SharedParameter) -> str:
 
 
 def left_out_lines(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Name and reason of every flight that was not used, those of the reference marked."""
+    """Each flight that was left out, with the reason; a reference flight is marked as such."""
     lines = [(clean(x.name), clean(x.reason)) for x in diagnosis.flights.left_out]
     beside = diagnosis.reference.left_out if diagnosis.reference is not None else ()
     return lines + [(clean(x.name), f"reference, {clean(x.reason)}") for x in beside]

@@ -161,7 +161,7 @@ def _join(ray: Any, slots: int) -> None:
             else:
                 ray.init(address="local", num_cpus=slots, include_dashboard=False, **quiet)
     except (ConnectionError, RuntimeError, ValueError) as error:
-        raise UsageError(f"`--executor ray`: {one_line(error)}") from error
+        raise UsageError(f"`--executor ray` cannot connect to Ray: {one_line(error)}") from error
 
 
 class _Mailbox:

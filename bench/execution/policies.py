@@ -33,7 +33,7 @@ from tasks.contract import AbstractTask
 
 
 def keep(tables_dir: Path, tasks: Iterable[str], team_sizes: Iterable[int]) -> dict[Path, int]:
-    """Adds policies whose run's folder is there to the files; how many each file holds now.
+    """Keeps the policies of runs whose folder still exists; returns the number in each file.
 
     Args:
         tables_dir: Folder of the tables and of `runs/`.
@@ -71,7 +71,7 @@ def keep(tables_dir: Path, tasks: Iterable[str], team_sizes: Iterable[int]) -> d
 
 
 def runs_to_resume() -> set[str]:
-    """Names of runs whose residual runs of a built-in suite need."""
+    """Names of the runs whose residual other runs of a built-in suite start from."""
     found = set()
     for suite in built_in():
         for run in expand(load_suite(suite)).runs:
@@ -81,10 +81,10 @@ def runs_to_resume() -> set[str]:
 
 
 def kept_policy(tables_dir: Path, task: AbstractTask, name: str, run: str) -> AbstractPolicy:
-    """The policy of a run; `name` is that of the task.
+    """The kept policy of the run called `run`, for a task that is registered as `name`.
 
     Raises:
-        UsageError: It is not kept, or is of another shape.
+        UsageError: No policy of the run is kept, or it has another shape.
     """
     path = path_of(tables_dir, name, task.n_drones)
     found = load_kept(path, run)
@@ -106,10 +106,10 @@ def deploy(
     methods: Iterable[str],
     console: Console,
 ) -> int:
-    """Flies the kept policies of a cell in `reality` and shows what they are worth there.
+    """Flies the kept policies of a cell in `reality` and shows their rewards there.
 
     Raises:
-        UsageError: Nothing of that cell is kept, or the reality is not understood.
+        UsageError: No policy of that cell is kept, or the reality is not understood.
     """
     tables, world = Tables.load(tables_dir), parse_reality(reality or REALITY)
     task = registry.load("task", name)(n_drones=team_size)
@@ -118,7 +118,9 @@ def deploy(
     rows = [r for r in records(tables.runs) if r["run"] in kept]
     rows = [r for r in rows if not (chosen := {*methods}) or r["method"] in chosen]
     if not rows:
-        raise UsageError(f"{path} holds no such policy; `bench keep {tables_dir}` adds them.")
+        raise UsageError(
+            f"{path} holds no policy of these methods. `bench keep {tables_dir}` adds policies."
+        )
     found: dict[str, list[tuple[float, float, float]]] = {}
     for row in rows:
         policy = kept_policy(tables_dir, task, name, row["run"])

@@ -86,7 +86,7 @@ def sweep(
         if standing.outdated:
             if not replace:
                 raise UsageError(_refusal(standing, tables_dir))
-            say(console, f"{len(standing.outdated)} rows of {tables_dir} will be replaced.")
+            say(console, f"Rows of {tables_dir} that will be replaced: {len(standing.outdated)}.")
             for name in {*standing.outdated} & {run.name for run in standing.missing} & {*sound}:
                 store.quarantine(name, "replaced: another program or machine made it")
                 del sound[name]
@@ -165,7 +165,7 @@ def recorded_tables(tables_dir: Path) -> Tables:
 def _refusal(standing: Standing, tables_dir: Path) -> str:
     named = next(iter(standing.outdated))
     return (
-        f"{len(standing.outdated)} rows of {tables_dir} are of another program (the first: "
+        f"{len(standing.outdated)} rows of {tables_dir} were made by another program (the first: "
         f"{named}). Nothing was run. Give --replace to train these runs again and replace their "
         "rows, or --out FOLDER to keep both."
     )

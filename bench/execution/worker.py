@@ -1,11 +1,12 @@
 """Trains and evaluates runs; this is what a worker process does, on whatever machine.
 
-Every policy is deployed twice with the initial states of its task and team size: in the high-
-fidelity simulator (the row of the leaderboard), with the effects that the run's row asks for, and
-in the nominal point mass, which tells how much of a return was lost between the two. A child's
-ledger holds its own costs only: those of its parents are theirs, and a run that deploys its
-parent's policy has none. Flights that stand elsewhere are those of the Hybrid that `recalibrated`
-goes on from, or that a row deploys; the LF baseline, the parent of all others, flies none.
+Every policy is deployed twice from the initial states of its task and team size: in the high-
+fidelity simulator with the effects that the row asks for, which gives the row of the leaderboard,
+and in the nominal point mass, which shows how much of the return was lost between the two.
+
+A run is billed for its own flights; the flights of its parents stand in the parents' rows. So a
+run that only deploys its parent's policy costs nothing, and the flights of the Hybrid from which
+`recalibrated` starts stand in the Hybrid's row. Only `hybrid_once` inherits its parent's flights.
 """
 
 import contextlib
@@ -36,6 +37,7 @@ from methods.contract import Ledger, Setup, Trained
 from methods.policy import PolicyController, make_policy
 from methods.training.context import Context, Progress
 from methods.training.evaluate import Evaluation, evaluate, standing_rewards, takeoff_steps
+from methods.training.meter import train_metered
 from methods.training.together import Team
 from simulators import registry
 from simulators.contract import AbstractSimulator
@@ -51,28 +53,27 @@ SAMPLE_EVERY = 5
 
 
 def do_run(run: Run, directory: Path, report: Report, team: Team | None = None) -> tuple[str, str]:
-    """Status and cause of a run, once it is in the store; one that is there is not done again.
+    """Status and cause of a run, once it is in the store; a stored run is not repeated.
 
     Its epochs are flown with those of `team`, of which the calling thread is a member.
 
     Raises:
         OSError: It cannot be stored, e.g. because the disk is full.
         RuntimeError: It was planned for another kind of device.
-        ClaimedError: Another process is at it and does not end.
+        ClaimedError: Another process is training this run and does not finish.
     """
     provenance()  # that of the code which this process has loaded: the checkout may move
     store, numerics = Store(directory), cast("dict[str, str]", run.resolved["numerics"])
     planned = numerics["backend"]
     if planned != (found := jax.default_backend()):
         raise RuntimeError(
-            f"The run was planned where JAX uses {planned}, but it uses {found} on "
-            f"{platform.node()}: results of the two must not stand for each other. Give the "
-            f"command on a machine that has the same."
+            f"The run was planned for JAX on {planned}, but on {platform.node()} JAX uses {found}, "
+            f"and results of the two must not be mixed. Use machines on which JAX uses {planned}."
         )
     if not (store.runs / ".lock").exists():
         raise FileNotFoundError(
-            f"{store.runs} is not on {platform.node()}: every machine must see the folder of the "
-            "results, under the same path."
+            f"{store.runs} does not exist on {platform.node()}. Put the folder of results where "
+            "every machine finds it under the same path."
         )
     with store.claim(run.name):
         if (status := store.status(run.name)) not in ("", "failed"):
@@ -85,14 +86,14 @@ def do_run(run: Run, directory: Path, report: Report, team: Team | None = None) 
 
 @dataclasses.dataclass(frozen=True)
 class Done:
-    """How a run of several ended."""
+    """How one of several runs ended."""
 
     status: str
-    """In the store; empty if it is not there."""
+    """Its status in the store; empty if it could not be stored."""
     cause: str
-    """Why it failed."""
+    """Why the run failed; empty if it did not."""
     error: str = ""
-    """One line on what kept it from being stored."""
+    """Why the run could not be stored, in one line; empty if it was stored."""
 
 
 def do_runs(runs: Sequence[Run], directory: Path, report: Report) -> list[Done]:
@@ -142,10 +143,11 @@ def train_and_evaluate(run: Run, store: Store, context: Context) -> Outcome:
     parents = _parents(run, store, task, nominal)
     setup = Setup(task, nominal, reality, parents, context)
     trained = _deployed(parents[run.method]) if run.deploys else _trained(run, setup)
-    if not isinstance(trained, Trained):
-        raise TypeError(f"`train` of '{run.method}' must return a Trained, got {trained!r:.80}.")
     if trained.status not in STATUSES or trained.status == "failed":
-        raise ValueError(f"'{run.method}' returned the status '{trained.status}'; raise to fail.")
+        raise ValueError(
+            f"'{run.method}' returned the status '{trained.status}'; it must be ok, diverged "
+            "or budget. Raise an exception if a training failed."
+        )
     describe(trained.policy)  # what cannot be stored fails before it is flown
     context.progress("evaluation", 0, 2, float("nan"))
     controller = PolicyController(task, trained.policy)
@@ -186,7 +188,7 @@ def _parents(
 
 
 def _deployed(parent: Trained) -> Trained:
-    """What a parent trained, of which a run that only deploys bears no cost."""
+    """What a parent trained, without its costs, for a run that only deploys it."""
     return dataclasses.replace(parent, ledger=Ledger(), curves={})
 
 
@@ -201,7 +203,7 @@ def _trained_in(run: Run, store: Store, trained: Trained, reality: AbstractSimul
 def _trained(run: Run, setup: Setup) -> Trained:
     given = {"residual": run.residual} if run.residual else {}
     method = build(registry.load("method", run.method), run.overrides, run.method, **given)
-    return method.train(setup, jax.random.fold_in(jax.random.key(run.seed), 0))
+    return train_metered(method, setup, jax.random.fold_in(jax.random.key(run.seed), 0))
 
 
 def metrics(trained: Trained, deployed: Evaluation, in_nominal: Evaluation) -> dict[str, float]:
@@ -217,7 +219,9 @@ def metrics(trained: Trained, deployed: Evaluation, in_nominal: Evaluation) -> d
         width = min(SMOOTHING, len(history))
         training_reward = history[-width:].mean()
     if taken := sorted(set(notes) & set(UNITS)):
-        raise ValueError(f"The notes of a method cannot be called {', '.join(taken)}.")
+        raise ValueError(
+            f"`notes` must not have the names of metrics, got {', '.join(taken)}. Rename them."
+        )
     return {
         "settled_reward": deployed.settled_reward,
         "reward": deployed.reward,

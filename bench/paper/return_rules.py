@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 from bench.paper.rule import (
     UNTESTED,
@@ -65,10 +65,10 @@ class Above(AbstractRule):
     def judge(self, tables: Tables, metric: str) -> Finding:
         metric = self.metric or metric
         values = self.source(tables, metric)
-        pairs = list(self._pairs(values))
+        pairs = pairs_of(values, self.first, self.second, self.task)
         if not pairs:
             return UNTESTED
-        tests = [in_cell(a, self._allowed(b)) for _, a, b in pairs]
+        tests = [in_cell(a, worse_by(self.share, b)) for _, a, b in pairs]
         verdicts = by_cell(tests)
         counted = [
             v
@@ -85,21 +85,11 @@ class Above(AbstractRule):
         text = counts_text(verdicts) + self._alone(values) + self._pooled(tables, metric)
         return Finding(text, verdict, headings, lines)
 
-    def _pairs(
-        self, values: Values
-    ) -> Iterable[tuple[Cell, Mapping[int, float], Mapping[int, float]]]:
-        for cell, own in values.items():
-            if self.first in own and self.second in own and self.task in ("", cell.task):
-                yield cell, *matched(own[self.first], own[self.second])
-
     def _alone(self, values: Values) -> str:
         """In how many cells one of both left no policy, so that nothing is compared."""
         own = [own for cell, own in values.items() if self.task in ("", cell.task)]
         alone = sum((self.first in entries) != (self.second in entries) for entries in own)
         return f"; {alone} more without a run of one of them" if alone else ""
-
-    def _allowed(self, values: Mapping[int, float]) -> dict[int, float]:
-        return {seed: x - self.share * abs(x) for seed, x in values.items()}
 
     def _pooled(self, tables: Tables, metric: str) -> str:
         """The test over all cells, in scores, where there are some."""
@@ -107,7 +97,7 @@ class Above(AbstractRule):
             return ""
         scores = seed_values(scored(tables), "score")
         plain = {cell: own for cell, own in scores.items() if cell == Cell(*cell[:2])}
-        test = over_cells((a, b) for _, a, b in self._pairs(plain))
+        test = over_cells((a, b) for _, a, b in pairs_of(plain, self.first, self.second, self.task))
         if math.isnan(test.low):
             return ""
         return f"; score {number(test.mean, 4)} ({span(test.low, test.high, 4)}) over all cells"
@@ -197,21 +187,15 @@ class Shortfall(AbstractRule):
         )
 
     def judge(self, tables: Tables, metric: str) -> Finding:
-        values = undisturbed(tables, metric)
-        cells = {c: matched(v[self.ahead], v[self.behind]) for c, v in values.items()
-                 if self.ahead in v and self.behind in v}  # fmt: skip
-        if not cells:
+        pairs = pairs_of(undisturbed(tables, metric), self.ahead, self.behind)
+        if not pairs:
             return UNTESTED
-        grown = {
-            c: ({s: x - self.low * abs(x) for s, x in best.items()}, worse)
-            for c, (best, worse) in cells.items()
-        }
-        verdict = every(by_cell([in_cell(a, b) for a, b in grown.values()]))
-        shares = {c: lost_share(best, worse) for c, (best, worse) in cells.items()}
-        text = f"by {range_text([100 * share for share in shares.values()])} %"
+        verdict = every(by_cell([in_cell(worse_by(self.low, a), b) for _, a, b in pairs]))
+        shares = [lost_share(best, worse) for _, best, worse in pairs]
+        text = f"by {range_text([100 * share for share in shares])} %"
         lines = tuple(
-            (markdown.escape(cell.label), _percent(share, len(cells[cell][0])))
-            for cell, share in shares.items()
+            (markdown.escape(cell.label), _percent(share, len(best)))
+            for (cell, best, _), share in zip(pairs, shares, strict=True)
         )
         return Finding(text, verdict, ("cell", "loses more [%]"), lines)
 
@@ -234,18 +218,32 @@ class EnoughFlights(AbstractRule):
 
     def judge(self, tables: Tables, metric: str) -> Finding:
         few = HYBRID._replace(variant=f"flights={self.flights}")
-        rule = Above(few, HYBRID, share=self.share, task=self.task)
-        pairs = list(rule._pairs(undisturbed(tables, metric)))
+        pairs = pairs_of(undisturbed(tables, metric), few, HYBRID, self.task)
         if not pairs:
             return UNTESTED
-        tests = [in_cell(a, rule._allowed(b)) for _, a, b in pairs]
-        verdicts = by_cell(tests)
+        verdicts = by_cell([in_cell(a, worse_by(self.share, b)) for _, a, b in pairs])
         lines = tuple(
             (markdown.escape(cell.label), _percent(lost_share(b, a), len(a)), v.value)
             for (cell, a, b), v in zip(pairs, verdicts, strict=True)
         )
         headings = ("cell", "loses more [%]", "verdict")
         return Finding(counts_text(verdicts), every(verdicts), headings, lines)
+
+
+def pairs_of(
+    values: Values, first: Entry, second: Entry, task: str = ""
+) -> list[tuple[Cell, Mapping[int, float], Mapping[int, float]]]:
+    """Cells in which both entries have returns, with these by seed; of one task, if it is named."""
+    return [
+        (cell, *matched(own[first], own[second]))
+        for cell, own in values.items()
+        if first in own and second in own and task in ("", cell.task)
+    ]
+
+
+def worse_by(share: float, values: Mapping[int, float]) -> dict[int, float]:
+    """Returns by seed, each lowered by a share of its size."""
+    return {seed: x - share * abs(x) for seed, x in values.items()}
 
 
 def gaps_by_size(values: Values, behind: Entry, ahead: Entry) -> dict[int, dict[int, float]]:

@@ -240,7 +240,7 @@ def _method(name: str) -> type[AbstractMethod]:
     if isinstance(found, type) and issubclass(found, AbstractMethod) and hasattr(found, "parents"):
         return found
     raise PlanError(
-        f"Method '{name}' is no class that implements AbstractMethod; "
+        f"Method '{name}' must be a class that implements AbstractMethod; "
         f"`bench check method:{name}` says what is wrong."
     )
 
@@ -265,8 +265,9 @@ def _make_recipe(
     home = row.simulator or REALITY
     if row.deploys and not row.tracked and written(reality) == home:
         raise PlanError(
-            f"Method '{row.method}': `deployed_in` is the suite's own simulator without any "
-            "effect; the row is the same without it."
+            f"Method '{row.method}': `deployed_in` must name an effect, such as "
+            f"'{home}+mass(e=0.2)', or another simulator. Leave it out to deploy in {home} without "
+            "effects."
         )
     found |= {f"effect {type(effect).__name__}": type(effect) for effect in reality.effects}
     resolved = {
@@ -334,8 +335,8 @@ def _reality(row: Row) -> AbstractSimulator:
     reality = parse_reality(row.world or REALITY, where)
     if reality.name == NOMINAL:
         raise PlanError(
-            f"{where}: policies are deployed in a high-fidelity simulator, got '{NOMINAL}', in "
-            "which they are trained."
+            f"{where}: the simulator must be a high-fidelity one, got '{NOMINAL}', in which "
+            "policies are trained."
         )
     return reality
 
@@ -368,7 +369,7 @@ def _residual(row: Row, method_class: type) -> str:
 def _version(plugin: str, cls: type) -> str:
     """The version that a plug-in declares."""
     if not isinstance(version := getattr(cls, "version", None), str):
-        raise PlanError(f"Plug-in '{plugin}' must have a class attribute `version`, a text.")
+        raise PlanError(f"Plug-in '{plugin}' must have a class attribute `version`, such as '1'.")
     return version
 
 

@@ -148,7 +148,10 @@ def describe(value: object, where: str) -> Setting:
         return describe(np.asarray(value).tolist(), where)
     if callable(value):
         return f"{value.__module__}.{getattr(value, '__qualname__', type(value).__name__)}"
-    raise SettingsError(f"{where} holds a {type(value).__name__}, which cannot be written down.")
+    raise SettingsError(
+        f"{where} must be made of numbers, text, lists, tables and named functions, so that it can "
+        f"be stored; got a {type(value).__name__}."
+    )
 
 
 def variant(*pairs: tuple[Mapping[str, Setting], Mapping[str, Setting]]) -> str:

@@ -126,8 +126,8 @@ class Suite:
             raise SuiteError(f"`first_seed` must be at least 0, got {self.first_seed}.")
         if self.first_seed + self.seeds > 2**32:
             raise SuiteError(
-                "`first_seed` and `seeds`: a key keeps 32 bits of a seed, so that the largest is "
-                f"{2**32 - 1}, got {self.first_seed + self.seeds - 1}."
+                f"The last seed, `first_seed` + `seeds` - 1, must be at most {2**32 - 1}, "
+                f"got {self.first_seed + self.seeds - 1}."
             )
         for name in ("tasks", "team_sizes", "methods"):
             if not getattr(self, name):
@@ -141,8 +141,8 @@ class Suite:
             _check_names(row.tasks or (), row.team_sizes or ())
             if row.reality and row.deploys:
                 raise SuiteError(
-                    f"{where}: a row has either `reality`, for which it is trained, or "
-                    "`deployed_in` and `tracked`, which train nothing."
+                    f"{where}: give `reality` to train for it, or `deployed_in` and `tracked` to "
+                    "deploy what is trained without them, but not both."
                 )
             if row.seeds is not None and row.seeds < 1:
                 raise SuiteError(f"{where}: `seeds` of a row must be at least 1, got {row.seeds}.")
@@ -184,7 +184,9 @@ class Suite:
                 if residual not in {row.residual for row in rows if row.method == method}
             ]
         if not rows:
-            raise SuiteError(f"Nothing of suite '{self.name}' is left to run by these filters.")
+            raise SuiteError(
+                f"The filters leave no run of suite '{self.name}'. Give fewer of them."
+            )
         return dataclasses.replace(
             self,
             tasks=tuple(dict.fromkeys(tasks)) or self.tasks,
@@ -280,7 +282,7 @@ def _check_within(suite: Suite, row: Row, where: str) -> None:
         for value in asked or ():
             if value not in getattr(suite, key):
                 raise SuiteError(
-                    f"{where}: `{key}` names {value!r}, which the suite's own `{key}` lack."
+                    f"{where}: `{key}` must be among the `{key}` of the suite, got {value!r}."
                 )
     if row.seeds is not None and row.seeds > suite.seeds:
         raise SuiteError(

@@ -167,7 +167,7 @@ def policy_of(
     except (ValueError, ImportError) as error:
         raise UnreadableRunError(f"{where} cannot be loaded: {error}") from error
     if not isinstance(policy, AbstractPolicy):
-        raise UnreadableRunError(f"{where} holds a {type(policy).__name__}, which is no policy")
+        raise UnreadableRunError(f"{where} must hold a policy, got a {type(policy).__name__}")
     return policy
 
 
@@ -194,8 +194,8 @@ def with_arrays(template: T, found: Sequence[np.ndarray], where: str) -> T:
     leaves, structure = jax.tree.flatten(arrays)
     if [leaf.shape for leaf in found] != [leaf.shape for leaf in leaves]:
         raise UnreadableRunError(
-            f"{where} is not of the kind that its run names: it has "
-            f"arrays {[leaf.shape for leaf in found]}, not {[leaf.shape for leaf in leaves]}."
+            f"{where} does not fit its run: its arrays have the shapes "
+            f"{[leaf.shape for leaf in found]}, expected {[leaf.shape for leaf in leaves]}."
         )
     loaded = [jax.numpy.asarray(new, old.dtype) for new, old in zip(found, leaves, strict=True)]
     return eqx.combine(jax.tree.unflatten(structure, loaded), rest)

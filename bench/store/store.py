@@ -89,7 +89,7 @@ class Store:
         A process that dies loses its claim.
 
         Raises:
-            ClaimedError: It is still at it after `longest` seconds.
+            ClaimedError: Another process still trains the run after `longest` seconds.
         """
         path = self.runs / ".claims" / f"{name}.lock"
         self._disk.make_folder(path.parent)
@@ -97,7 +97,9 @@ class Store:
         try:
             lock.acquire(timeout=longest)
         except filelock.Timeout:
-            raise ClaimedError(f"another process has been at it for {longest:.0f} s") from None
+            raise ClaimedError(
+                f"another process has been training this run for {longest:.0f} s"
+            ) from None
         try:
             yield
         finally:
@@ -190,18 +192,18 @@ class Store:
         try:
             content = json.loads((folder / "run.json").read_text(encoding="utf-8"))
             if content["run"] != name or not name.endswith(content["key"][:10]):
-                raise UnreadableRunError(f"run.json is that of '{content['run']}'")
+                raise UnreadableRunError(f"run.json belongs to the run '{content['run']}'")
             if content["status"] not in STATUSES:
-                raise UnreadableRunError(f"run.json has the status '{content['status']}'")
+                raise UnreadableRunError(f"run.json has the unknown status '{content['status']}'")
             needed = () if content["status"] == "failed" else FILES
             for file in sorted({*needed, *content["files"]}):
                 if content["files"].get(file) != checksum((folder / file).read_bytes()):
-                    raise UnreadableRunError(f"{file} is not as it was written")
+                    raise UnreadableRunError(f"{file} has changed since it was written")
         except OSError as error:
             reason = f"{Path(error.filename or '').name}: {error.strerror}"
             raise UnreadableRunError(reason) from error
         except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
-            raise UnreadableRunError(f"run.json is not that of a run ({error})") from error
+            raise UnreadableRunError(f"run.json does not describe a run ({error})") from error
         except UnicodeDecodeError as error:
             raise UnreadableRunError("run.json is not text") from error
         return content

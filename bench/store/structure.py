@@ -34,7 +34,7 @@ def describe(tree: Any) -> str:
     except ValueError as error:
         raise TypeError(f"The policy could not be loaded again: {error}.") from error
     if jax.tree.structure(again) != jax.tree.structure(tree):
-        raise TypeError("The policy could not be loaded again: its structure would be another.")
+        raise TypeError("The policy could not be loaded again: its structure would be different.")
     return text
 
 

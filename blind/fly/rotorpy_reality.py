@@ -1,9 +1,9 @@
 r"""RotorPy as a reality: another airframe file, other aerodynamics, another attitude loop.
 
-The vehicle is that of `simulators/rotorpy.py`, with physics steps of 2 ms; here it is disturbed.
-Mass, inertia, thrust and its decay, motor lag, centre of mass, rotor and quadratic drag and
-translational lift are set through RotorPy's parameters. Linear drag, wind and gust are forces as
-their labels say, because RotorPy has relatives of them only: a drag that grows with the rotors'
+The vehicle is that of `simulators/rotorpy_vehicle.py`, with physics steps of 2 ms; here it is
+disturbed. Mass, inertia, thrust and its decay, motor lag, centre of mass, rotor and quadratic drag
+and translational lift are set through RotorPy's parameters. Linear drag, wind and gust are forces
+as their labels say, because RotorPy has relatives of them only: a drag that grows with the rotors'
 speed, and an air velocity, which changes every aerodynamic force.
 
 Source: Folk, Paulos and Kumar (2023), "RotorPy: A Python-based Multirotor Simulator with
@@ -22,7 +22,7 @@ from rotorpy.vehicles.crazyfliebrushless_params import quad_params
 from blind.fly.disturbances import WrenchDisturbance
 from blind.fly.realities import DT, HOVER, AbstractReality, Disturbance
 from simulators.flight import Flight
-from simulators.rotorpy import (
+from simulators.rotorpy_vehicle import (
     AIRFRAME,
     derivative,
     make_multirotor,

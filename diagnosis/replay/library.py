@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from simulators import registry
-from simulators.contract import AbstractSimulator, with_effects
+from simulators.contract import AbstractSimulator, Replayable, replayable, with_effects
 from simulators.effects.card import EffectCard, Input, load_card, load_cards, plain_card
 from simulators.effects.contract import (
     AbstractEffect,
@@ -74,7 +74,7 @@ class Slot:
 class Library(eqx.Module):
     """The effects that a simulator has doors for, and where each stands in the vector."""
 
-    simulator: AbstractSimulator
+    simulator: Replayable
     """The simulator without them."""
     effects: Mapping[str, type[AbstractEffect]] = eqx.field(static=True)
     """Effect classes by registered name."""
@@ -136,7 +136,7 @@ class Library(eqx.Module):
         """Where an effect's parameters stand."""
         return [i for i, slot in enumerate(self.slots) if slot.effect == effect]
 
-    def attach(self, vector: Float[Array, " params"]) -> AbstractSimulator:
+    def attach(self, vector: Float[Array, " params"]) -> Replayable:
         """The simulator with every effect of the library, at the values of `vector`."""
         values: dict[str, dict[str, Array]] = {name: {} for name in self.effects}
         for i, slot in enumerate(self.slots):
@@ -193,6 +193,9 @@ def make_library(
     `voltage`: every flight is of one drone that logged its battery's voltage.
     `produced`: the rotors' speeds are measured, so that how they lag cannot be seen.
     `mapped`: thrust is known by a map from PWM and voltage alone, whose scale may be far off.
+
+    Raises:
+        TypeError: `simulator` is not `Replayable`.
     """
     offered = {
         Input.NEIGHBOUR: several_drones,
@@ -214,7 +217,7 @@ def make_library(
             neutral = min(info.neutral, FAR)
             low = card.low_if_mapped.get(parameter, info.low) if mapped else info.low
             slots.append(Slot(name, parameter, info.unit, neutral, low, info.high, info.factor))
-    return Library(simulator, effects, tuple(slots), frozenset(withheld), absent)
+    return Library(replayable(simulator), effects, tuple(slots), frozenset(withheld), absent)
 
 
 def _missing_door(kind: type[AbstractEffect], simulator: AbstractSimulator) -> str | None:

@@ -29,7 +29,7 @@ from diagnosis.logs.segments import WINDOW, Segments
 from diagnosis.replay.library import Library
 from diagnosis.replay.programs import cached
 from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
-from simulators.contract import AbstractSimulator
+from simulators.contract import AbstractSimulator, Replayable
 from simulators.effects.contract import VoltageEffect
 from simulators.flight import Flight
 
@@ -215,7 +215,7 @@ def _turned(
 
 
 def _fly(
-    replay: Replay, simulator: AbstractSimulator, state: eqx.Module, cmds: Array, volts: Array
+    replay: Replay, simulator: Replayable, state: eqx.Module, cmds: Array, volts: Array
 ) -> tuple[eqx.Module, Float[Array, "steps drones 9"]]:
     def step(state: eqx.Module, inputs: tuple[Array, Array]) -> tuple[eqx.Module, Array]:
         cmd, voltage = inputs

@@ -45,9 +45,10 @@ from diagnosis.replay.library import Library, make_library
 from diagnosis.replay.replay import make_replay
 from methods.calibration.pool import TrackingFlight, track_dithered
 from methods.calibration.reference_paths import ReferencePath
+from methods.training.meter import billed
 from simulators import registry
 from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
-from simulators.contract import AbstractSimulator, with_effects
+from simulators.contract import AbstractSimulator, replayable, with_effects
 from simulators.effects.contract import AbstractEffect, OnsetEffect
 from simulators.effects.delay import LONGEST, Delay
 from simulators.effects.floor import Floor
@@ -100,11 +101,6 @@ class Identification:
     def n_flights(self) -> int:
         """How many were flown."""
         return len(self.flights.contact)
-
-    @property
-    def fleet_seconds(self) -> float:
-        """Flight time [s]."""
-        return self.flights.contact[..., 0].size * CONTROL_DT
 
     @property
     def crashes(self) -> int:
@@ -204,7 +200,8 @@ def fly(
     shape = (n_flights, -(-n_steps // HELD), 1, 3)
     drawn = jax.random.uniform(dither_key, shape, minval=-1.0)
     dither = excitation * jnp.repeat(drawn, HELD, axis=1)[:, :n_steps]
-    return logged(_fly(nominal, reality, references, dither), noise_key)
+    bare = billed(reality, n_flights * n_steps)
+    return logged(_fly(nominal, bare, references, dither), noise_key)
 
 
 def logged(flights: TrackingFlight, key: PRNGKeyArray) -> TrackingFlight:
@@ -312,11 +309,15 @@ def along(simulator: AbstractSimulator, flights: TrackingFlight) -> Flight:
 
     Position and velocity are those of the flight before the step; attitude, thrust and what else
     the simulator remembers run along on the flown actions.
+
+    Raises:
+        TypeError: `simulator` is not `Replayable`.
     """
+    placed = replayable(simulator).placed
 
     def one(flight: TrackingFlight) -> Flight:
         def step(state: Any, row: TrackingFlight) -> tuple[Any, Flight]:
-            state = simulator.placed(state, row.before.pos, row.before.vel)
+            state = placed(state, row.before.pos, row.before.vel)
             state = simulator.step(state, row.action)
             return state, simulator.flight(state)
 

@@ -31,6 +31,7 @@ from methods.calibration.reference_paths import ReferencePath, team_reference
 from methods.calibration.residual_effect import features
 from methods.policy import AbstractPolicy, PolicyController
 from methods.residuals.contract import Transitions
+from methods.training.meter import billed
 from simulators.contract import AbstractSimulator
 from simulators.flight import Flight
 from simulators.tracking import PDTracker
@@ -79,8 +80,6 @@ class Calibration:
     """Rows for the residual's fit."""
     flights: int
     """How many were flown."""
-    fleet_seconds: float
-    """Flight time [s]."""
     crashes: int
     """Crashes of the isolated drone."""
     clipped_share: float
@@ -111,7 +110,8 @@ def calibrate(
     """
     role = jnp.arange(n_flights) % task.n_drones
     keys = jax.random.split(key, n_flights)
-    references, flights = _fly(task, nominal, reality, policy, attitude, excitation, keys, role)
+    bare = billed(reality, n_flights * task.horizon)
+    references, flights = _fly(task, nominal, bare, policy, attitude, excitation, keys, role)
     before, after = flights.before, flights.after
 
     seen = eqx.tree_at(
@@ -127,7 +127,6 @@ def calibrate(
     return Calibration(
         transitions=Transitions(features=x, target=change - x[:, 9:], weight=weight),
         flights=n_flights,
-        fleet_seconds=n_flights * task.horizon * CONTROL_DT,
         crashes=int(jnp.sum(onsets(flights.contact))),
         clipped_share=float(jnp.mean(flights.clipped)),
         tracking_error=float(jnp.mean(error)),

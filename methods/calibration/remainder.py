@@ -62,7 +62,6 @@ def calibrate_as_grey_box(
     return Calibration(
         transitions=jax.tree.map(lambda *x: jnp.concatenate(x), *rows),
         flights=n_flights,
-        fleet_seconds=flights.contact[..., 0].size * CONTROL_DT,
         crashes=int(jnp.sum(onsets(flights.contact))),
         clipped_share=float(jnp.mean(flights.clipped)),
         tracking_error=float("nan"),

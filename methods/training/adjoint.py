@@ -10,7 +10,7 @@ carries lambda, the derivative of the loss by the state, from the last step to t
 and is what `jax.grad` of `tasks.rollout.episode` gives, up to rounding. Products of all worlds are
 one product. What the layers gave on the way forward is either kept in buffers that one epoch hands
 to the next (memory that is asked for anew costs as much as computing it), or computed again where
-`kept` is None. What a simulator's frozen effects did is not computed again (`repeating`).
+`kept` is None. What a simulator's frozen effects did is not computed again, if it is `Replayable`.
 
 A policy of another architecture has no layers written out: `jax.grad` of the episode it is.
 """
@@ -25,7 +25,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
 from methods.policy import AbstractPolicy, Policy, PolicyController
-from simulators.contract import AbstractSimulator
+from methods.training.meter import billed
+from simulators.contract import AbstractSimulator, Replayable
 from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState
 from tasks.rollout import COTANGENT_LIMIT, Episode, episode, start
@@ -63,6 +64,7 @@ def gradient(
     """
     if not isinstance(policy, Policy):
         return *by_autodiff(task, simulator, policy, keys, decay), kept
+    counted_before = billed(simulator, 0)  # a step that is repeated is no new flight
     first, goal = jax.vmap(lambda key: start(task, simulator, key))(keys)
     n_worlds, n_drones, steps = len(keys), task.n_drones, jnp.arange(task.horizon)
 
@@ -96,7 +98,7 @@ def gradient(
 
         def advance(live: Any, action: Array) -> tuple[Any, Array]:
             def one(state: Any, after: Any, goal: Any, action: Array) -> tuple[Any, Array]:
-                new = simulator.repeating(after).step(state, action)
+                new = _repeating(counted_before, after).step(state, action)
                 seen = TaskState(simulator.flight(new), goal, k + 1)
                 return eqx.filter(new, eqx.is_inexact_array), jnp.sum(task.rewards(seen)[1])
 
@@ -116,6 +118,11 @@ def gradient(
     flat = jax.tree.map(jnp.zeros_like, eqx.filter(policy, eqx.is_inexact_array))
     (_, slopes), _ = jax.lax.scan(backward, (nothing, flat), (steps, states, afters), reverse=True)
     return sums, slopes, kept
+
+
+def _repeating(simulator: AbstractSimulator, after: Any) -> AbstractSimulator:
+    """The simulator for a step that is known to end in `after`."""
+    return simulator.repeating(after) if isinstance(simulator, Replayable) else simulator
 
 
 def by_autodiff(

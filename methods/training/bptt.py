@@ -32,6 +32,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from methods.policy import AbstractPolicy, Policy
 from methods.training.adjoint import buffers, gradient
 from methods.training.context import Context
+from methods.training.meter import billed
 from methods.training.together import Team
 from simulators.contract import AbstractSimulator
 from tasks.contract import AbstractTask
@@ -141,13 +142,15 @@ class BPTT(eqx.Module):
         if (kept := place.load()) is not None:
             course.restore(kept)
         rule = self.rule(task.n_drones)
+        flown = rule.n_worlds * task.horizon * task.n_drones
+        billed(simulator, len(course.history) * flown)  # by the process that was killed
         step = _step(context.team, functools.partial(self.room, policy, task))
         spent = lambda: course.seconds + time.perf_counter() - start - others  # noqa: E731
         while not course.over():
             epoch = len(course.history)
             epoch_key = jax.random.fold_in(key, epoch)
             rates = (self.learning_rate(epoch), epoch_key)
-            given = (rule, task, simulator, course.policy, course.opt_state, *rates)
+            given = (rule, task, billed(simulator, flown), course.policy, course.opt_state, *rates)
             (updated, opt_state, row), waited = step(given)
             others += waited
             course.add(updated, opt_state, {name: float(x) for name, x in row.items()})

@@ -1,17 +1,16 @@
-"""What HF scratch and HF hot start share: BPTT in one high-fidelity world, billed in full."""
+"""What HF scratch and HF hot start share: BPTT in one high-fidelity world, and its crashes."""
 
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import Ledger, Setup, Trained
 from methods.policy import AbstractPolicy
 from methods.training.bptt import BPTT
-from simulators.vehicle import CONTROL_DT
 
 
 def train_in_reality(
     trainer: BPTT, setup: Setup, policy: AbstractPolicy, key: PRNGKeyArray, stage: str
 ) -> Trained:
-    """`policy` trained in `setup.reality`, with its fleet-seconds and crashes."""
+    """`policy` trained in `setup.reality`, with its crashes; the trainer bills the flight."""
     task = setup.task
     training = trainer.train(task, setup.reality, policy, key, setup.context, stage)
     steps = training.epochs * trainer.worlds(task.n_drones) * task.horizon
@@ -19,7 +18,6 @@ def train_in_reality(
     return Trained(
         policy=training.policy,
         ledger=Ledger(
-            hf_fleet_seconds=steps * CONTROL_DT * task.n_drones,
             training_crashes=training.crashes,
             training_crash_step_rate=training.contact_steps / steps,
             epochs=training.epochs,

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from simulators.contract import AbstractSimulator
 from simulators.effects.contract import AbstractEffect
@@ -77,16 +77,6 @@ class Varied(AbstractSimulator):
 
     def flight(self, state: VariedState) -> Flight:
         return self.simulator.flight(state.inner)
-
-    def turned(
-        self,
-        state: VariedState,
-        quat: Float[Array, "drones 4"],
-        ang_vel: Float[Array, "drones 3"],
-        chosen: Bool[Array, " drones"],
-    ) -> VariedState:
-        inner = self.simulator.turned(state.inner, quat, ang_vel, chosen)
-        return VariedState(state.drawn, inner)
 
 
 def vary(

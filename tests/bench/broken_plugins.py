@@ -1,5 +1,6 @@
 """Plug-ins that each break one promise; the conformance suite must name it."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import ClassVar
 
@@ -200,6 +201,60 @@ class Mirrored(PointMass):
         return PointMass.step_cmd(self, state, cmd.at[:, 1].multiply(-1.0), duration)
 
 
+class Drifting(PointMass):
+    """Placing a drone leaves its velocity."""
+
+    name: ClassVar[str] = "drifting"
+
+    def placed(self, state, pos, vel):
+        return dataclasses.replace(state, pos=pos)
+
+
+class Stubborn(PointMass):
+    """No drone can be turned."""
+
+    name: ClassVar[str] = "stubborn"
+
+    def turned(self, state, quat, ang_vel, chosen):
+        return state
+
+
+class Whirling(PointMass):
+    """Faster rotors of one drone are those of all."""
+
+    name: ClassVar[str] = "whirling"
+
+    def spun(self, state, faster, chosen):
+        return dataclasses.replace(state, thrust=state.thrust * (1.0 + faster[:, 0]) ** 2)
+
+
+class Lazy(PointMass):
+    """Rotors of the chosen drones are not made as fast as was asked for."""
+
+    name: ClassVar[str] = "lazy"
+
+    def spun(self, state, faster, chosen):
+        return dataclasses.replace(state, thrust=jnp.where(chosen, 1.01, 1.0) * state.thrust)
+
+
+class Weak(PointMass):
+    """Produces half of the thrust."""
+
+    name: ClassVar[str] = "weak"
+
+    def producing(self, state, thrust):
+        return dataclasses.replace(state, thrust=0.5 * thrust)
+
+
+class Absent(PointMass):
+    """Repeats another step than the one that was flown."""
+
+    name: ClassVar[str] = "absent"
+
+    def repeating(self, after):
+        return dataclasses.replace(self, attitude_tau=0.5)
+
+
 class Model(AbstractResidualModel):
     """Whatever a test wants."""
 
@@ -242,7 +297,7 @@ class Blind(AbstractResidual):
 
 
 class Honest(AbstractMethod):
-    """Flies one step in reality and says so; whole, and the base of broken ones."""
+    """Flies one step in reality, which bills it; whole, and the base of broken ones."""
 
     version: ClassVar[str] = "1"
     parents: ClassVar[tuple] = ()
@@ -254,7 +309,7 @@ class Honest(AbstractMethod):
         pos, _ = setup.task.reset(key)
         setup.reality.step(setup.reality.reset(pos, key), jnp.zeros((len(pos), 3)))
         setup.context.progress("training", 1, 1, -1.0)
-        return self.result(policy, Ledger(hf_fleet_seconds=0.04, epochs=1, train_seconds=0.1))
+        return self.result(policy, Ledger(epochs=1, train_seconds=0.1))
 
     def result(self, policy, ledger, **rest):
         return Trained(policy=policy, ledger=ledger, curves={"reward": np.zeros(1)}, **rest)
@@ -289,11 +344,18 @@ class Nameless(Honest):
         return Honest.train(self, setup, key, init or policy)
 
 
-class Thief(Honest):
-    """Bills nothing."""
+class Bookkeeper(Honest):
+    """Bills its flight itself, as it sees fit."""
 
     def result(self, policy, ledger):
-        return Honest.result(self, policy, Ledger(epochs=1, train_seconds=0.1))
+        return Honest.result(self, policy, dataclasses.replace(ledger, hf_fleet_seconds=0.01))
+
+
+class Heir(Honest):
+    """Bears flight that no parent of it flew."""
+
+    def result(self, policy, ledger):
+        return Honest.result(self, policy, dataclasses.replace(ledger, inherited_fleet_seconds=9.0))
 
 
 class Unfinished(Honest):

@@ -11,6 +11,7 @@ from bench.cli.app import main
 from simulators import registry
 
 METHODS = {
+    "joyride": "Joyride",
     "instant": "Instant",
     "child": "Child",
     "failing": "Failing",

@@ -9,47 +9,19 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from blind_for_tests import CLEAN, GAIN, MASS, STUB, answer, answered, made, measured, tables
 
 from bench.cli.app import main
-from blind.draw.cases import Case, read_labels, write_labels
-from blind.draw.catalogue import Withheld
-from blind.draw.folders import Folders, write_json
+from blind.draw.cases import read_labels
+from blind.draw.folders import write_json
 from blind.report import page as report
 from blind.report import sections
 from blind.report.failures import failed
 from blind.report.page import write_report
-from blind.report.tables import OURS, Tables, make_tables
+from blind.report.tables import OURS, Tables
 from blind.run import command as blind
-from blind.run.answering import STATUS, answer_all, missing, read_answers
+from blind.run.answering import STATUS, missing, read_answers
 from blind.run.children import scrubbed
-
-STUB = """
-import json, os, pathlib, sys
-flights, out = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
-what = (flights / "flights" / "what").read_text()
-if what == "crash":
-    sys.exit("no such luck")
-if what == "hang":
-    import time; time.sleep(60)
-out.mkdir()
-effects = [] if what == "none" else [
-    {"name": what, "probability": 0.9, "aliases": [], "parameters": {
-        "e": {"value": 0.1, "low": 0.08, "high": 0.13, "unit": "-"}}}]
-seen = {"argv": sys.argv[1:], "cwd": os.listdir("."), "environment": sorted(os.environ),
-        "beside": sorted(p.name for p in flights.parent.iterdir())}
-content = {"schema": 1, "verdict": "effect" if effects else "none", "effects": effects,
-           "candidates": [], "shrink": {"percent": 50.0}, "unexplained_share": 0.0, "seen": seen}
-(out / "diagnosis.json").write_text(json.dumps(content) if what != "half" else '{"schema": 1, ')
-"""
-
-
-def case(number, kind, *effects):
-    return Case(f"{number:016x}", kind, effects, "small" if effects else "", seed=number)
-
-
-MASS = case(1, "single", Withheld("mass", {"e": 0.12}))
-GAIN = case(2, "excluded", Withheld("thrust_gain", {"e": -0.1}))
-CLEAN = case(3, "clean")
 
 
 @pytest.fixture
@@ -57,51 +29,6 @@ def stub(tmp_path):
     path = tmp_path / "stub.py"
     path.write_text(STUB)
     return [sys.executable, str(path)]
-
-
-def made(out, *cases):
-    """Folders of cases as if they had been flown; each with what the stub shall say of it."""
-    folders = Folders(out)
-    for flown in (folders.reference, folders.undisturbed):
-        flown.mkdir(parents=True)
-    for one, what in cases:
-        place = folders.cases / one.id / "flights"
-        for folder in (place, folders.labels.parent / "true" / one.id):
-            folder.mkdir(parents=True)
-        (place / "what").write_text(what)
-    sha256 = write_labels(folders.labels, [one for one, _ in cases])
-    counts = {"single": 1, "pair": 0, "clean": 1, "unknown": 0, "excluded": 1}
-    write_json(
-        folders.state,
-        {
-            "reality": "crazyflow",
-            "counts": counts,
-            "seed": 5,
-            "sha256": sha256,
-            "started": "2026-01-01",
-            "versions": {"fidelity-bench": "0"},
-        },
-    )
-    return folders
-
-
-def answered(folders, stub, timeout=20.0):
-    """Statuses by case after answering what is missing."""
-    cases = read_labels(folders.labels)
-    found = {}
-    answer_all(
-        folders,
-        missing(folders, cases),
-        2,
-        lambda one, status: found.update({one.id: status}),
-        command=stub,
-        timeout=timeout,
-    )
-    return found
-
-
-def measured(*_):
-    return {"decidable": True, "shrink_oracle": 80.0, "bound": {"mass": {"e": 0.005}}}
 
 
 @pytest.fixture
@@ -273,35 +200,6 @@ def test_another_run_in_the_same_folder_is_refused(tmp_path, capsys):
     ):
         assert main(["blind", "--out", str(tmp_path), *arguments]) == 2
         assert message in capsys.readouterr().err
-
-
-def tables(answers, statuses=None):
-    cases = {one.id: one for one in (MASS, GAIN, CLEAN)}
-    ok = {"status": "ok", "cause": "", "seconds": 1.0, "sources": "a" * 64}
-    run = {
-        "reality": "crazyflow",
-        "counts": {"single": 1},
-        "seed": None,
-        "sha256": "b" * 64,
-        "started": "",
-        "versions": {},
-    }
-    return make_tables(
-        cases,
-        answers,
-        {name: (statuses or {}).get(name, ok) for name in cases},
-        {MASS.id: measured()},
-        {"stlsq": {MASS.id: {"verdict": "none", "effects": []}}},
-        run,
-    )
-
-
-def answer(*names, e=0.125):
-    interval = {"value": e, "low": e - 0.01, "high": e + 0.01, "unit": "-"}
-    effects = [
-        {"name": n, "probability": 0.9, "aliases": [], "parameters": {"e": interval}} for n in names
-    ]
-    return {"verdict": "effect" if effects else "none", "effects": effects}
 
 
 def test_what_was_not_measured_proves_nothing(tmp_path):

@@ -65,7 +65,9 @@ def test_a_wrong_setting_in_a_file_gets_one_line_and_writes_nothing(
     assert not out.exists()
     out.write_text("a file")
     suite = write_suite("instant")
-    assert "is not a folder" in complaint(capsys, "run", str(suite), "--out", str(out))
+    assert "must be a folder, but it is a file" in complaint(
+        capsys, "run", str(suite), "--out", str(out)
+    )
 
 
 def test_documents_need_tables(tmp_path, capsys):

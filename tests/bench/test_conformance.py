@@ -78,7 +78,8 @@ def test_a_whole_plugin_passes(kind, cls):
         ("residual", broken.Unbounded, "within the bound", "the bound is 35"),
         ("residual", broken.Dice, "same fit", "take randomness from `key` alone"),
         ("residual", broken.Blind, "heavier rows", "use `transitions.weight`"),
-        ("method", broken.Thief, "is billed", "flies in `setup.reality` but bills no flight"),
+        ("method", broken.Bookkeeper, "left to the meter", "sets `ledger.hf_fleet_seconds`"),
+        ("method", broken.Heir, "left to the meter", "its parents here flew nothing"),
         ("method", broken.Nameless, "stored and deployed", "policy.squash is .* found by name"),
         ("method", broken.Unfinished, "policy is finite", "the policy holds NaN"),
         ("method", broken.Loud, "names of their own", "a note cannot be called 'reward'"),
@@ -100,6 +101,21 @@ def test_the_whole_point_mass_passes_and_broken_ones_do_not():
     said = problem("simulator", broken.Mirrored, "tilt accelerates")
     assert "positive pitch must fly to +x" in said
     assert "promises 'wrench'" in problem("simulator", broken.Mute, "door 'wrench'")
+
+
+@pytest.mark.parametrize(
+    ("cls", "sentence", "said"),
+    [
+        (broken.Drifting, "can be placed", "not at the position and velocity"),
+        (broken.Stubborn, "can be turned", "have not the attitude"),
+        (broken.Whirling, "made faster", "changes drones that were not chosen"),
+        (broken.Lazy, "made faster", "about 21 % more thrust, got 1 to 1 %"),
+        (broken.Weak, "set to a thrust", "after `producing` the thrust must be"),
+        (broken.Absent, "a repeated step", "does not end in `after`"),
+    ],
+)
+def test_a_simulator_that_is_replayable_only_by_name_is_told_so(cls, sentence, said):
+    assert said in problem("simulator", cls, sentence)
 
 
 def test_the_number_of_checks_and_the_exit_status_are_those_of_the_suite(capsys, monkeypatch):

@@ -101,7 +101,7 @@ def test_flights_and_deploy_exclude_each_other(monkeypatch, arguments, message, 
 @pytest.mark.parametrize("option", [("--simulator", "crazyflow"), ("--exclude", "drag")])
 def test_options_of_a_diagnosis_are_refused_with_deploy(option, capsys):
     assert main(["diagnose", "--deploy", "circle", "--reality", "crazyflow", *option]) == 2
-    assert f"Leave out {option[0]}: no meaning with --deploy" in capsys.readouterr().err
+    assert f"Leave out {option[0]}: not used with --deploy" in capsys.readouterr().err
 
 
 def test_what_diverged_counts_with_the_policy_that_it_left(tmp_path):

@@ -97,7 +97,7 @@ def test_bad_logs_get_a_line_each_and_nothing_is_written(engine, flights, tmp_pa
         (["--out", "hover/vehicle.toml"], "is not a folder"),
         (["--out", "hover/vehicle.toml/deeper"], "is not a folder"),
         (["--refrence", "hover"], "Did you mean --reference?"),
-        (["--seeds", "3"], "Leave out --seeds: no meaning without --deploy"),
+        (["--seeds", "3"], "Leave out --seeds: not used without --deploy"),
     ],
 )
 def test_a_wrong_request_gets_one_line_before_any_work(

@@ -87,7 +87,7 @@ def test_failures_and_deaths_cost_only_their_runs_and_are_retried(
         run: runs[run] for run in runs if run != ("dying", 0)
     }
     assert "To do: 2, on 1 worker. Failed earlier: 1; --retry-failed" in captured.out
-    assert "policy.npz is not as it was written. It is now runs/.quarantine" in captured.err
+    assert "policy.npz has changed since it was written. It is now runs/.quarantine" in captured.err
     assert log.read_text().count("\n") == 1  # the row of what is damaged is there
     check_tables(out)
 
@@ -376,6 +376,14 @@ def test_rows_in_other_realities_are_deployed_there_and_train_nothing_anew(
     epochs = results[results.metric == "epochs"].set_index("variant").value
     assert (epochs > 0).to_dict() == {v: "deployed_in" not in v for v in epochs.index}
     assert "Wind(x=2, y=0, z=0)" in (out / "leaderboard.md").read_text()
+
+
+def test_a_method_that_hides_its_flight_has_the_minutes_in_its_row(plugins, write_suite, tmp_path):
+    """100 steps of 0.02 s, three worlds, two drones: 12 s."""
+    out = tmp_path / "out"
+    assert main(["run", str(write_suite("joyride")), "--out", str(out), "--jobs", "1"]) == 0
+    results = Tables.load(out).results.set_index("metric").value
+    assert results["fleet_minutes"] == pytest.approx(12.0 / 60.0)
 
 
 def test_a_tracked_run_flies_its_parents_paths_by_pd_control(plugins, tmp_path):

@@ -80,7 +80,7 @@ def test_rows_of_another_key_are_refused_with_all_as_it_was(sweep, trainer, out,
             assert ('1 changed: version of method instant "1" -> "2"' in told) != clone
         assert (status, said, trainer.trained) == (2, "", [])
         assert error.startswith("bench: 2 rows of ")
-        assert "are of another program" in error
+        assert "were made by another program" in error
         assert "Nothing was run. Give --replace to train these runs again" in error
         assert files(out) == before
 
@@ -93,7 +93,7 @@ def test_replaced_rows_alone_change(sweep, trainer, out, monkeypatch):
     status, said, _ = sweep("--method", "instant", "--replace")
     assert status == 0
     assert "2 rows of" in said
-    assert "will be replaced." in said
+    assert "that will be replaced: " in said
     assert trained_methods(trainer) == ["instant", "instant"]
     new = rows(out)
     assert new.keys() == old.keys()
@@ -217,7 +217,7 @@ def test_a_damaged_folder_costs_no_row(sweep, trainer, out):
         policy.write_bytes(b"")
     status, _, error = sweep()
     assert (status, trainer.trained) == (0, [])
-    assert error.count("policy.npz is not as it was written") == 4
+    assert error.count("policy.npz has changed since it was written") == 4
     assert {p: files(out)[p] for p in before if p.parent == out} == {
         p: content for p, content in before.items() if p.parent == out
     }

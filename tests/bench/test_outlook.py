@@ -76,7 +76,7 @@ def test_reasons_say_why_a_run_is_missing_and_leave_the_store_alone(runs, store)
     assert found[first.name].reason == ""
     assert found[first.name].content["status"] == "ok"
     assert found[child.name].reason == "failed: the propellers fell off"
-    assert found[second.name].reason == "damaged: policy.npz is not as it was written"
+    assert found[second.name].reason == "damaged: policy.npz has changed since it was written"
     assert found[other.name].reason == "never run"
     assert content(store.directory) == before
 

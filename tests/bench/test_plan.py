@@ -266,7 +266,9 @@ def test_a_wrong_setting_is_named_in_one_line(plugins, row, message):
 def test_what_is_registered_as_a_method_and_is_none_is_named(plugins, monkeypatch):
     for wrong in (print, int, AbstractMethod):
         monkeypatch.setattr("simulators.registry.load", lambda kind, name, it=wrong: it)
-        with pytest.raises(PlanError, match="'instant' is no class that implements AbstractMethod"):
+        with pytest.raises(
+            PlanError, match="'instant' must be a class that implements AbstractMethod"
+        ):
             only(Row("instant"))
 
 
@@ -293,7 +295,7 @@ def test_a_broken_plugin_is_left_out_and_named(plugins):
 
 def test_what_cannot_be_written_down_is_no_setting():
     assert describe({"a": (1, float("inf"))}, "here") == {"a": [1, "inf"]}
-    with pytest.raises(SettingsError, match="here, a holds a object"):
+    with pytest.raises(SettingsError, match=r"here, a must be made of numbers, .* got a object"):
         describe({"a": object()}, "here")
 
 
@@ -342,10 +344,10 @@ def test_another_high_fidelity_simulator_is_a_reality_or_that_of_a_whole_suite(p
 @pytest.mark.parametrize(
     ("row", "message"),
     [
-        (Row("instant", simulator="point_mass"), "`simulator`: policies are deployed in"),
-        (Row("instant", reality="point_mass+wind(x=1)"), "`reality`: policies are deployed in"),
+        (Row("instant", simulator="point_mass"), "`simulator`: the simulator must be a high"),
+        (Row("instant", reality="point_mass+wind(x=1)"), "`reality`: the simulator must be a high"),
         (Row("instant", deployed_in="crazyflow+wind(q=1)"), "'instant', `deployed_in`: 'q=1'"),
-        (Row("instant", deployed_in="crazyflow"), "`deployed_in` is the suite's own simulator"),
+        (Row("instant", deployed_in="crazyflow"), "`deployed_in` must name an effect"),
         (Row("instant", reality="crazyflow+wind"), "`reality`: 'wind' is no effect"),
     ],
 )

@@ -78,7 +78,7 @@ def test_what_is_not_kept_or_of_another_shape_is_said(folder, runs):
     with pytest.raises(UsageError, match=r"holds no policy of .*`bench keep"):
         kept_policy(folder, TASK, "spread", runs[0].name)
     keep(folder, (), ())
-    with pytest.raises(UsageError, match="is not of the kind that its run names"):
+    with pytest.raises(UsageError, match="does not fit its run"):
         kept_policy(folder, Spread(n_drones=2, n_neighbors=1), "spread", runs[0].name)
     path_of(folder, "spread", 2).write_bytes(b"no archive")
     with pytest.raises(UsageError, match="cannot be read"):
@@ -86,7 +86,7 @@ def test_what_is_not_kept_or_of_another_shape_is_said(folder, runs):
 
 
 def test_deploying_shows_what_evaluating_gives(folder, runs, capsys):
-    with pytest.raises(UsageError, match="holds no such policy"):
+    with pytest.raises(UsageError, match="holds no policy of these methods"):
         deploy(folder, "spread", 2, "", (), Console())
     keep(folder, (), ())
     assert deploy(folder, "spread", 2, "", (), Console(width=120)) == 0
@@ -94,5 +94,5 @@ def test_deploying_shows_what_evaluating_gives(folder, runs, capsys):
     controller = PolicyController(TASK, make_template(seed=0))
     flown = evaluate(TASK, Crazyflow(), controller, 0)
     assert f"{runs[0].name}: settled reward {flown.settled_reward:.2f}" in shown
-    with pytest.raises(UsageError, match="holds no such policy"):
+    with pytest.raises(UsageError, match="holds no policy of these methods"):
         deploy(folder, "spread", 2, "", ("hybrid",), Console())

@@ -122,7 +122,7 @@ def test_a_damaged_file_is_said_and_the_parent_trained(sweep, suite, trainer, ou
 def test_arrays_of_another_shape_are_said_and_the_parent_trained(sweep, suite, trainer, out, clone):
     change(out, lambda kept: kept._replace(policy=dict([*kept.policy.items()][:-1])))
     _, _, error = sweep(of=suite)
-    assert "is not of the kind that its run names" in error
+    assert "does not fit its run" in error
     assert "instant" in trained_methods(trainer)
 
 

@@ -60,7 +60,7 @@ def test_nothing_in_a_folder_is_pickled(store, planned):
 
 def test_a_policy_of_another_shape_is_refused(store, planned):
     store.commit(planned[0], outcome(planned[0]))
-    with pytest.raises(UnreadableRunError, match="is not of the kind that its run names"):
+    with pytest.raises(UnreadableRunError, match="does not fit its run"):
         store.trained(planned[0].name, make_template(n_neighbors=1))
 
 
@@ -222,7 +222,9 @@ def test_a_stale_lock_and_a_stale_claim_hold_nobody_up(store, planned):
 
 def test_a_run_that_another_process_is_at_is_not_started(store):
     with store.claim("x"):
-        with pytest.raises(ClaimedError, match="another process has been at it for 0 s"):
+        with pytest.raises(
+            ClaimedError, match="another process has been training this run for 0 s"
+        ):
             store.claim("x", longest=0.0).__enter__()
         with store.claim("y", longest=0.0):
             pass
@@ -233,12 +235,12 @@ def test_a_run_that_another_process_is_at_is_not_started(store):
 @pytest.mark.parametrize(
     ("damage", "reason"),
     [
-        (lambda folder: os.truncate(folder / "policy.npz", 100), "policy.npz is not as"),
+        (lambda folder: os.truncate(folder / "policy.npz", 100), "policy.npz has changed"),
         (lambda folder: (folder / "metrics.json").unlink(), "metrics.json: No such file"),
-        (lambda folder: (folder / "run.json").write_text("{"), "run.json is not that of a run"),
+        (lambda folder: (folder / "run.json").write_text("{"), "run.json does not describe a run"),
         (lambda folder: (folder / "run.json").write_bytes(b"\xff"), "run.json is not text"),
         (lambda folder: (folder / "run.json").unlink(), "run.json: No such file"),
-        (lambda folder: (folder / "run.json").write_text("[]"), "run.json is not that of a run"),
+        (lambda folder: (folder / "run.json").write_text("[]"), "run.json does not describe a run"),
     ],
 )
 def test_a_damaged_run_is_put_in_quarantine_with_its_reason(store, planned, damage, reason):
@@ -263,7 +265,7 @@ def test_a_run_in_the_folder_of_another_is_damaged(store, planned):
     first, second = planned
     store.commit(first, outcome(first))
     (store.runs / first.name).rename(store.runs / second.name)
-    with pytest.raises(UnreadableRunError, match=r"run\.json is that of"):
+    with pytest.raises(UnreadableRunError, match=r"run\.json belongs to the run"):
         store.read(second.name)
 
 

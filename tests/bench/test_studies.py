@@ -121,7 +121,7 @@ def test_a_report_without_studies_says_nothing_of_them(tmp_path):
 )
 def test_options_without_a_meaning_are_refused(tmp_path, capsys, arguments, needless):
     assert main(["blind", "--out", str(tmp_path), *arguments]) == 2
-    assert f"Leave out {needless}: no meaning with" in capsys.readouterr().err
+    assert f"Leave out {needless}: not used with" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("study", ["--next-flight", "--limits"])

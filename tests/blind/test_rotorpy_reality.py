@@ -15,7 +15,7 @@ from blind.draw.catalogue import Withheld
 from blind.fly import rotorpy_reality as rp
 from blind.fly.realities import DT
 from blind.score.identifiable import ROTORPY_INERTIA, seen
-from simulators import rotorpy
+from simulators import rotorpy_vehicle as rotorpy
 from simulators.effects.translational_lift import TranslationalLift
 from simulators.flight import Flight
 from simulators.vehicle import GRAVITY, VEHICLES

@@ -17,6 +17,7 @@ from methods.policy import PolicyController
 from methods.training import bptt
 from methods.training.bptt import BPTT, Training
 from methods.training.context import Context, silent
+from methods.training.meter import train_metered
 from simulators.contract import with_effects
 from simulators.effects.contract import WrenchEffect
 from simulators.point_mass import PointMass
@@ -306,7 +307,7 @@ def test_training_ends_when_patience_runs_out():
     assert not training.out_of_budget
     assert same(training.policy, policy)
     cell = setup(HOLD, PointMass(), policy)
-    trained = HFHotStart(trainer=STILL).train(cell, KEY)
+    trained = train_metered(HFHotStart(trainer=STILL), cell, KEY)
     assert trained.status == "ok"
     assert trained.ledger.hf_fleet_seconds == pytest.approx(training.epochs * 40 * H * 2)
 

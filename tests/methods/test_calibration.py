@@ -173,9 +173,8 @@ def test_the_corrected_point_mass_repeats_the_flight():
     np.testing.assert_allclose(np.stack(vel), flight.after.vel[1], atol=1e-4)
 
 
-def test_flights_are_billed_and_pool_is_the_papers(pool):
+def test_flights_are_counted_and_pool_is_the_papers(pool):
     assert pool.flights == FLIGHTS
-    assert pool.fleet_seconds == pytest.approx(FLIGHTS * TASK.horizon * H)
     assert len(pool.transitions.target) == FLIGHTS * TASK.horizon
     assert pool_size(3) == 240
     assert pool_size(18) * 10 / 60 == pytest.approx(190)  # minutes

@@ -13,6 +13,7 @@ from methods.training import bptt
 from methods.training.bptt import BPTT
 from methods.training.checkpoint import AbstractKeeper
 from methods.training.context import Context
+from methods.training.meter import train_metered
 from simulators.point_mass import PointMass
 
 KEY = jax.random.key(5)
@@ -61,7 +62,7 @@ def train(keeper, policy=None, key=KEY, die_at=0, epochs=None):
 
     context = Context(progress, keeper=keeper)
     cell = setup(TASK, PointMass(), policy or fresh(TASK), context)
-    return HFHotStart(trainer=TRAINER).train(cell, key)
+    return train_metered(HFHotStart(trainer=TRAINER), cell, key)
 
 
 @pytest.fixture(scope="module")

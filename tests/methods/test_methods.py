@@ -33,6 +33,7 @@ from methods.policy import PolicyController, make_policy
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.evaluate import evaluate, fly
+from methods.training.meter import billed, train_metered
 from methods.upper_reference import UpperReference
 from simulators import registry
 from simulators.contract import with_effects
@@ -72,8 +73,9 @@ def _identified_once():
     whole, kept = grey_box.identify, []
 
     def identify(nominal, reality, dt, largest, key, *chosen):
+        bare = billed(reality, 3 * 500)
         if not kept:
-            kept.append(whole(nominal, reality, dt, largest, jax.random.key(0)))
+            kept.append(whole(nominal, bare, dt, largest, jax.random.key(0)))
         share = 1.0 + 0.01 * jax.random.uniform(key)
         effects = jax.tree.map(lambda x: x * share if eqx.is_array(x) else x, kept[0].effects)
         return dataclasses.replace(kept[0], effects=effects)
@@ -101,7 +103,7 @@ def train(cell):
     def run(row, init=None, key=KEY, cell=cell, again=0):
         name = (row, id(init), int(jax.random.key_data(key)[-1]), id(cell), again)
         if name not in kept:
-            kept[name] = make(row).train(cell, key, init)
+            kept[name] = train_metered(make(row), cell, key, init)
         return kept[name]
 
     return run
@@ -282,7 +284,7 @@ NO_FLIGHT = [
 def test_what_flies_nothing_of_its_own_does_not_depend_on_the_reality(cell, name, settings):
     heavy = dataclasses.replace(cell, reality=with_effects(cell.nominal, [Mass(e=0.5)]))
     method = dataclasses.replace(small(name), **settings)
-    first, second = (method.train(given, KEY) for given in (cell, heavy))
+    first, second = (train_metered(method, given, KEY) for given in (cell, heavy))
     assert same(first.policy, second.policy)
     bill = FLOWN if name == "hybrid_once" else Ledger()
     for field in ("hf_fleet_seconds", "calibration_flights", "calibration_crashes"):

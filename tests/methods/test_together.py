@@ -14,6 +14,7 @@ from cells import TINY, Hold, fresh, setup, small
 
 from methods.training import together
 from methods.training.context import Context
+from methods.training.meter import train_metered
 from methods.training.together import Team
 from simulators.contract import with_effects
 from simulators.effects.drag import Drag
@@ -219,7 +220,7 @@ def test_whole_methods_need_not_know(name, programs):
     def work(seed):
         def train(context=None):
             given = setup(task, reality, fresh(task, seed), context)
-            return small(name).train(given, jax.random.key(seed))
+            return train_metered(small(name), given, jax.random.key(seed))
 
         return train
 

@@ -163,16 +163,6 @@ def test_a_restored_flight_goes_on_with_the_numbers_as_they_are():
     assert_alike(*ends)
 
 
-def test_turning_a_drone_leaves_what_was_drawn():
-    varied = vary_times(DISTURBED, 0.5)
-    state = varied.reset(POS, KEYS[0])
-    quat = jnp.asarray([[0.1, 0.0, 0.0, 0.995]] * 2)
-    turned = varied.turned(state, quat, jnp.zeros((2, 3)), jnp.asarray([True, False]))
-    np.testing.assert_array_equal(turned.drawn, state.drawn)
-    roll = quat_to_rpy(varied.flight(turned).quat)[:, 0]
-    np.testing.assert_allclose(roll, [2.0 * np.arcsin(0.1), 0.0], atol=1e-3)
-
-
 # --- Domain randomization -------------------------------------------------------------------
 
 

@@ -41,7 +41,7 @@ ALLOWED = {
     "diagnosis/logs/columns.py": LOG_COLUMN,
     "diagnosis/logs/flights.py": LOG_COLUMN | BELIEVED_MASS,
     "diagnosis/logs/units.py": LOG_COLUMN,
-    "simulators/rotorpy.py": {"mass": "a key of RotorPy's airframe file"},
+    "simulators/rotorpy_vehicle.py": {"mass": "a key of RotorPy's airframe file"},
     "methods/calibration/identification.py": {
         "delay": "half a step of it makes up for the integrator",
         "floor": "it is no candidate of a diagnosis; this method looks for it by itself",

@@ -11,12 +11,10 @@ from rotorpy.vehicles.multirotor import Multirotor
 from simulators.contract import with_effects
 from simulators.effects.mass import Mass
 from simulators.effects.motor_lag import MotorLag
-from simulators.rotorpy import (
+from simulators.rotorpy import FRICTION, Rotorpy, RotorpyState
+from simulators.rotorpy_vehicle import (
     AIRFRAME,
-    FRICTION,
     SPEC,
-    Rotorpy,
-    RotorpyState,
     airframe_of,
     derivative,
     hover_speed,

@@ -2,7 +2,7 @@
 
 
 def list_() -> int:
-    """Show plug-ins with the package that each comes from, and the built-in suites."""
+    """Show the registered plug-ins, the package of each, and the built-in suites."""
     from rich.console import Console
 
     from bench.plan.listing import show_plugins, show_suites

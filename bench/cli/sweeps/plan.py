@@ -18,21 +18,21 @@ def plan(
 ) -> int:
     """Show what `bench run` would do with the same arguments, and what it would cost; runs nothing.
 
-    What is finished, what is missing and why, and the expected wall time and high-fidelity flight
-    from the tables in the folder and in results/.
+    Shows which runs are finished, which are missing and why, and estimates wall time and
+    high-fidelity flight from earlier runs: the tables in the folder and those in results/.
 
     Parameters
     ----------
     suite
         Name of a built-in suite (`bench list` shows them) or path of a TOML file.
     out
-        Folder of the tables; without it, results/SUITE.
+        Folder of the tables; default: results/SUITE.
     jobs
-        Number of worker processes to reckon with; without it, as many as `bench run` starts.
+        Number of worker processes to assume; default: as many as `bench run` would start.
     every
-        Show a line for every missing run.
+        Show one line for each missing run.
     retry_failed
-        Reckon with runs that failed in an earlier call, too.
+        Count runs that failed in an earlier call as missing.
     """
     chosen = (part or Part()).of(suite)
     check_number("jobs", jobs)

@@ -21,31 +21,32 @@ def run(
     retry_failed: Annotated[bool, Repeatable] = False,
     replace: Annotated[bool, Repeatable] = False,
 ) -> int:
-    """Train and evaluate what a suite asks for, then write tables, leaderboard and report.
+    """Train and evaluate the runs of a suite, then write tables, leaderboard and report.
 
-    Runs that are finished already are not repeated, so running again is resuming. Rows of other
-    runs stay in the tables as they are. Parents that a method starts from are run too. Filters may
-    be repeated, and need not be in the suite.
+    Finished runs are not repeated: give the same command again to resume. Rows of other runs stay
+    in the tables. If a method starts from another method's policy, that method is run, too. --task,
+    --team-size and --method may name what the suite does not list.
 
     Parameters
     ----------
     suite
         Name of a built-in suite (`bench list` shows them) or path of a TOML file.
     out
-        Folder for everything; without it, tables go to results/SUITE, documents to reports/SUITE.
+        Folder for tables and documents; default: results/SUITE and reports/SUITE.
     jobs
-        Number of worker processes; without it, one per core, or 4 on an accelerator.
+        Number of worker processes; default: one per core, or 4 if there is an accelerator.
     executor
-        Where they are: on this machine, or on the Ray cluster that RAY_ADDRESS names.
+        Where the workers run: on this machine, or on the Ray cluster at RAY_ADDRESS.
     together
-        Most runs, alike but for their seed, that a worker trains in one program; without it, 1, or
-        16 on an accelerator.
+        How many runs that differ only in their seed a worker trains in one program; default: 1, or
+        16 if there is an accelerator.
     fail_fast
         Stop at the first run that fails.
     retry_failed
-        Try runs again that failed in an earlier call. Interrupted ones are tried again anyway.
+        Try runs again that failed in an earlier call. Interrupted runs are always tried again.
     replace
-        Train runs again whose rows another program or machine made, and replace those rows.
+        Train runs again that another version of the program or another machine trained, and
+        replace their rows.
     """
     chosen = (part or Part()).of(suite)
     check_number("jobs", jobs)
@@ -73,4 +74,6 @@ def run(
 def _check_folders(*directories: Path) -> None:
     for directory in directories:
         if directory.exists() and not directory.is_dir():
-            raise UsageError(f"{directory} is not a folder, so nothing can be written there.")
+            raise UsageError(
+                f"{directory} must be a folder, but it is a file. Choose another one with --out."
+            )

@@ -1,23 +1,32 @@
 """`bench claims`: the paper's claims beside a folder of tables."""
 
 from pathlib import Path
+from typing import Annotated
+
+import cyclopts
 
 from bench.text.pages import documents_of
 
+NOTES = "Markdown file to append, such as reports/paper_notes.md."
+"""Help of `--notes`: a docstring has no parameter of that name, only a section."""
 
-def claims(directory: Path, /, *, out: Path | None = None, notes: Path | None = None) -> int:
-    """Put the paper's claims beside what the tables in a folder say, as Markdown and HTML.
+
+def claims(
+    directory: Path,
+    /,
+    *,
+    out: Path | None = None,
+    notes: Annotated[Path | None, cyclopts.Parameter(help=NOTES)] = None,
+) -> int:
+    """Judge the paper's claims by the tables in a folder; write Markdown and HTML.
 
     Parameters
     ----------
     directory
         Folder with results.parquet and its companions, such as results/paper.
     out
-        Markdown file to write; without it, reports/NAME.md for results/NAME, else claims.md in
+        Markdown file to write; default: reports/NAME.md for results/NAME, else claims.md in
         DIRECTORY.
-
-    Notes:
-        Markdown file to append, such as reports/paper_notes.md.
     """
     from bench.paper.page import write_claims
     from bench.store.tables import Tables

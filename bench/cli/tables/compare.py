@@ -4,14 +4,14 @@ from pathlib import Path
 
 
 def compare(a: str, b: str, /, *, results: Path | None = None) -> int:
-    """Say whether A is better than B, in words and by exit status.
+    """Say whether A is better than B, in words and by the exit status.
 
-    0: better. 3: worse. 4: no difference can be shown. 5: not comparable.
+    0: A is better. 3: A is worse. 4: no difference can be shown. 5: A and B cannot be compared.
 
     Parameters
     ----------
     a
-        A method of --results, such as hybrid-mlp; FOLDER:METHOD; or FOLDER, for all its methods.
+        METHOD of --results, such as hybrid-mlp; FOLDER:METHOD; or FOLDER, for all its methods.
     b
         What to compare it with, written likewise.
     results

@@ -16,7 +16,7 @@ def deploy(
     reality: str = "",
     method: Annotated[list[str] | None, Repeatable] = None,
 ) -> int:
-    """Fly the kept policies of a cell, in any reality, and show what they are worth there.
+    """Fly kept policies of a task and team size in any reality, and show their rewards there.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def deploy(
     team_size
         Number of drones.
     reality
-        Simulator and effects, such as crazyflow+mass(e=0.2); without it, crazyflow as it is.
+        Simulator and effects, such as crazyflow+mass(e=0.2); default: crazyflow without effects.
     method
         Only this method; may be repeated.
     """

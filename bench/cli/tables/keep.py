@@ -13,10 +13,11 @@ def keep(
     task: Annotated[list[str] | None, Repeatable] = None,
     team_size: Annotated[list[int] | None, Repeatable] = None,
 ) -> int:
-    """Keep trained policies beside their tables, one file a cell, so that they can be deployed.
+    """Keep trained policies beside their tables, so that they can be deployed.
 
-    Policies of default settings whose run's folder is there are added; kept ones stay as they are,
-    unless their row was replaced. `bench run` restores parents from them instead of training.
+    Adds the policies of runs with default settings whose folder still exists, in one file for each
+    task and team size. Kept policies stay, unless their row was replaced. If a method starts from
+    another's policy, `bench run` takes it from these files instead of training it.
 
     Parameters
     ----------

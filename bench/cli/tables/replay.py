@@ -16,13 +16,13 @@ def replay(
     Parameters
     ----------
     run
-        Name of a run as in the report, or its folder.
+        Name of a run, as the report gives it, or its folder.
     tables
-        Folder with runs.parquet and its companions; without it, those in results/* are searched.
+        Folder with runs.parquet and its companions; default: every folder in results/.
     out
-        HTML file to write; without it, replays/RUN.html beside the report.
+        HTML file to write; default: replays/RUN.html beside the report.
     video
-        Also render a film with MuJoCo into this file: .gif, .webp or .png (animated).
+        Also render a film with MuJoCo into this file: .gif, .webp or animated .png.
     """
     from bench.report.replay import replay as replay_run
 

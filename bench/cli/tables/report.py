@@ -13,7 +13,7 @@ def report(directory: Path, /, *, out: Path | None = None) -> int:
     directory
         Folder with results.parquet and its companions, such as results/quick.
     out
-        Folder to write to; without it, reports/NAME for results/NAME, else DIRECTORY.
+        Folder to write to; default: reports/NAME for results/NAME, else DIRECTORY.
     """
     from rich.console import Console
 

@@ -20,11 +20,11 @@ def check(
     Parameters
     ----------
     plugin
-        Registered name, with its kind where names coincide (effect:mass), or module:Class.
+        Registered name, KIND:NAME if two kinds share a name (effect:mass), or module:Class.
     setting
-        Setting of the plug-in, such as trainer.epochs=3; may be repeated.
+        Setting of a method, such as trainer.epochs=3; may be repeated.
     simulator
-        Only in this simulator (effects: where they are attached; methods: their reality).
+        Only this simulator: effects are attached to it, methods deployed in it.
     """
     from bench.execution.environment import environment
 

@@ -23,30 +23,32 @@ def diagnose(
 ) -> int:
     """Say why a simulator and real flights differ: where, which effect, how much it explains.
 
-    Writes diagnosis.json, diagnosis.md and diagnosis.html, one page that opens offline; nothing if
-    no flight is usable. With --deploy it says instead what a diagnosis is worth to a team: policies
-    for a task, trained in the nominal and in the corrected simulator, deployed in --reality.
+    Writes diagnosis.json, diagnosis.md and diagnosis.html, a page that opens offline; writes
+    nothing if no flight is usable. With --deploy, it measures what a diagnosis is worth to a team:
+    it trains policies in the nominal and in the corrected simulator and deploys them in --reality.
 
     Parameters
     ----------
     flights
         Folder with vehicle.toml and flights/NAME.parquet or .csv.
     simulator
-        Which simulator should explain them: crazyflow (the default) or point_mass.
+        Simulator to compare the flights with: crazyflow (the default) or point_mass.
     reference
-        Folder of flights of the same vehicle before a change; then the answer is what changed.
+        Folder of flights of the same vehicle before a change; the diagnosis then says what
+        changed.
     out
-        Folder for the documents; without it, reports/diagnosis/NAME for flights in a folder NAME.
+        Folder for the documents; default: reports/diagnosis/NAME for flights in a folder NAME.
     exclude
-        Withhold this effect from the candidates, and all that flights can hardly tell from it.
+        Do not consider this effect, nor effects that flights can hardly tell from it; may be
+        repeated.
     deploy
-        Task to train and deploy in --reality; takes no flights.
+        Task to train for and to deploy in --reality; needs no flights.
     reality
         Simulated reality for --deploy, such as "crazyflow+mass(e=0.2)+wind(x=1)".
     team_size
-        Drones of the team for --deploy; 3 without it.
+        Number of drones for --deploy; default: 3.
     seeds
-        Seeds of --deploy; 1 without it.
+        Number of seeds for --deploy; default: 1.
     """
     from bench.execution.environment import environment
 
@@ -59,7 +61,7 @@ def diagnose(
         given = {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
     needless = [name for name, value in given.items() if value is not None]
     if needless:
-        raise UsageError(f"Leave out {', '.join(needless)}: no meaning {word} --deploy.")
+        raise UsageError(f"Leave out {', '.join(needless)}: not used {word} --deploy.")
     os.environ.update(environment())
     if flights is not None:
         from bench.diagnosis_report.command import run_diagnosis

@@ -4,7 +4,7 @@
 def doctor() -> int:
     """Show versions, devices and graphics, and name combinations that are known to break.
 
-    Exit status 1 if anything was found that breaks runs.
+    Exit status 1 if something was found that breaks runs.
     """
     # Before anything imports SciPy, which it looks for.
     from bench.conformance.doctor import doctor as examine

@@ -14,9 +14,9 @@ def profile(
     team_size: Annotated[list[int] | None, Repeatable] = None,
     setting: Annotated[list[str] | None, Repeatable] = None,
 ) -> int:
-    """Show where an epoch of training goes, how long it takes and what it could take at best.
+    """Show how long an epoch of training takes, which parts take it, and how short it could be.
 
-    Nothing is written. Hybrid and grey_box fly and fit first, as they do before they train.
+    Writes nothing. Methods that calibrate (hybrid, grey_box) fly and fit first.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def profile(
     task
         Registered name of the task.
     team_size
-        Drones; may be repeated. Without it, 3, 12 and 18.
+        Number of drones; may be repeated; default: 3, 12 and 18.
     setting
         Setting of the method, such as trainer.n_worlds=4; may be repeated.
     """

@@ -1,0 +1,109 @@
+"""A blind run for tests: cases as if flown, a stub in the place of `bench diagnose`, tables."""
+
+from blind.draw.cases import Case, read_labels, write_labels
+from blind.draw.catalogue import Withheld
+from blind.draw.folders import Folders, write_json
+from blind.report.tables import make_tables
+from blind.run.answering import answer_all, missing
+
+STUB = """
+import json, os, pathlib, sys
+flights, out = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
+what = (flights / "flights" / "what").read_text()
+if what == "crash":
+    sys.exit("no such luck")
+if what == "hang":
+    import time; time.sleep(60)
+out.mkdir()
+effects = [] if what == "none" else [
+    {"name": what, "probability": 0.9, "aliases": [], "parameters": {
+        "e": {"value": 0.1, "low": 0.08, "high": 0.13, "unit": "-"}}}]
+seen = {"argv": sys.argv[1:], "cwd": os.listdir("."), "environment": sorted(os.environ),
+        "beside": sorted(p.name for p in flights.parent.iterdir())}
+content = {"schema": 1, "verdict": "effect" if effects else "none", "effects": effects,
+           "candidates": [], "shrink": {"percent": 50.0}, "unexplained_share": 0.0, "seen": seen}
+(out / "diagnosis.json").write_text(json.dumps(content) if what != "half" else '{"schema": 1, ')
+"""
+
+
+def case(number, kind, *effects):
+    return Case(f"{number:016x}", kind, effects, "small" if effects else "", seed=number)
+
+
+MASS = case(1, "single", Withheld("mass", {"e": 0.12}))
+GAIN = case(2, "excluded", Withheld("thrust_gain", {"e": -0.1}))
+CLEAN = case(3, "clean")
+
+
+def made(out, *cases):
+    """Folders of cases as if they had been flown; each with what the stub shall say of it."""
+    folders = Folders(out)
+    for flown in (folders.reference, folders.undisturbed):
+        flown.mkdir(parents=True)
+    for one, what in cases:
+        place = folders.cases / one.id / "flights"
+        for folder in (place, folders.labels.parent / "true" / one.id):
+            folder.mkdir(parents=True)
+        (place / "what").write_text(what)
+    sha256 = write_labels(folders.labels, [one for one, _ in cases])
+    counts = {"single": 1, "pair": 0, "clean": 1, "unknown": 0, "excluded": 1}
+    write_json(
+        folders.state,
+        {
+            "reality": "crazyflow",
+            "counts": counts,
+            "seed": 5,
+            "sha256": sha256,
+            "started": "2026-01-01",
+            "versions": {"fidelity-bench": "0"},
+        },
+    )
+    return folders
+
+
+def answered(folders, stub, timeout=20.0):
+    """Statuses by case after answering what is missing."""
+    cases = read_labels(folders.labels)
+    found = {}
+    answer_all(
+        folders,
+        missing(folders, cases),
+        2,
+        lambda one, status: found.update({one.id: status}),
+        command=stub,
+        timeout=timeout,
+    )
+    return found
+
+
+def measured(*_):
+    return {"decidable": True, "shrink_oracle": 80.0, "bound": {"mass": {"e": 0.005}}}
+
+
+def tables(answers, statuses=None):
+    cases = {one.id: one for one in (MASS, GAIN, CLEAN)}
+    ok = {"status": "ok", "cause": "", "seconds": 1.0, "sources": "a" * 64}
+    run = {
+        "reality": "crazyflow",
+        "counts": {"single": 1},
+        "seed": None,
+        "sha256": "b" * 64,
+        "started": "",
+        "versions": {},
+    }
+    return make_tables(
+        cases,
+        answers,
+        {name: (statuses or {}).get(name, ok) for name in cases},
+        {MASS.id: measured()},
+        {"stlsq": {MASS.id: {"verdict": "none", "effects": []}}},
+        run,
+    )
+
+
+def answer(*names, e=0.125):
+    interval = {"value": e, "low": e - 0.01, "high": e + 0.01, "unit": "-"}
+    effects = [
+        {"name": n, "probability": 0.9, "aliases": [], "parameters": {"e": interval}} for n in names
+    ]
+    return {"verdict": "effect" if effects else "none", "effects": effects}
