@@ -125,10 +125,11 @@ def _study(
     problem, fits = attribute(likelihood, len(fit_ids), base, progress)
     verdict, lines = judged(problem, fits, base.floor if base else FOLLOWED)
     progress("scoring held-out flights", 0.9)
+    every = problem.likelihood if lofo else every
     scored = every if lofo else _part(every, logs, held)
     if not lofo:
-        for other in (every, scored):
-            other.settle(verdict.chosen.fit.total, beyond(DECISION.distrust_sigmas))
+        at, spoiled = verdict.chosen.fit.total, beyond(DECISION.distrust_sigmas)
+        every, scored = every.settled(at, spoiled), scored.settled(at, spoiled)
     drift = shrinkage.score(problem, verdict.chosen.fit, scored, len(logs), lofo)
     return Study(
         inputs, compared, base, problem, verdict, lines, every, drift, fit_ids, held, sigma
@@ -211,8 +212,7 @@ def reference_of(replay: Replay, logs: Sequence[FlightLog]) -> Reference:
 def _part(every: Likelihood, logs: Sequence[FlightLog], chosen: Sequence[int]) -> Likelihood:
     """The likelihood of some of the flights."""
     part = make_likelihood(every.replay, [logs[i] for i in chosen], every.sigma)
-    part.shake = every.shake
-    return part
+    return dataclasses.replace(part, shake=every.shake)
 
 
 def nominal_simulator(name: str, flights: FlightSet, limited: bool = True) -> AbstractSimulator:
@@ -242,12 +242,13 @@ def attribute(
     problem = beside(likelihood, base)
     floor = base.phi if base else 1.0
     progress("screening all effects", 0.1)
-    likelihood.settle(problem.base)
+    problem.likelihood = likelihood.settled(problem.base)
     problem.phi = max(floor, dispersion(problem.nominal().normal, n_flights))
     best = problem.search_firmly()[0]
     for share in (0.5, 0.7):
         progress("weighing windows that stand out", share)
-        likelihood.settle(best.total, beyond(DECISION.distrust_sigmas))
+        spoiled = beyond(DECISION.distrust_sigmas)
+        problem.likelihood = problem.likelihood.settled(best.total, spoiled)
         problem.renew()
         best = problem.refit(best.effects, problem.nominal())
         problem.phi = max(floor, dispersion(best.normal, n_flights))

@@ -156,7 +156,8 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
     """Held-out shrink under the true set and under the single wrong effect that looks best."""
     problem, n = desk.logged(case)
     fit = truth_fit(problem, truth)
-    problem.likelihood.settle(fit.total, beyond(DECISION.distrust_sigmas))
+    spoiled = beyond(DECISION.distrust_sigmas)
+    problem.likelihood = problem.likelihood.settled(fit.total, spoiled)
     problem.renew()
     fit = truth_fit(problem, truth)
     problem.phi = dispersion(fit.normal, n)

@@ -97,7 +97,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     library = likelihood.replay.library
     n_flights = len({flight for group in likelihood.groups for flight in group.flight})
     vector = _descended(likelihood, library)
-    likelihood.settle(vector, beyond(DECISION.reference_distrust_sigmas))
+    likelihood = likelihood.settled(vector, beyond(DECISION.reference_distrust_sigmas))
     vector = _descended(likelihood, library, vector)
     normal = likelihood.normal(vector)
     per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / likelihood.n_channels)
@@ -105,8 +105,9 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     # directions, and roll and pitch, take the larger of their two.
     per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])
     enlarged = np.sqrt(np.maximum(per_channel, 1.0))
-    likelihood.sigma = likelihood.sigma * enlarged
-    likelihood.settle(vector, beyond(DECISION.reference_distrust_sigmas))
+    likelihood = likelihood.noisier(enlarged).settled(
+        vector, beyond(DECISION.reference_distrust_sigmas)
+    )
     normal = likelihood.normal(vector)
     floor, prior = floor_of(library, normal), _prior(library)
     spread = spread_between(normal, _shared(library))

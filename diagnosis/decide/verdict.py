@@ -19,8 +19,8 @@ from jaxtyping import Float
 
 from diagnosis.decision import DECISION
 from diagnosis.fit.fit import Fit, Set
-from diagnosis.fit.likelihood import Normal
 from diagnosis.fit.search import Problem
+from diagnosis.fit.windows import Normal
 from diagnosis.replay.library import Library
 from diagnosis.result_parts import AtBound
 from diagnosis.statements import Judged

@@ -21,7 +21,8 @@ from diagnosis.fit.equations import (
     scaled,
 )
 from diagnosis.fit.fit import Fit, Set
-from diagnosis.fit.likelihood import Likelihood, Normal
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.fit.windows import Normal
 from diagnosis.logs.segments import WINDOW
 from diagnosis.replay.library import Library, Slot
 

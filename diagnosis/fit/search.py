@@ -26,8 +26,9 @@ from jaxtyping import Float
 
 from diagnosis.fit.equations import summed
 from diagnosis.fit.fit import Fit, Set
-from diagnosis.fit.likelihood import Likelihood, Normal
+from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.reduced import Equations
+from diagnosis.fit.windows import Normal
 from diagnosis.logs.segments import WINDOW
 
 LARGEST = 3

@@ -22,8 +22,9 @@ from scipy import stats
 
 from diagnosis.fit.fit import Fit
 from diagnosis.fit.gap import channels, drifts, rms
-from diagnosis.fit.likelihood import Likelihood, Tracks
+from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.search import Problem
+from diagnosis.fit.windows import Tracks
 from diagnosis.logs.segments import WINDOW
 from diagnosis.result_parts import ChannelShrink, Shrink
 

@@ -11,8 +11,9 @@ from blind.draw.catalogue import LIBRARY, Withheld
 from blind.score.limit_checks import CHECKED, REPEATS, checks
 from blind.score.limits import DRAWS, Linear, drawn, noise_scores, size_of, sized
 from diagnosis.decision import DECISION
-from diagnosis.fit.likelihood import Likelihood, Normal
+from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.search import Problem
+from diagnosis.fit.windows import Normal
 from diagnosis.replay.library import Slot
 from simulators.effects.card import plain_card
 
@@ -45,9 +46,10 @@ class Flat(Likelihood):
     def __init__(self, angle, truth, sigma):
         columns = np.eye(4)
         columns[:2, 1] = np.cos(angle), np.sin(angle)
-        self.J, self.truth = columns / sigma / np.sqrt(WINDOWS), np.asarray(truth)
-        self.replay = types.SimpleNamespace(library=Library())
-        self.groups = [types.SimpleNamespace(start=np.zeros(1))]
+        J = columns / sigma / np.sqrt(WINDOWS)
+        replay = types.SimpleNamespace(library=Library())
+        groups = [types.SimpleNamespace(start=np.zeros(1))]
+        vars(self).update(J=J, truth=np.asarray(truth), replay=replay, groups=groups)  # frozen
 
     def normal(self, vector, along=None, others=False):
         r = self.J @ (self.truth - vector)

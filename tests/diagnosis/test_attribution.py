@@ -80,7 +80,7 @@ def test_an_error_of_the_start_costs_nothing(replay):
     for group in likelihood.groups:
         group.pos[:] += 0.02
         group.vel[:] -= 0.05
-    likelihood._replays.clear()
+    likelihood.cache.replays.clear()
     assert likelihood.normal(replay.library.neutral).chi2 == pytest.approx(before, rel=1e-3)
 
 
@@ -193,8 +193,7 @@ def test_what_the_fit_leaves_widens_intervals_as_much_as_it_should(replay):
     """Noise that is believed to be half of what it is leaves a structure of about four."""
     widths = []
     for believed in (1.0, 0.5):
-        likelihood = likelihood_of(replay, Wind(x=0.3), seconds=20.0)
-        likelihood.sigma = believed * likelihood.sigma
+        likelihood = likelihood_of(replay, Wind(x=0.3), seconds=20.0).noisier(believed)
         problem = Problem(likelihood)
         fit = problem.refit(frozenset({"wind"}), problem.nominal())
         _, low, high = intervals(problem, fit)
@@ -304,7 +303,7 @@ def test_windows_after_gaps_that_all_fit_badly_are_a_finding(replay):
     likelihood = make_likelihood(replay, tuple(flown), SIGMA)
     normal = likelihood.normal(replay.library.neutral)
     assert (normal.doubtful & (normal.c > 2.0 * normal.dof)).sum() > 0.5 * normal.doubtful.sum() > 4
-    likelihood.settle(replay.library.neutral, beyond(2.5))
+    likelihood = likelihood.settled(replay.library.neutral, beyond(2.5))
     assert not len(likelihood.aside.c)
     assert likelihood.normal(replay.library.neutral).dof.sum() == normal.dof.sum()
 
@@ -323,7 +322,7 @@ def test_flights_with_bad_windows_after_a_gap_distrust_only_those(replay):
     assert len(cmd) == 300
     flown = (dataclasses.replace(flights[0], drones=(spoiled,)), bumped(flights[1]), flights[2])
     likelihood = make_likelihood(replay, flown, SIGMA)
-    likelihood.settle(replay.library.neutral, beyond(4.0))
+    likelihood = likelihood.settled(replay.library.neutral, beyond(4.0))
     assert likelihood.aside.t.tolist() == [3.5]
     assert likelihood.aside.flight.tolist() == [0]
 

@@ -18,12 +18,14 @@ from diagnosis.decide.decidable import (
     truth_fit,
     unexplained,
 )
-from diagnosis.fit.likelihood import Likelihood, Normal
+from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.search import Problem
+from diagnosis.fit.windows import Normal
 from diagnosis.replay.library import Slot
 from simulators.effects.card import plain_card
 
 NAMES = ("drag", "mass", "trim", "wind")
+BEGUN = types.SimpleNamespace(start=np.zeros(1))
 
 
 class Library:
@@ -49,10 +51,9 @@ class Linear(Likelihood):
     """Measurements y = J theta, noise one: chi-square of theta is |y - J theta|^2."""
 
     def __init__(self, columns, truth):
-        self.J = np.asarray(columns, float).T
-        self.y = self.J @ truth
-        self.replay = types.SimpleNamespace(library=Library())
-        self.groups = [types.SimpleNamespace(start=np.zeros(1))]
+        J = np.asarray(columns, float).T
+        replay, groups = types.SimpleNamespace(library=Library()), [BEGUN]
+        vars(self).update(J=J, y=J @ truth, replay=replay, groups=groups)  # frozen, as its base
 
     def normal(self, vector, along=None, others=False):
         J, r = self.J, self.y - self.J @ vector
@@ -79,7 +80,7 @@ def problem(angle, size=100.0, hidden=0.0):
         [0.0, 0.0, 0.0, 1.0, 0.0],
     ]
     linear = Linear(columns, np.asarray([size, 0.0, 0.0, 0.0]))
-    linear.y = linear.y + np.asarray([0.0, 0.0, 0.0, 0.0, hidden])
+    vars(linear)["y"] = linear.y + np.asarray([0.0, 0.0, 0.0, 0.0, hidden])
     return Problem(linear)
 
 
@@ -102,7 +103,8 @@ def test_a_small_effect_is_undecidable_from_nominal():
 
 def test_pairs_compete_with_their_parts_and_with_other_pairs():
     linear = problem(0.5)
-    linear.likelihood.y = linear.likelihood.J @ np.asarray([50.0, 0.0, 4.0, 0.0])
+    toy = linear.likelihood
+    vars(toy)["y"] = toy.J @ np.asarray([50.0, 0.0, 4.0, 0.0])
     found = decidability(linear, {"drag": {"p": 50.0}, "trim": {"p": 4.0}})
     assert not found.decidable
     assert found.margin == pytest.approx(16.0, rel=1e-3)
@@ -150,7 +152,7 @@ def test_the_bound_of_a_factor_is_that_of_a_ratio(precision):
     """Flights tell what there is to a variance of one, the reference tells what there was."""
     was, twice = np.asarray([1.5, 0.0, 0.0, 0.0]), 2.0
     likelihood = Linear(np.eye(4), was * twice)
-    likelihood.replay = types.SimpleNamespace(library=Factors())
+    vars(likelihood)["replay"] = types.SimpleNamespace(library=Factors())
     referenced = Problem(likelihood, was, precision * np.eye(4))
     fit = truth_fit(referenced, {"drag": {"p": twice}})
     expected = np.hypot(1.0, twice / np.sqrt(precision)) / 1.5

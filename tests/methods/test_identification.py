@@ -7,7 +7,8 @@ import pytest
 from cells import same
 
 from diagnosis.fit.fit import Fit
-from diagnosis.fit.likelihood import Likelihood, Normal
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.fit.windows import Normal
 from methods.calibration import identification
 from methods.calibration.identification import (
     DITHER,
