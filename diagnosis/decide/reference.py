@@ -17,11 +17,12 @@ from jaxtyping import Bool, Float
 
 from diagnosis.decide.verdict import Floor, floor_of
 from diagnosis.decision import DECISION
+from diagnosis.fit.descent import polished
 from diagnosis.fit.equations import dispersion, loosened, spread_between
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Set
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.outliers import beyond
-from diagnosis.fit.search import Problem
 from diagnosis.replay.library import Library
 from diagnosis.result_parts import SharedParameter
 
@@ -118,12 +119,12 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread)
 
 
-def beside(likelihood: Likelihood, base: Reference | None) -> Problem:
-    """What flights may show beyond their reference, or, without one, beyond the simulator."""
+def beside(likelihood: Likelihood, base: Reference | None) -> Evidence:
+    """What flights hold against their reference, or, without one, against the simulator."""
     if base is None:
-        return Problem(likelihood)
-    precision = pinned(likelihood.replay.library, base.precision)
-    return Problem(likelihood, base.vector, precision, base.spread)
+        return Evidence.of(likelihood)
+    precision = pinned(likelihood.library, base.precision)
+    return Evidence.of(likelihood, base.vector, precision, base.spread)
 
 
 def pinned(
@@ -170,10 +171,9 @@ def _descended(
     likelihood: Likelihood, library: Library, start: Float[np.ndarray, " params"] | None = None
 ) -> Float[np.ndarray, " params"]:
     """The whole library fitted from `start`, as a shift of its neutral vector."""
-    problem, nothing = Problem(likelihood, library.neutral, np.diag(_prior(library))), Set()
+    evidence = Evidence.of(likelihood, library.neutral, np.diag(_prior(library)))
     vector = library.neutral if start is None else start
-    fit = problem.made(nothing, vector, vector - library.neutral)
-    problem.fits[nothing] = fit
+    fit = evidence.made(Set(), vector, vector - library.neutral)
     # Gains count in units of the misfit, by which the noise is enlarged in the end.
-    problem.phi = max(1.0, fit.normal.chi2 / float(fit.normal.dof.sum()))
-    return problem.polish(nothing, STEPS).vector
+    phi = max(1.0, fit.normal.chi2 / float(fit.normal.dof.sum()))
+    return polished(dataclasses.replace(evidence, phi=phi), fit, -np.inf, STEPS).vector
