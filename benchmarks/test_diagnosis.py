@@ -13,7 +13,8 @@ import pytest
 from flights_for_tests import SIGMA, flight_set, fly
 from log_tables import folder, table
 
-from diagnosis.diagnose import STEPS, diagnose, make_likelihood
+from diagnosis.decide.prepared import STEPS, make_likelihood
+from diagnosis.diagnose import diagnose
 from diagnosis.logs.flights import load_flights
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay

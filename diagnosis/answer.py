@@ -11,12 +11,14 @@ from jaxtyping import Float
 import diagnosis
 import simulators
 from diagnosis.decide.advice import next_flight
+from diagnosis.decide.prepared import Prepared, Question
 from diagnosis.decide.study import Study
 from diagnosis.decide.verdict import Verdict, at_bounds, intervals, limits, sizes
 from diagnosis.decision import DECISION
 from diagnosis.fit import gap, shrinkage
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.outliers import standing_out
-from diagnosis.fit.search import Problem
+from diagnosis.fit.search import Fits
 from diagnosis.logs.flights import FlightLog, FlightSet
 from diagnosis.logs.inputs import Inputs
 from diagnosis.logs.noise import CHANNELS, UNITS
@@ -62,25 +64,20 @@ MOST_CANDIDATES = 8
 """Sets that are listed."""
 
 
-def answer(
-    flights: FlightSet,
-    simulator: str,
-    study: Study,
-    reference: FlightSet | None,
-    exclude: Collection[str],
-) -> Diagnosis:
-    """The diagnosis; `exclude` are effects that were left out by request."""
-    problem, judged = study.problem, study.verdict
+def answer(question: Question, study: Study) -> Diagnosis:
+    """The diagnosis that answers a question, from the study of its flights."""
+    fits, judged, prepared = study.fits, study.verdict, study.prepared
+    evidence, reference = fits.evidence, question.reference
     support = tuple(_support(line) for line in study.support)
     confirmed = {line.effect for line in support if line.confirmed} & judged.chosen.effects
     verdict = verdict_of(judged.kind, bool(confirmed))
     named = judged.chosen.effects if judged.kind != "unexplained" else None
     blamed = confirmed if named is None else named
-    effects = tuple(_effect(problem, judged, n, verdict, n in blamed) for n in _named(judged))
+    effects = tuple(_effect(evidence, judged, n, verdict, n in blamed) for n in _named(judged))
     stated = [effect.probability for effect in effects]
-    seen = limits(problem, judged.chosen.fit)
+    seen = limits(evidence, judged.chosen.fit)
     remainder = _remainder(study)
-    withheld = tuple(sorted(with_aliases(exclude)))
+    withheld = tuple(sorted(with_aliases(question.exclude)))
     return Diagnosis(
         verdict=verdict,
         probability=None
@@ -89,23 +86,23 @@ def answer(
         effects=effects,
         remainder=remainder,
         doubt=_doubt(judged) if verdict == "effect" else None,
-        where=gap.where(study.every.tracks(problem.base), *_noise(study)),
-        candidates=_candidates(problem, judged, named),
+        where=gap.where(study.every.tracks(evidence.base), *_noise(study)),
+        candidates=_candidates(fits, judged, named),
         support=support,
-        shrink=shrinkage.shrink(study.drift, study.every.sigma, study.fit_ids == study.held),
+        shrink=shrinkage.shrink(study.drift, study.every.sigma, prepared.in_turn),
         next_flight=next_flight(
             judged_of(verdict),
             {effect.name: list(effect.aliases) for effect in effects} if named else {},
             _largest_regime(remainder.where),
-            _blind_to(problem.library, seen),
+            _blind_to(evidence.library, seen),
         ),
-        flights=_flights(flights, study.inputs, lambda i: _use(study, i)),
+        flights=_flights(question.flights, prepared.inputs, lambda i: _use(prepared, i)),
         reference=None
-        if reference is None or study.compared is None
-        else _flights(reference, study.compared, lambda _: "reference"),
+        if reference is None or prepared.compared is None
+        else _flights(reference, prepared.compared, lambda _: "reference"),
         settings=Settings(
-            simulator=simulator,
-            exclude=tuple(exclude),
+            simulator=question.simulator,
+            exclude=tuple(question.exclude),
             withheld=withheld,
             decision=DECISION.values(),
         ),
@@ -122,11 +119,11 @@ def _named(judged: Verdict) -> list[str]:
     return sorted(judged.chosen.effects)
 
 
-def _use(study: Study, i: int) -> Any:
+def _use(prepared: Prepared, i: int) -> Any:
     """What flight `i` was used for."""
-    if study.fit_ids == study.held:
-        return "fit, and held out in turn" if len(study.inputs.flights) > 1 else "fit"
-    return "held out" if i in study.held else "fit"
+    if prepared.in_turn:
+        return "fit, and held out in turn" if len(prepared.inputs.flights) > 1 else "fit"
+    return "held out" if i in prepared.held else "fit"
 
 
 def _flights(flights: FlightSet, inputs: Inputs, use: Callable[[int], Any]) -> Flights:
@@ -174,25 +171,25 @@ def _known(value: float | None) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
-def _effect(problem: Problem, judged: Verdict, name: str, verdict: str, blamed: bool) -> Effect:
+def _effect(evidence: Evidence, judged: Verdict, name: str, verdict: str, blamed: bool) -> Effect:
     return Effect(
         name=name,
         blamed=blamed,
         probability=judged.probability[name] if blamed else None,
         aliases=tuple(judged.aliases[name]),
-        parameters=_parameters(problem, judged, name, verdict),
+        parameters=_parameters(evidence, judged, name, verdict),
     )
 
 
 def _parameters(
-    problem: Problem, judged: Verdict, name: str, verdict: str
+    evidence: Evidence, judged: Verdict, name: str, verdict: str
 ) -> tuple[Parameter, ...]:
     """Sizes of an effect of the likeliest set, each with what it may be used for."""
     fit = judged.chosen.fit
-    free, low, high = intervals(problem, fit)
-    value, _ = sizes(problem, fit)
-    found, slots = [], problem.library.slots
-    for i, x, a, b, end in zip(free, value, low, high, at_bounds(problem, fit), strict=True):
+    free, low, high = intervals(evidence, fit)
+    value, _ = sizes(evidence, fit)
+    found, slots = [], evidence.library.slots
+    for i, x, a, b, end in zip(free, value, low, high, at_bounds(evidence, fit), strict=True):
         if slots[i].effect == name:
             known = math.isfinite(a) and math.isfinite(b)
             found.append(
@@ -229,18 +226,16 @@ def _doubt(judged: Verdict) -> Doubt | None:
     return Doubt(structure=judged.structure.value, true_share=judged.true_share)
 
 
-def _candidates(
-    problem: Problem, judged: Verdict, named: frozenset[str] | None
-) -> tuple[Candidate, ...]:
+def _candidates(fits: Fits, judged: Verdict, named: frozenset[str] | None) -> tuple[Candidate, ...]:
     """The likeliest sets; their shrinks are on the flights that they were fitted to."""
-    nominal = problem.nominal()
-    before, alone = _drift(problem, problem.base), len(np.unique(nominal.normal.flight)) < 2
+    evidence, alone = fits.evidence, len(np.unique(fits.nominal.normal.flight)) < 2
+    before = _drift(evidence, evidence.base)
     return tuple(
         Candidate(
             effects=tuple(sorted(ranked.effects)),
             posterior=ranked.probability,
-            evidence=None if alone else _known(shrinkage.evidence(problem, ranked.fit)),
-            shrink_percent=_known(100.0 * (1.0 - _drift(problem, ranked.fit.total) / before))
+            evidence=None if alone else _known(shrinkage.left_out_gain(fits, ranked.fit)),
+            shrink_percent=_known(100.0 * (1.0 - _drift(evidence, ranked.fit.total) / before))
             if before > 0
             else None,
             named=ranked.effects == named,
@@ -249,9 +244,9 @@ def _candidates(
     )
 
 
-def _drift(problem: Problem, vector: Float[np.ndarray, " params"]) -> float:
+def _drift(evidence: Evidence, vector: Float[np.ndarray, " params"]) -> float:
     """RMS position drift of the fitted flights [m]."""
-    return _rms(gap.drifts(problem.likelihood.tracks(vector))[:, :3])
+    return _rms(gap.drifts(evidence.likelihood.tracks(vector))[:, :3])
 
 
 def _rms(vectors: Float[np.ndarray, "lines 3"]) -> float:
@@ -282,15 +277,16 @@ def _blind_to(library: Library, seen: Sequence[tuple[int, float]]) -> list[str]:
 
 
 def _details(study: Study, seen: Sequence[tuple[int, float]], withheld: Collection[str]) -> Details:
-    problem, every, logs = study.problem, study.every, study.inputs.flights
-    nominal, chosen = problem.nominal().normal, study.verdict.chosen.fit.normal
-    slots, scored = problem.library.slots, [logs[i] for i in study.held]
+    evidence, every, prepared = study.fits.evidence, study.every, study.prepared
+    nominal, chosen = study.fits.nominal.normal, study.verdict.chosen.fit.normal
+    slots, logs = evidence.library.slots, prepared.inputs.flights
+    scored = [logs[i] for i in prepared.held]
     return Details(
         misfit=Misfit(
             before=_known(nominal.chi2 / float(nominal.dof.sum())),
             after=_known(chosen.chi2 / float(chosen.dof.sum())),
         ),
-        dispersion=problem.phi,
+        dispersion=evidence.phi,
         noise=_channel_noise(study),
         windows=_windows(study),
         set_aside=_set_aside(study),
@@ -304,18 +300,19 @@ def _details(study: Study, seen: Sequence[tuple[int, float]], withheld: Collecti
             for i, size in seen
         ),
         not_observable=_not_observable(study, withheld),
-        shared=study.base.shared(problem.library) if study.base else (),
+        shared=prepared.base.shared(evidence.library) if prepared.base else (),
         before_after=_along(study.drift, scored) if len(logs) > 1 else (),
-        gap_in_time=gap.in_time(every.tracks(problem.base), every.sigma),
+        gap_in_time=gap.in_time(every.tracks(evidence.base), every.sigma),
     )
 
 
 def _channel_noise(study: Study) -> tuple[ChannelNoise, ...]:
     """Noise of every channel; none of a prescribed attitude."""
+    noise, prescribed = study.prepared.noise, study.prepared.inputs.prescribed
     return tuple(
         ChannelNoise(
             channel=name,
-            sigma=None if study.inputs.prescribed and i >= 6 else float(study.noise[i]),
+            sigma=None if prescribed and i >= 6 else float(noise[i]),
             unit=unit,
         )
         for i, (name, unit) in enumerate(zip(CHANNELS, UNITS, strict=True))
@@ -330,7 +327,7 @@ def _set_aside(study: Study) -> tuple[SetAside, ...]:
     lines = zip(out.flight, out.t, out.misfit, out.doubtful, strict=True)
     return tuple(
         SetAside(
-            flight=study.inputs.flights[i].name,
+            flight=study.prepared.inputs.flights[i].name,
             t=float(t),
             misfit=float(misfit),
             after_gap=bool(doubtful),
@@ -368,7 +365,7 @@ def _along(drift: shrinkage.Drift, logs: Sequence[FlightLog]) -> tuple[DriftAlon
 
 def _not_observable(study: Study, withheld: Collection[str]) -> tuple[NotObservable, ...]:
     """Registered effects that are no candidates, and why."""
-    library, found = study.problem.library, []
+    library, found = study.fits.evidence.library, []
     for name, kind in sorted(registry.load_all("effect").items()):
         if name in library.candidates:
             continue
@@ -376,6 +373,6 @@ def _not_observable(study: Study, withheld: Collection[str]) -> tuple[NotObserva
         if name in withheld:
             why = "excluded by request, or cannot be told from what was"
         elif why == Input.ATTITUDE_CMD.value:
-            why += f" ({study.inputs.kind})"
+            why += f" ({study.prepared.inputs.kind})"
         found.append(NotObservable(effect=name, why=why))
     return tuple(found)

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from flights_for_tests import fly
 
-from diagnosis.diagnose import STEPS, diagnose
+from diagnosis.decide.prepared import STEPS
+from diagnosis.diagnose import diagnose
 from diagnosis.logs.flights import VehicleFile, load_flights, write_flights
 from simulators.contract import with_effects
 from simulators.effects.drag import Drag

@@ -23,8 +23,10 @@ from blind.score.limits import (
     sized,
 )
 from blind.score.measures import Workbench
+from diagnosis.decide.attribution import attribute
+from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decide.verdict import Verdict, judge
-from diagnosis.diagnose import attribute, make_likelihood
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.shrinkage import split
 from diagnosis.logs.flights import load_flights
 from diagnosis.logs.noise import estimate_noise
@@ -67,7 +69,7 @@ class Survey:
         common = {
             "kind": "predicted",
             "effect": name,
-            "unit": unit_of(linear.problem.library, name),
+            "unit": unit_of(linear.evidence.library, name),
             "small": size_of(drawn(name, 0)),
             "large": size_of(drawn(name, 2)),
         }
@@ -88,7 +90,7 @@ class Survey:
         return {
             "kind": "checked",
             "effect": name,
-            "unit": unit_of(linear.problem.library, name),
+            "unit": unit_of(linear.evidence.library, name),
             "seconds": n_flights * SECONDS,
             "noise": 1.0,
             "size": size,
@@ -109,7 +111,7 @@ class Survey:
         likelihood = make_likelihood(
             self._desk.replay(flights), [logs[i] for i in chosen], estimate_noise(logs)
         )
-        return judge(*attribute(likelihood, len(chosen)))
+        return judge(attribute(Evidence.of(likelihood), len(chosen)))
 
 
 def unit_of(library: Library, name: str) -> str:

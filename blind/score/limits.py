@@ -31,11 +31,11 @@ from blind.draw.catalogue import Withheld
 from blind.fly.references import N_KINDS
 from blind.score.identifiable import NEUTRAL, SECONDARY
 from diagnosis.decide import verdict
-from diagnosis.decide.decidable import truth_fit
+from diagnosis.decide.decidable import with_truth
 from diagnosis.decision import DECISION
+from diagnosis.fit.evidence import QUIET, Evidence
 from diagnosis.fit.fit import Set
-from diagnosis.fit.reduced import QUIET
-from diagnosis.fit.search import Problem
+from diagnosis.fit.search import Fits
 from diagnosis.fit.shrinkage import split
 from diagnosis.logs.segments import WINDOW
 from simulators.effects.card import Input, load_card
@@ -132,10 +132,11 @@ class _Set:
 class Linear:
     """Flights with one true effect, linearised there."""
 
-    def __init__(self, problem: Problem, effect: Withheld) -> None:
-        self.problem, self.effect = problem, effect
-        self.normal = truth_fit(problem, {effect.name: effect.parameters}).normal
-        library, size = problem.library, size_of(effect)
+    def __init__(self, fits: Fits, effect: Withheld) -> None:
+        self.evidence, self.effect = fits.evidence, effect
+        found = with_truth(fits, {effect.name: effect.parameters})
+        self.normal = found[Set({effect.name})].normal
+        library, size = self.evidence.library, size_of(effect)
         self.unit = np.zeros(len(library.slots))
         for i in library.indices(effect.name):
             name = library.slots[i].parameter
@@ -166,7 +167,7 @@ class Linear:
 
     def _largest(self) -> float:
         """The largest size within the bounds of the library."""
-        library = self.problem.library
+        library = self.evidence.library
         up, down = library.high - library.neutral, library.neutral - library.low
         room = np.where(self.unit > 0, up, down)
         used = self.unit != 0
@@ -177,10 +178,10 @@ class _Weighed:
     """The linear problem of a number of flights at some noise."""
 
     def __init__(self, linear: Linear, n_flights: int, noise: float) -> None:
-        self.linear, problem = linear, linear.problem
+        self.linear, evidence = linear, linear.evidence
         kinds = np.bincount(np.asarray(split(n_flights)[0]) % N_KINDS, minlength=N_KINDS)
         count = kinds[linear.normal.flight].astype(float)
-        self.H, self.index, self.onsets = _with_onsets(problem, linear, count / noise**2)
+        self.H, self.index, self.onsets = _with_onsets(evidence, linear, count / noise**2)
         signal = self.H[:, : len(linear.unit)] @ linear.unit
         flown = np.bincount(np.arange(n_flights) % N_KINDS, minlength=N_KINDS)
         every = flown[linear.normal.flight] / noise**2
@@ -224,7 +225,7 @@ class _Weighed:
 
     def _choices(self) -> list[tuple[Set, list[int]]]:
         """Sets with their places in `H`."""
-        library, true = self.linear.problem.library, self.linear.effect.name
+        library, true = self.linear.evidence.library, self.linear.effect.name
         own = library.indices(true)
         alone = [(name, library.indices(name)) for name in library.candidates if name != "gust"]
         alone += [("gust", onset) for onset in self.onsets]
@@ -233,20 +234,20 @@ class _Weighed:
         return found + [(Set({true, name}), own + at) for name, at in alone if name != true]
 
     def _set(self, names: Set, at: list[int], signal: np.ndarray, noise: np.ndarray) -> _Set:
-        problem = self.linear.problem
+        evidence = self.linear.evidence
         H = self.H[np.ix_(at, at)]
         scale = np.sqrt(np.maximum(np.diag(H), 1e-12))
         # One after the other, so that a bound of the last is one of what it adds to those before.
         lower = np.linalg.cholesky(H / np.outer(scale, scale) + 1e-9 * np.eye(len(at)))
         white = np.linalg.inv(lower) / scale
-        slots = [problem.library.slots[self.index[i]] for i in at]
+        slots = [evidence.library.slots[self.index[i]] for i in at]
         signs = [
             0.0
             if s.parameter in SECONDARY
             else float(s.low >= s.neutral) - float(s.high <= s.neutral)
             for s in slots
         ]
-        cost = problem.occam(H, [int(self.index[i]) for i in at])
+        cost = evidence.occam(H, [int(self.index[i]) for i in at])
         cost += DECISION.effect_cost * len(names)
         return _Set(names, white @ signal[at], noise[:, at] @ white.T, np.asarray(signs), cost)
 
@@ -266,13 +267,13 @@ def noise_scores(
 
 
 def _with_onsets(
-    problem: Problem, linear: Linear, weight: Float[np.ndarray, " windows"]
+    evidence: Evidence, linear: Linear, weight: Float[np.ndarray, " windows"]
 ) -> tuple[np.ndarray, Int[np.ndarray, " places"], list[list[int]]]:
     """Summed information with columns for gusts from every onset, each column's parameter, places.
 
     A gust that is true has its own columns, which know when it begins.
     """
-    normal, library = linear.normal, problem.library
+    normal, library = linear.normal, evidence.library
     n = len(library.slots)
     axes = [i for i in library.indices("gust") if library.slots[i].parameter != "onset"]
     scanned = len(axes) == 3 and linear.effect.name != "gust"
@@ -290,7 +291,7 @@ def _local(linear: Linear) -> tuple[Float[np.ndarray, " windows"], int]:
 
     And how many numbers it has for that.
     """
-    normal, library = linear.normal, linear.problem.library
+    normal, library = linear.normal, linear.evidence.library
     at = library.local
     H = normal.H[:, at][:, :, at]
     wanted = normal.H[:, at] @ linear.unit

@@ -22,10 +22,11 @@ from blind.fly import flying, paths
 from blind.fly.realities import DT
 from blind.fly.references import TrackedPath
 from blind.score.measures import OWN
-from diagnosis.decide.decidable import DECIDABLE, truth_fit
-from diagnosis.diagnose import STEPS, make_likelihood, nominal_simulator
-from diagnosis.fit.fit import Fit, Set
-from diagnosis.fit.search import Problem
+from diagnosis.decide.decidable import DECIDABLE, with_truth
+from diagnosis.decide.prepared import STEPS, make_likelihood, nominal_simulator
+from diagnosis.fit.evidence import Evidence
+from diagnosis.fit.fit import Set
+from diagnosis.fit.search import Fits, refit
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import Replay, make_replay
@@ -149,7 +150,7 @@ class Range:
     def __init__(self, exclude: Collection[str] = ()) -> None:
         self._exclude = exclude
         self._replay: Replay | None = None
-        self._flown: dict[tuple, tuple[Problem, Fit]] = {}
+        self._flown: dict[tuple, Fits] = {}
 
     def margins(self, truth: str, rival: str) -> Margins:
         """Bland and advised margins of one truth against one rival.
@@ -181,19 +182,20 @@ class Range:
         effect = true_effect(truth, flights, sizes)
         key = (truth, tuple(effect.parameters.items()), flights)
         if key not in self._flown:
-            problem = self._problem(effect, flights)
-            self._flown[key] = problem, truth_fit(problem, {truth: effect.parameters})
-        problem, true = self._flown[key]
-        return problem.refit(Set({rival}), problem.nominal()).objective - true.objective
+            nominal = Fits.of(self._evidence(effect, flights))
+            self._flown[key] = with_truth(nominal, {truth: effect.parameters})
+        fits, other = self._flown[key], Set({rival})
+        found = refit(fits, other, fits.nominal)[other]
+        return found.objective - fits[Set({truth})].objective
 
-    def _problem(self, effect: Withheld, flights: Flights) -> Problem:
+    def _evidence(self, effect: Withheld, flights: Flights) -> Evidence:
         flown = _fly(effect, flights)
         if self._replay is None:
             library = make_library(nominal_simulator(OWN, flown), self._exclude)
             self._replay = make_replay(library, STEPS[OWN])
         noise = flying.Noise()
         sigma = np.repeat([noise.pos, noise.vel, noise.attitude], 3)
-        return Problem(make_likelihood(self._replay, flown.flights, sigma))
+        return Evidence.of(make_likelihood(self._replay, flown.flights, sigma))
 
 
 def true_effect(truth: str, flights: Flights, sizes: Mapping[str, Parameters]) -> Withheld:

@@ -23,24 +23,20 @@ from diagnosis.decide.decidable import (
     contains,
     cramer_rao,
     decidability,
-    truth_fit,
     unexplained,
     values,
+    with_truth,
 )
+from diagnosis.decide.prepared import STEPS, make_likelihood, nominal_simulator, reference_of
 from diagnosis.decide.reference import Reference, beside, fit_reference
 from diagnosis.decision import DECISION
-from diagnosis.diagnose import (
-    STEPS,
-    make_likelihood,
-    nominal_simulator,
-    reference_of,
-)
 from diagnosis.fit import shrinkage
 from diagnosis.fit.equations import dispersion
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.outliers import beyond
-from diagnosis.fit.search import Problem
+from diagnosis.fit.search import Fits, refit
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.logs.noise import estimate_noise
 from diagnosis.replay.library import make_library, with_aliases
@@ -70,14 +66,14 @@ class Workbench:
             self._replays[several] = make_replay(library, STEPS[OWN])
         return self._replays[several]
 
-    def exact(self, case: Case) -> Problem:
-        """The problem of a case without noise, at the noise that was logged."""
+    def exact(self, case: Case) -> Fits:
+        """The nominal fit to a case without noise, at the noise that was logged."""
         flights = without_noise(case)
         noise = Noise().scaled(case.noise)
         sigma = np.repeat([noise.pos, noise.vel, noise.attitude], 3)
         likelihood = make_likelihood(self.replay(flights), flights.flights, sigma)
         base = self._reference(likelihood, _several(flights)) if self.with_reference else None
-        return beside(likelihood, base)
+        return Fits.of(beside(likelihood, base))
 
     def _reference(self, likelihood: Likelihood, several: bool) -> Reference:
         if several not in self._twin:
@@ -89,18 +85,19 @@ class Workbench:
         flights = without_noise(dataclasses.replace(clean, drones=1)).flights
         return make_likelihood(likelihood.replay, flights, likelihood.sigma)
 
-    def left(self, problem: Problem) -> float:
-        """The chi-square that undisturbed flights without noise leave, scaled to a problem's."""
-        normal = self._undisturbed(problem.likelihood).normal(problem.library.neutral)
-        return normal.chi2 * float(problem.nominal().normal.dof.sum()) / float(normal.dof.sum())
+    def left(self, fits: Fits) -> float:
+        """The chi-square that undisturbed flights without noise leave, scaled to other flights."""
+        evidence = fits.evidence
+        normal = self._undisturbed(evidence.likelihood).normal(evidence.library.neutral)
+        return normal.chi2 * float(fits.nominal.normal.dof.sum()) / float(normal.dof.sum())
 
-    def logged(self, case: Case) -> tuple[Problem, int]:
-        """The problem that the diagnosis had, with every effect, and the number of flights."""
+    def logged(self, case: Case) -> tuple[Evidence, int]:
+        """The evidence that the diagnosis had, of every effect, and the number of flights."""
         flights = load_flights(self.runs / "cases" / case.id)
         replay, sigma = self.replay(flights), estimate_noise(flights.flights)
         n = len(flights.flights)
         if not self.with_reference:
-            return Problem(make_likelihood(replay, flights.flights, sigma)), n
+            return beside(make_likelihood(replay, flights.flights, sigma), None), n
         reference = load_flights(self.runs / "reference").flights
         base = reference_of(replay, reference)
         likelihood = make_likelihood(replay, flights.flights, base.enlarged * sigma)
@@ -132,18 +129,19 @@ def measure(desk: Workbench, case: Case) -> dict[str, Any]:
 def _without_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any]:
     if case.kind == "clean":
         return {"decidable": True}
-    problem = desk.exact(case)
+    fits = desk.exact(case)
+    evidence, candidates = fits.evidence, fits.evidence.library.candidates
     if case.kind == "unknown":
-        found = unexplained(problem, list(problem.library.candidates), desk.left(problem))
+        found = unexplained(fits, list(candidates), desk.left(fits))
     elif case.kind == "excluded":
-        left = truth_fit(problem, truth).objective
+        fits = with_truth(fits, truth)
         hidden = with_aliases(case.exclude)
-        allowed = [name for name in problem.library.candidates if name not in hidden]
-        found = unexplained(problem, allowed, left)
+        allowed = [name for name in candidates if name not in hidden]
+        found = unexplained(fits, allowed, fits[Set(truth)].objective)
     else:
-        found = decidability(problem, truth)
-        fit = truth_fit(problem, truth)
-        own = {"bound": cramer_rao(problem, fit), "fitted": values(problem, fit)}
+        fits = with_truth(fits, truth)
+        found, fit = decidability(fits, truth), fits[Set(truth)]
+        own = {"bound": cramer_rao(evidence, fit), "fitted": values(evidence, fit)}
         return _json(found) | own
     return _json(found)
 
@@ -154,28 +152,27 @@ def _json(found: Decidability) -> dict[str, Any]:
 
 def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any]:
     """Held-out shrink under the true set and under the single wrong effect that looks best."""
-    problem, n = desk.logged(case)
-    fit = truth_fit(problem, truth)
-    problem.likelihood.settle(fit.total, beyond(DECISION.distrust_sigmas))
-    problem.renew()
-    fit = truth_fit(problem, truth)
-    problem.phi = dispersion(fit.normal, n)
-    nominal = problem.nominal()
+    evidence, n = desk.logged(case)
+    fits = with_truth(Fits.of(evidence), truth)
+    fits = fits.settled(fits[Set(truth)].total, beyond(DECISION.distrust_sigmas))
+    fits = with_truth(fits, truth)
+    fit = fits[Set(truth)]
+    fits = fits.weighed(dispersion(fit.normal, n))
     wrong = [
         Set({name})
-        for name in problem.library.candidates
+        for name in evidence.library.candidates
         if not any(contains(Set({name}), Set({true})) for true in truth)
     ]
-    best = max(wrong, key=lambda effects: problem.promised(nominal, effects))
+    best = max(wrong, key=lambda effects: fits.evidence.promised(fits.nominal, effects))
     return {
-        "shrink_oracle": _shrink(problem, fit, n),
-        "shrink_wrong": _shrink(problem, problem.refit(best, nominal), n),
+        "shrink_oracle": _shrink(fits.evidence, fit, n),
+        "shrink_wrong": _shrink(fits.evidence, refit(fits, best, fits.nominal)[best], n),
         "wrong": next(iter(best)),
-        "oracle": values(problem, fit),
+        "oracle": values(fits.evidence, fit),
     }
 
 
-def _shrink(problem: Problem, fit: Fit, n_flights: int) -> float | None:
+def _shrink(evidence: Evidence, fit: Fit, n_flights: int) -> float | None:
     """Shrink of the drift [%] on flights left out in turn; None with too few flights."""
-    drift = shrinkage.score(problem, fit, problem.likelihood, n_flights, lofo=True)
-    return shrinkage.shrink(drift, problem.likelihood.sigma, lofo=True).percent
+    drift = shrinkage.score(evidence, fit, evidence.likelihood, n_flights, lofo=True)
+    return shrinkage.shrink(drift, evidence.likelihood.sigma, lofo=True).percent

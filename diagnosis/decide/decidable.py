@@ -23,8 +23,9 @@ import numpy as np
 from jaxtyping import Float
 
 from diagnosis.decide.verdict import sizes
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit, Set
-from diagnosis.fit.search import Problem
+from diagnosis.fit.search import Fits, refit
 from simulators.effects.card import load_card
 
 DECIDABLE = 25.0
@@ -55,15 +56,15 @@ class Decidability:
     """Chi-square that the truth leaves: what the library and the reality do not agree on."""
 
 
-def truth_fit(problem: Problem, truth: Parameters) -> Fit:
-    """The true set, started at its true values.
+def with_truth(fits: Fits, truth: Parameters) -> Fits:
+    """These with the true set, started at its true values.
 
     Raises:
         ValueError: A name is not in the library.
     """
-    library = problem.library
-    vector = problem.base.copy()
-    for effect, values in truth.items():
+    evidence, library = fits.evidence, fits.evidence.library
+    vector = evidence.base.copy()
+    for effect, given in truth.items():
         if effect not in library.effects:
             raise ValueError(
                 f"`truth` must name effects of the library ({', '.join(library.effects)}), got "
@@ -71,47 +72,45 @@ def truth_fit(problem: Problem, truth: Parameters) -> Fit:
             )
         for i in library.indices(effect):
             slot = library.slots[i]
-            true = values.get(slot.parameter, slot.neutral)
-            vector[i] = slot.on_top(true, problem.base[i])
+            true = given.get(slot.parameter, slot.neutral)
+            vector[i] = slot.on_top(true, evidence.base[i])
     effects = Set(truth)
-    return problem.refit(
-        effects, dataclasses.replace(problem.nominal(), effects=effects, vector=vector)
-    )
+    near = dataclasses.replace(fits.nominal, effects=effects, vector=vector)
+    return refit(fits, effects, near)
 
 
-def decidability(problem: Problem, truth: Parameters) -> Decidability:
+def decidability(fits: Fits, truth: Parameters) -> Decidability:
     """Whether the true set can be told from every other one of at most as many effects."""
-    true = truth_fit(problem, truth)
-    nominal = problem.nominal()
-    gap = nominal.objective - true.objective
+    fits = with_truth(fits, truth)
+    true = fits[Set(truth)]
+    gap = fits.nominal.objective - true.objective
     best, found = Set(), gap
     refitted = True
-    screened = sorted(_screened(problem, true), key=lambda item: item[1])
+    screened = sorted(_screened(fits, true), key=lambda item: item[1])
     for rival, excess in screened[:REFITS]:
         if found < DECIDABLE or excess > DECIDABLE + CLOSE * gap:
             break
-        fit = problem.refit(rival, _near(problem, rival))
-        if fit.objective - true.objective < found:
-            best, found = rival, fit.objective - true.objective
-    if screened and screened[0][1] < found and screened[0][0] not in problem.fits:
+        fits = refit(fits, rival, _near(fits, rival))
+        if fits[rival].objective - true.objective < found:
+            best, found = rival, fits[rival].objective - true.objective
+    if screened and screened[0][1] < found and screened[0][0] not in fits.by_set:
         best, found, refitted = *screened[0], False
     left = true.objective
     return Decidability(found >= DECIDABLE, found, tuple(sorted(best)), refitted, gap, left)
 
 
 def unexplained(
-    problem: Problem, allowed: Collection[str], left: float, largest: int = 2
+    fits: Fits, allowed: Collection[str], left: float, largest: int = 2
 ) -> Decidability:
     """Whether the flights differ from nominal and from every set of allowed effects.
 
     Args:
-        problem: Flights without noise.
+        fits: Flights without noise.
         allowed: Effects of the library that may be named.
         left: Chi-square that the truth would leave.
         largest: Number of effects in the largest sets.
     """
-    nominal = problem.nominal()
-    front, best = [nominal], nominal
+    front, best = [fits.nominal], fits.nominal
     for _ in range(largest):
         grown = {
             fit.effects | {name}: fit
@@ -119,34 +118,36 @@ def unexplained(
             for name in allowed
             if name not in fit.effects
         }
-        promised = {s: problem.promised(near, s) for s, near in grown.items()}
+        promised = {s: fits.evidence.promised(near, s) for s, near in grown.items()}
         chosen = sorted(promised, key=lambda s: -promised[s])[: REFITS - 1]
-        front = sorted((problem.refit(s, grown[s]) for s in chosen), key=lambda f: f.objective)[:2]
+        for effects in chosen:
+            fits = refit(fits, effects, grown[effects])
+        front = sorted((fits[effects] for effects in chosen), key=lambda f: f.objective)[:2]
         best = min([best, *front], key=lambda f: f.objective)
     margin = best.objective - left
-    gap = nominal.objective - left
+    gap = fits.nominal.objective - left
     return Decidability(margin >= DECIDABLE, margin, tuple(sorted(best.effects)), True, gap, left)
 
 
-def cramer_rao(problem: Problem, fit: Fit) -> Parameters:
+def cramer_rao(evidence: Evidence, fit: Fit) -> Parameters:
     """Smallest standard deviation of each parameter of a set, by effect, in the parameter's unit.
 
     Of what `values` gives. What these flights say nothing about is left out.
     """
-    return _named(problem, fit, sizes(problem, fit)[1])
+    return _named(evidence, fit, sizes(evidence, fit)[1])
 
 
-def values(problem: Problem, fit: Fit) -> Parameters:
+def values(evidence: Evidence, fit: Fit) -> Parameters:
     """The parameters of a fit by effect, on top of what nominal and reference differ by."""
-    return _named(problem, fit, sizes(problem, fit)[0])
+    return _named(evidence, fit, sizes(evidence, fit)[0])
 
 
-def _named(problem: Problem, fit: Fit, numbers: Float[np.ndarray, " free"]) -> Parameters:
+def _named(evidence: Evidence, fit: Fit, numbers: Float[np.ndarray, " free"]) -> Parameters:
     """Finite numbers of a set's free entries by effect and parameter."""
     found: dict[str, dict[str, float]] = {}
-    for i, number in zip(problem.free(fit.effects), numbers, strict=True):
+    for i, number in zip(evidence.free(fit.effects), numbers, strict=True):
         if np.isfinite(number):
-            slot = problem.library.slots[i]
+            slot = evidence.library.slots[i]
             found.setdefault(slot.effect, {})[slot.parameter] = float(number)
     return found
 
@@ -165,28 +166,28 @@ def contains(effects: Set, truth: Set) -> bool:
     return found >= truth
 
 
-def _screened(problem: Problem, true: Fit) -> Iterator[tuple[Set, float]]:
+def _screened(fits: Fits, true: Fit) -> Iterator[tuple[Set, float]]:
     """Every rival with the chi-square beyond the truth's that it promises at least."""
-    nominal = problem.nominal()
-    for rival in rivals(true.effects, problem.library.candidates):
-        from_nominal = nominal.objective - problem.gain(nominal, rival)
-        from_truth = true.objective + _exchanged(problem, true, rival)
+    evidence, nominal = fits.evidence, fits.nominal
+    for rival in rivals(true.effects, evidence.library.candidates):
+        from_nominal = nominal.objective - evidence.gain(nominal, rival)
+        from_truth = true.objective + _exchanged(evidence, true, rival)
         yield rival, min(from_nominal, from_truth) - true.objective
 
 
-def _exchanged(problem: Problem, true: Fit, rival: Set) -> float:
+def _exchanged(evidence: Evidence, true: Fit, rival: Set) -> float:
     """Rise of chi-square if true effects go to neutral and the rival's take their place."""
-    gone = problem.free(true.effects - rival)
-    new = problem.free(rival)
-    H, g = problem.reduced(true.normal, true, [*gone, *new])
+    gone = evidence.free(true.effects - rival)
+    new = evidence.free(rival)
+    H, g = evidence.reduced(true.normal, true, [*gone, *new])
     n = len(gone)
-    back: Float[np.ndarray, " gone"] = (problem.base + true.shared - true.vector)[gone]
+    back: Float[np.ndarray, " gone"] = (evidence.base + true.shared - true.vector)[gone]
     right = g[n:] - H[n:, :n] @ back
     gain = float(right @ np.linalg.pinv(H[n:, n:], hermitian=True, rcond=1e-9) @ right)
     return float(back @ H[:n, :n] @ back - 2.0 * g[:n] @ back) - gain
 
 
-def _near(problem: Problem, rival: Set) -> Fit:
+def _near(fits: Fits, rival: Set) -> Fit:
     """The best fit of a part of `rival` to start from."""
-    parts = [fit for effects, fit in problem.fits.items() if effects and effects < rival]
-    return min(parts, key=lambda fit: fit.objective, default=problem.nominal())
+    parts = [fit for effects, fit in fits.by_set.items() if effects and effects < rival]
+    return min(parts, key=lambda fit: fit.objective, default=fits.nominal)

@@ -17,11 +17,12 @@ from jaxtyping import Bool, Float
 
 from diagnosis.decide.verdict import Floor, floor_of
 from diagnosis.decision import DECISION
+from diagnosis.fit.descent import polished
 from diagnosis.fit.equations import dispersion, loosened, spread_between
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Set
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.outliers import beyond
-from diagnosis.fit.search import Problem
 from diagnosis.replay.library import Library
 from diagnosis.result_parts import SharedParameter
 
@@ -97,7 +98,7 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     library = likelihood.replay.library
     n_flights = len({flight for group in likelihood.groups for flight in group.flight})
     vector = _descended(likelihood, library)
-    likelihood.settle(vector, beyond(DECISION.reference_distrust_sigmas))
+    likelihood = likelihood.settled(vector, beyond(DECISION.reference_distrust_sigmas))
     vector = _descended(likelihood, library, vector)
     normal = likelihood.normal(vector)
     per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / likelihood.n_channels)
@@ -105,8 +106,9 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     # directions, and roll and pitch, take the larger of their two.
     per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])
     enlarged = np.sqrt(np.maximum(per_channel, 1.0))
-    likelihood.sigma = likelihood.sigma * enlarged
-    likelihood.settle(vector, beyond(DECISION.reference_distrust_sigmas))
+    likelihood = likelihood.noisier(enlarged).settled(
+        vector, beyond(DECISION.reference_distrust_sigmas)
+    )
     normal = likelihood.normal(vector)
     floor, prior = floor_of(library, normal), _prior(library)
     spread = spread_between(normal, _shared(library))
@@ -117,12 +119,12 @@ def fit_reference(likelihood: Likelihood) -> Reference:
     return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread)
 
 
-def beside(likelihood: Likelihood, base: Reference | None) -> Problem:
-    """What flights may show beyond their reference, or, without one, beyond the simulator."""
+def beside(likelihood: Likelihood, base: Reference | None) -> Evidence:
+    """What flights hold against their reference, or, without one, against the simulator."""
     if base is None:
-        return Problem(likelihood)
-    precision = pinned(likelihood.replay.library, base.precision)
-    return Problem(likelihood, base.vector, precision, base.spread)
+        return Evidence.of(likelihood)
+    precision = pinned(likelihood.library, base.precision)
+    return Evidence.of(likelihood, base.vector, precision, base.spread)
 
 
 def pinned(
@@ -169,10 +171,9 @@ def _descended(
     likelihood: Likelihood, library: Library, start: Float[np.ndarray, " params"] | None = None
 ) -> Float[np.ndarray, " params"]:
     """The whole library fitted from `start`, as a shift of its neutral vector."""
-    problem, nothing = Problem(likelihood, library.neutral, np.diag(_prior(library))), Set()
+    evidence = Evidence.of(likelihood, library.neutral, np.diag(_prior(library)))
     vector = library.neutral if start is None else start
-    fit = problem.made(nothing, vector, vector - library.neutral)
-    problem.fits[nothing] = fit
+    fit = evidence.made(Set(), vector, vector - library.neutral)
     # Gains count in units of the misfit, by which the noise is enlarged in the end.
-    problem.phi = max(1.0, fit.normal.chi2 / float(fit.normal.dof.sum()))
-    return problem.polish(nothing, STEPS).vector
+    phi = max(1.0, fit.normal.chi2 / float(fit.normal.dof.sum()))
+    return polished(dataclasses.replace(evidence, phi=phi), fit, -np.inf, STEPS).vector

@@ -3,59 +3,53 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float
 
-from diagnosis.decide.reference import Reference
-from diagnosis.decide.support import Support
+from diagnosis.decide.attribution import attribute
+from diagnosis.decide.prepared import Prepared, Progress, Question, prepare, silent
+from diagnosis.decide.reference import beside
+from diagnosis.decide.support import Support, judge_supported
 from diagnosis.decide.verdict import FOLLOWED, Verdict
 from diagnosis.decision import DECISION
 from diagnosis.fit import shrinkage
 from diagnosis.fit.likelihood import Likelihood
-from diagnosis.fit.search import Problem
-from diagnosis.logs.inputs import Inputs
+from diagnosis.fit.outliers import beyond
+from diagnosis.fit.search import Fits
 
 
 @dataclasses.dataclass(frozen=True)
 class Study:
     """Flights replayed in one way, with what came of it."""
 
-    inputs: Inputs
-    """The flights as they are driven, those that hold nothing to compare left out."""
-    compared: Inputs | None
-    """The reference flights, likewise."""
-    base: Reference | None
-    """What the reference flights say."""
-    problem: Problem
+    prepared: Prepared
+    """The flights, the simulator and the reference."""
+    fits: Fits
     """Fits of candidate sets."""
     verdict: Verdict
     """Which set."""
     support: tuple[Support, ...]
     """What flights left out of the fit say where the simulator does not follow flights."""
     every: Likelihood
-    """All flights."""
+    """All flights, settled at the chosen set."""
     drift: shrinkage.Drift
     """Held-out flights before and after."""
-    fit_ids: list[int]
-    """Flights that were fitted."""
-    held: list[int]
-    """Flights that were scored; all of them, one left out in turn, where they are few."""
-    noise: Float[np.ndarray, " 9"]
-    """Noise of the logs, before a reference enlarged it."""
 
     def attitude_lost(self) -> bool:
         """Whether nothing explains the attitude, so that it spoils what thrust and forces say.
 
         Beside reference flights whose own attitude nothing explains, no change is clear either.
         """
-        if self.inputs.prescribed:
+        if self.prepared.inputs.prescribed:
             return False
-        if self.base is not None and np.max(self.base.enlarged[6:]) ** 2 > DECISION.attitude_lost:
+        if (
+            self.prepared.base is not None
+            and np.max(self.prepared.base.enlarged[6:]) ** 2 > DECISION.attitude_lost
+        ):
             return True
         if self.verdict.kind != "unexplained":
             return False
         normal = self.verdict.chosen.fit.normal
         chi2 = normal.kind.sum(axis=0)[6:] / (normal.dof.sum() / self.every.n_channels)
-        enlarged = (self.every.sigma / self.noise)[6:] ** 2
+        enlarged = (self.every.sigma / self.prepared.noise)[6:] ** 2
         return bool(np.max(chi2 * enlarged) > DECISION.attitude_lost)
 
     def convinces(self) -> bool:
@@ -63,7 +57,41 @@ class Study:
 
         The noise of the measured attitude enters the forces, which a small effect could explain.
         """
-        floor = self.base.floor if self.base else FOLLOWED
+        floor = self.prepared.base.floor if self.prepared.base else FOLLOWED
         found = self.verdict.found.exceeds(DECISION.slight_structure, floor)
         share = self.verdict.unexplained_share
         return found and self.verdict.kind == "effect" and share < DECISION.forces_explained
+
+
+def study(question: Question, progress: Progress = silent) -> Study:
+    """What came of the flights, replayed in the way that says most.
+
+    Where nothing explains the attitude, that is the measured one, if it makes a cause clear.
+
+    Raises:
+        LogError: As `prepare`.
+    """
+    found = conclude(prepare(question, progress=progress), progress)
+    if not found.attitude_lost():
+        return found
+    progress("again, with the measured attitude", 0.05)
+    other = conclude(prepare(question, prescribe=True, progress=progress), progress)
+    return other if other.convinces() else found
+
+
+def conclude(prepared: Prepared, progress: Progress = silent) -> Study:
+    """The fits of prepared flights, the verdict on them, and how far the gap shrinks."""
+    base, fit_ids, in_turn = prepared.base, prepared.fit_ids, prepared.in_turn
+    evidence = beside(prepared.every if in_turn else prepared.part(fit_ids), base)
+    fits = attribute(evidence, len(fit_ids), base.phi if base else 1.0, progress)
+    found = judge_supported(fits, base.floor if base else FOLLOWED)
+    progress("scoring held-out flights", 0.9)
+    fit, fits = found.verdict.chosen.fit, found.fits
+    every = scored = fits.evidence.likelihood
+    if not in_turn:
+        spoiled = beyond(DECISION.distrust_sigmas)
+        every = prepared.every.settled(fit.total, spoiled)
+        scored = prepared.part(prepared.held).settled(fit.total, spoiled)
+    n_flights = len(prepared.inputs.flights)
+    drift = shrinkage.score(fits.evidence, fit, scored, n_flights, in_turn)
+    return Study(prepared, fits, found.verdict, found.support, every, drift)

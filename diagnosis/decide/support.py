@@ -7,7 +7,6 @@ followed less well, by more than they differ among each other (t-interval, 95 %)
 """
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 from scipy import stats
@@ -15,7 +14,7 @@ from scipy import stats
 from diagnosis.decide.verdict import Floor, Verdict, judge
 from diagnosis.decision import DECISION
 from diagnosis.fit.fit import Fit
-from diagnosis.fit.search import Problem
+from diagnosis.fit.search import Fits, polish, without
 from diagnosis.fit.shrinkage import FEW, misfits
 
 
@@ -45,42 +44,57 @@ class Support:
         return self.percent is not None and not self.clear
 
 
-def support(problem: Problem, fit: Fit) -> list[Support]:
-    """What each effect of a set does for flights left out in turn; most helpful first."""
-    found = [_of(problem, fit, name) for name in sorted(fit.effects)]
-    return sorted(found, key=lambda one: -(one.percent or 0.0))
+def support(fits: Fits, fit: Fit) -> tuple[Fits, list[Support]]:
+    """What each effect of a set does for flights left out in turn; most helpful first.
+
+    And the fits with those that this took further.
+    """
+    found = []
+    for name in sorted(fit.effects):
+        fits, one = _of(fits, fit, name)
+        found.append(one)
+    return fits, sorted(found, key=lambda one: -(one.percent or 0.0))
 
 
-def judged(
-    problem: Problem, fits: Sequence[Fit], floor: Floor
-) -> tuple[Verdict, tuple[Support, ...]]:
+@dataclasses.dataclass(frozen=True)
+class Judgement:
+    """A verdict with the fits that it rests on."""
+
+    fits: Fits
+    """All fits, taken further where flights were left out."""
+    verdict: Verdict
+    """Which set, and how surely."""
+    support: tuple[Support, ...] = ()
+    """What flights left out of the fit say where the simulator does not follow flights."""
+
+
+def judge_supported(fits: Fits, floor: Floor) -> Judgement:
     """The verdict, and what left-out flights say where the simulator does not follow flights.
 
     Only beside reference flights that it does not follow at all are effects dropped that they do
     not confirm: there, evidence would name a small second one for what is only the simulator's.
     Those stand last.
     """
-    verdict, dropped = judge(problem, fits, floor), []
+    verdict, dropped = judge(fits, floor), []
     while verdict.kind == "unexplained" or floor.unlike > 0.0:
-        lines = support(problem, verdict.chosen.fit)
+        fits, lines = support(fits, verdict.chosen.fit)
         idle = [one for one in lines if one.idle]
         if not idle or verdict.kind != "effect" or floor.value <= DECISION.structure:
-            return verdict, (*lines, *dropped)
+            return Judgement(fits, verdict, (*lines, *dropped))
         dropped.append(idle[-1])
-        gone = {one.effect for one in dropped}
-        verdict = judge(problem, [f for f in problem.ranked() if not gone & f.effects], floor)
-    return verdict, ()
+        verdict = judge(fits, floor, {one.effect for one in dropped})
+    return Judgement(fits, verdict)
 
 
-def _of(problem: Problem, fit: Fit, name: str) -> Support:
+def _of(fits: Fits, fit: Fit, name: str) -> tuple[Fits, Support]:
     n = len(np.unique(fit.normal.flight))
     if n < FEW:
-        return Support(name, None, None, None, n)
+        return fits, Support(name, None, None, None, n)
     # A flight is left out to first order, which needs fits that have ended, the worse one too.
-    fit = problem.polish(fit.effects, hopeless=np.inf)
-    without = problem.without(fit, name, hopeless=np.inf)
-    without = problem.polish(without.effects, hopeless=np.inf)
-    ratio = np.log(misfits(problem, fit) / misfits(problem, without))
+    fits = polish(fits, fit.effects, hopeless=np.inf)
+    fit, less = fits[fit.effects], fit.effects - {name}
+    fits = polish(without(fits, fit, name, hopeless=np.inf), less, hopeless=np.inf)
+    ratio = np.log(misfits(fits.evidence, fit) / misfits(fits.evidence, fits[less]))
     half = stats.t.ppf(0.975, n - 1) * np.std(ratio, ddof=1) / np.sqrt(n)
     percent = -100.0 * np.expm1(ratio.mean() + half * np.asarray([0.0, 1.0, -1.0]))
-    return Support(name, float(percent[0]), float(percent[1]), float(percent[2]), n)
+    return fits, Support(name, float(percent[0]), float(percent[1]), float(percent[2]), n)

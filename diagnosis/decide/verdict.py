@@ -11,16 +11,17 @@ Every threshold stands in `Decision` with its evidence.
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from diagnosis.decision import DECISION
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit, Set
-from diagnosis.fit.likelihood import Normal
-from diagnosis.fit.search import Problem
+from diagnosis.fit.search import Fits
+from diagnosis.fit.windows import Normal
 from diagnosis.replay.library import Library
 from diagnosis.result_parts import AtBound
 from diagnosis.statements import Judged
@@ -104,14 +105,14 @@ class Verdict:
     """Part of the gap beyond noise that the best set leaves."""
 
 
-def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Verdict:
-    """The verdict on fits of `problem`, where `floor` comes from reference flights."""
-    nominal = problem.nominal()
-    cost = _cost(problem, fits, floor)
-    ranked = _posterior(problem, fits, cost)
+def judge(fits: Fits, floor: Floor = FOLLOWED, dropped: Collection[str] = ()) -> Verdict:
+    """The verdict on the fits that hold no `dropped` effect; `floor` is of reference flights."""
+    evidence = fits.evidence
+    among = [fit for fit in fits.ranked() if not fit.effects & set(dropped)]
+    ranked = _posterior(fits, among, _cost(fits, among, floor))
     chosen = ranked[0]
-    left = structure(problem.library, chosen.fit.normal)
-    found = structure(problem.library, nominal.normal)
+    left = structure(evidence.library, chosen.fit.normal)
+    found = structure(evidence.library, fits.nominal.normal)
     share = (left.value - floor.value) / max(found.value - floor.value, 1e-9)
     share = float(np.clip(share, 0.0, 1.0)) if found.value > floor.value else 0.0
     kind: Judged = "effect" if chosen.effects else "none"
@@ -132,7 +133,7 @@ def judge(problem: Problem, fits: Sequence[Fit], floor: Floor = FOLLOWED) -> Ver
             name: true * sum(r.probability for r in ranked if name in r.effects)
             for name in sorted(chosen.effects)
         },
-        aliases={name: _aliases(problem, ranked, name) for name in sorted(chosen.effects)},
+        aliases={name: _aliases(evidence, ranked, name) for name in sorted(chosen.effects)},
         found=found,
         structure=left,
         unexplained_share=share,
@@ -150,39 +151,39 @@ def unexplained(
     return clear | exceeds(DECISION.slight_structure) & (share > DECISION.much_share)
 
 
-def _cost(problem: Problem, fits: Sequence[Fit], floor: Floor) -> float:
+def _cost(fits: Fits, among: Sequence[Fit], floor: Floor) -> float:
     """What an effect costs [nats]."""
-    gap = problem.nominal().objective - min(fit.objective for fit in fits)
-    least = 0.0 if problem.precision is None else DECISION.least_share
+    gap = fits.nominal.objective - min(fit.objective for fit in among)
+    least = 0.0 if fits.evidence.precision is None else DECISION.least_share
     share = max(least, floor.unlike * DECISION.worthy_share)
-    return DECISION.effect_cost + share * 0.5 * max(gap, 0.0) / problem.phi
+    return DECISION.effect_cost + share * 0.5 * max(gap, 0.0) / fits.evidence.phi
 
 
-def _posterior(problem: Problem, fits: Sequence[Fit], cost: float) -> list[Ranked]:
+def _posterior(fits: Fits, among: Sequence[Fit], cost: float) -> list[Ranked]:
     """Sets by probability; single effects that were only screened count with what they promise."""
-    log = np.asarray([problem.log_evidence(fit) - cost * len(fit.effects) for fit in fits])
-    nominal = problem.nominal()
-    seen = {fit.effects for fit in fits}
+    evidence = fits.evidence
+    log = np.asarray([evidence.log_evidence(fit) - cost * len(fit.effects) for fit in among])
+    seen = {fit.effects for fit in among}
     screened = [
-        problem.promised(nominal, Set({name})) - cost
-        for name in problem.library.candidates
+        evidence.promised(fits.nominal, Set({name})) - cost
+        for name in evidence.library.candidates
         if Set({name}) not in seen
     ]
     every = np.concatenate([log, screened])
     weight = np.exp(every - every.max())
     probability = weight[: len(log)] / weight.sum()
     order = np.argsort(-probability, kind="stable")
-    return [Ranked(fits[i].effects, float(probability[i]), fits[i]) for i in order]
+    return [Ranked(among[i].effects, float(probability[i]), among[i]) for i in order]
 
 
-def _aliases(problem: Problem, ranked: Sequence[Ranked], name: str) -> list[str]:
+def _aliases(evidence: Evidence, ranked: Sequence[Ranked], name: str) -> list[str]:
     """Effects whose exchange for `name` costs less than `alias_nats`, likeliest first."""
-    rest, best = ranked[0].effects - {name}, problem.log_evidence(ranked[0].fit)
+    rest, best = ranked[0].effects - {name}, evidence.log_evidence(ranked[0].fit)
     found = []
     for other in ranked:
         new = other.effects - rest
         exchanged = rest < other.effects and len(new) == 1 and name not in other.effects
-        if exchanged and best - problem.log_evidence(other.fit) < DECISION.alias_nats:
+        if exchanged and best - evidence.log_evidence(other.fit) < DECISION.alias_nats:
             found.extend(sorted(new))
     return found
 
@@ -217,7 +218,7 @@ def floor_of(library: Library, normal: Normal) -> Floor:
 
 
 def intervals(
-    problem: Problem, fit: Fit
+    evidence: Evidence, fit: Fit
 ) -> tuple[list[int], Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
     """Free entries of a set's vector with the ends of their 95 % intervals.
 
@@ -226,15 +227,15 @@ def intervals(
     all flights have in common and no effect describes, moves parameters by as much, and flights do
     not differ in it. They have no end where flights say nothing of a parameter.
     """
-    free = problem.free(fit.effects)
-    phi = problem.phi * max(1.0, structure(problem.library, fit.normal).value)
-    value, error = sizes(problem, fit)
+    free = evidence.free(fit.effects)
+    phi = evidence.phi * max(1.0, structure(evidence.library, fit.normal).value)
+    value, error = sizes(evidence, fit)
     width = 1.96 * DECISION.interval_widening * np.sqrt(phi) * error
     return free, value - width, value + width
 
 
 def sizes(
-    problem: Problem, fit: Fit
+    evidence: Evidence, fit: Fit
 ) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
     """Free entries of a set's vector on top of what the reference has, with standard errors.
 
@@ -242,7 +243,11 @@ def sizes(
     of `phi`, infinite where flights say nothing of a parameter; a factor of what is known badly may
     be known well.
     """
-    base, slots, free = problem.base + fit.shift, problem.library.slots, problem.free(fit.effects)
+    base, slots, free = (
+        evidence.base + fit.shift,
+        evidence.library.slots,
+        evidence.free(fit.effects),
+    )
     if not free:
         return np.zeros(0), np.zeros(0)
     found = [slots[i].beyond(fit.total[i], base[i]) for i in free]
@@ -250,13 +255,13 @@ def sizes(
     following = [
         slots[i].neutral - x if slots[i].factor else 0.0 for i, x in zip(free, value, strict=True)
     ]
-    return value, np.abs(slope) * np.sqrt(problem.variance(fit, free, np.asarray(following)))
+    return value, np.abs(slope) * np.sqrt(evidence.variance(fit, free, np.asarray(following)))
 
 
-def at_bounds(problem: Problem, fit: Fit) -> list[AtBound]:
+def at_bounds(evidence: Evidence, fit: Fit) -> list[AtBound]:
     """Of each free entry of a set's vector, the end of its allowed range at which it lies."""
-    free, found = problem.free(fit.effects), []
-    for i, low, high in zip(free, *problem.bounds_of(free), strict=True):
+    free, found = evidence.free(fit.effects), []
+    for i, low, high in zip(free, *evidence.bounds_of(free), strict=True):
         ends: tuple[tuple[AtBound, float], ...] = (("low", low), ("high", high))
         at = [end for end, x in ends if math.isclose(fit.total[i], x, rel_tol=1e-6, abs_tol=1e-9)]
         found.append(at[0] if at else "no")
@@ -264,20 +269,20 @@ def at_bounds(problem: Problem, fit: Fit) -> list[AtBound]:
 
 
 def limits(
-    problem: Problem, fit: Fit, sigmas: float = DECISION.limit_sigmas
+    evidence: Evidence, fit: Fit, sigmas: float = DECISION.limit_sigmas
 ) -> list[tuple[int, float]]:
     """Smallest size of each parameter that these flights would have shown, by Fisher information.
 
     The parameters of the best set are estimated along; other effects are taken as absent.
     """
-    chosen = problem.free(fit.effects)
+    chosen = evidence.free(fit.effects)
     found = []
     for i in range(len(fit.vector)):
-        hidden = problem.library.slots[i].effect in problem.library.withheld
+        hidden = evidence.library.slots[i].effect in evidence.library.withheld
         if hidden or i in chosen or fit.normal.H[:, i, i].sum() <= 0:
             continue
-        H, _ = problem.reduced(fit.normal, fit, [*chosen, i])
+        H, _ = evidence.reduced(fit.normal, fit, [*chosen, i])
         variance = np.linalg.pinv(H, hermitian=True)[-1, -1]
         if variance > 0.0:  # by rounding, less than nothing may be left of what is hardly seen
-            found.append((i, float(sigmas * np.sqrt(problem.phi * variance))))
+            found.append((i, float(sigmas * np.sqrt(evidence.phi * variance))))
     return found

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2
 
-from diagnosis.fit.likelihood import Normal
+from diagnosis.fit.windows import Normal
 from diagnosis.logs.segments import WINDOW
 
 BY_CHANCE = 0.001

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.fit.likelihood import Normal
+from diagnosis.fit.windows import Normal
 
 Set = frozenset[str]
 """Names of effects."""

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from diagnosis.fit.likelihood import Tracks
+from diagnosis.fit.windows import Tracks
 from diagnosis.logs.noise import UNSEEN
 from diagnosis.logs.segments import WINDOW
 from diagnosis.result_parts import ChannelGap, GapInTime, RegimeGap

@@ -9,9 +9,10 @@ velocity, six numbers a drone), which nothing is known of and which is projected
 is independent from window to window, because windows share no row. In the first windows (`SHOWN`)
 after the attitude was set to a measured one, y also holds A z with z ~ N(0, 1), errors of that
 attitude, the angular velocity and the rotors (`TURN`); r and J below are multiplied by
-(I + A A')^(-1/2), A taken at one vector for all (`settle`). Where all attitudes are measured ones,
-the noise of every window's force takes their place (`shaken`): clean flights were `unexplained`
-without it. With r the projected, whitened residual, J its derivative, every candidate set needs
+(I + A A')^(-1/2), A taken at one vector for all (`Likelihood.settled`). Where all attitudes are
+measured ones, the noise of every window's force takes their place (`shaken`): clean flights were
+`unexplained` without it. With r the projected, whitened residual, J its derivative, every candidate
+set needs
 
     H = J'J,   g = J'r,   c = r'r,   summed over windows and kept per window and flight.
 
@@ -26,13 +27,16 @@ not there.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
+from diagnosis.fit.replay_cache import Flown, ReplayCache
+from diagnosis.fit.windows import Normal, Spoiled, Tracks, counted, tracked
 from diagnosis.logs.noise import UNSEEN
-from diagnosis.logs.segments import WINDOW, Segments, enough
+from diagnosis.logs.segments import WINDOW, Segments
+from diagnosis.replay.library import Library
 from diagnosis.replay.replay import Prediction, Replay
 from diagnosis.replay.whitening import (
     TURN,
@@ -45,117 +49,70 @@ from diagnosis.replay.whitening import (
     unit,
 )
 
-KEPT = 2**29
-"""Bytes of replays that are kept, so that scoring a fit does not fly it again; two at least."""
 NARROW = 8
 """Directions of a replay along some parameters only; all of them cost several times as much."""
-SLOPES = 2**28
-"""Most bytes of slopes that are kept for replays along few parameters."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Normal:
-    """Normal equations at one parameter vector, per window (of all drones together)."""
-
-    vector: Float[np.ndarray, " params"]
-    """Where the simulator was linearised."""
-    H: Float[np.ndarray, "windows params params"]
-    """J'J."""
-    g: Float[np.ndarray, "windows params"]
-    """J'r."""
-    c: Float[np.ndarray, " windows"]
-    """r'r, the window's chi-square."""
-    dof: Float[np.ndarray, " windows"]
-    """Numbers in r less the numbers of the start."""
-    flight: Int[np.ndarray, " windows"]
-    """Flight of each window."""
-    t: Float[np.ndarray, " windows"]
-    """Start of each window since the flight's first row [s]."""
-    kind: Float[np.ndarray, "windows 9"]
-    """chi-square of each channel."""
-    doubtful: Bool[np.ndarray, " windows"]
-    """Windows in which an unknown command may still show."""
-
-    @property
-    def chi2(self) -> float:
-        """Chi-square of all windows."""
-        return float(self.c.sum())
-
-    @property
-    def misfit(self) -> Float[np.ndarray, " windows"]:
-        """Chi-square of each window over its numbers."""
-        return self.c / np.maximum(self.dof, 1.0)
-
-    def of(self, chosen: np.ndarray) -> "Normal":
-        """The windows that are chosen, by a mask or by their indices."""
-        per_window = {
-            field.name: getattr(self, field.name)[chosen]
-            for field in dataclasses.fields(self)
-            if field.name != "vector"
-        }
-        return dataclasses.replace(self, **per_window)
-
-    def by_flight(self) -> list["Normal"]:
-        """Those of every flight."""
-        return [self.of(self.flight == flight) for flight in np.unique(self.flight)]
-
-
-Spoiled = Callable[[Normal], Bool[np.ndarray, " windows"]]
-"""Which windows are not to count (`outliers.py`)."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Tracks:
-    """Windows as they were measured and predicted, one line a drone and window."""
-
-    row: Float[np.ndarray, "lines nodes 9"]
-    """Measured position [m], velocity [m/s], roll, pitch, yaw [rad]."""
-    residual: Float[np.ndarray, "lines nodes 9"]
-    """Measured minus predicted."""
-    time: Float[np.ndarray, "lines nodes"]
-    """Time of each node since the start of its window [s]."""
-    valid: Bool[np.ndarray, "lines nodes"]
-    """Which nodes count."""
-    thrust: Float[np.ndarray, " lines"]
-    """Mean commanded thrust [N]."""
-    distance: Float[np.ndarray, " lines"]
-    """Smallest distance to another drone [m]; infinite for a drone alone."""
-    battery: Float[np.ndarray, " lines"]
-    """Mean voltage of the battery [V]; NaN where it is not known."""
-    flight: Int[np.ndarray, " lines"]
-    """Flight of each line."""
-    t: Float[np.ndarray, " lines"]
-    """Start of the window since the flight's first row [s]."""
-
-
 class Likelihood:
-    """The likelihood of flights under one library; flights with as many drones make a group.
+    """The likelihood of flights under one library; flights with as many drones make a group."""
 
-    `shake` is the noise of a window's mean force [m/s^2] where measured attitudes are prescribed.
-    `aside` are the windows that do not count, `typical` is the misfit of those that do.
-    """
+    replay: Replay
+    """The library, and how its commands are flown."""
+    groups: Sequence[Segments]
+    """Flights cut into windows."""
+    sigma: Float[np.ndarray, " 9"]
+    """Noise of each channel [m, m/s, rad]."""
+    shake: float = 0.0
+    """Noise of a window's mean force [m/s^2] where measured attitudes are prescribed."""
+    settled_at: Float[np.ndarray, " params"] | None = None
+    """Vector as at which errors of the start act; the nominal simulator's if None."""
+    trusted: Bool[np.ndarray, " windows"] | None = None
+    """Windows that count; all that hold numbers if None."""
+    aside: Normal | None = None
+    """Windows that were left out when this was settled."""
+    typical: float = 1.0
+    """Misfit of the median window that counts."""
+    cache: ReplayCache = dataclasses.field(default_factory=ReplayCache, repr=False, compare=False)
+    """Replays flown so far. A likelihood with another noise or start needs another cache."""
 
-    def __init__(
-        self,
-        replay: Replay,
-        groups: Sequence[Segments],
-        sigma: Float[np.ndarray, " 9"],
-        shake: float = 0.0,
-    ) -> None:
-        self.replay, self.groups, self.sigma, self.shake = replay, list(groups), sigma, shake
-        self.n_params = len(replay.library.slots)
-        self.trusted: Bool[np.ndarray, " windows"] | None = None
-        self.aside: Normal | None = None
-        self.typical = 1.0
-        self._replays: dict[tuple, tuple[dict, dict]] = {}
-        self._settled = np.array(replay.library.neutral, float)
-        self._turns: dict[tuple[int, int], Turns] = {}
-        self._slopes: dict[tuple[int, int], np.ndarray] = {}
+    @property
+    def library(self) -> Library:
+        """The effects and the simulator."""
+        return self.replay.library
+
+    @property
+    def n_params(self) -> int:
+        """Entries of a vector."""
+        return len(self.library.slots)
 
     @property
     def n_channels(self) -> int:
         """Numbers that a node measures: nine, six without a prescribed attitude's."""
         return int(np.count_nonzero(self.sigma < UNSEEN))
+
+    def noisier(self, factor: Float[np.ndarray, " 9"] | float) -> "Likelihood":
+        """The same flights with the noise of each channel multiplied by `factor`."""
+        return dataclasses.replace(self, sigma=self.sigma * factor, cache=ReplayCache())
+
+    def settled(
+        self, vector: Float[np.ndarray, " params"], spoiled: Spoiled | None = None
+    ) -> "Likelihood":
+        """With errors of the start as at `vector`, and without the windows `spoiled` there."""
+        every = dataclasses.replace(
+            self, settled_at=np.array(vector, float), trusted=None, cache=ReplayCache()
+        )
+        normal = every.normal(vector)
+        bad = np.zeros(len(normal.c), bool) if spoiled is None else spoiled(normal)
+        whole = np.concatenate([every._dof(group) for group in every.groups]) > 0
+        trusted = whole.copy()
+        trusted[whole] = ~bad
+        return dataclasses.replace(
+            every,
+            trusted=trusted,
+            aside=normal.of(bad),
+            typical=float(np.median(normal.misfit[~bad])) if not bad.all() else 1.0,
+        )
 
     def normal(
         self,
@@ -170,29 +127,40 @@ class Likelihood:
         """
         equations, _ = self._replayed(vector, along, others)
         whole = Normal(vector=np.array(vector, float), **equations)
-        counted = whole.dof > 0 if self.trusted is None else self.trusted
-        return whole if counted.all() else whole.of(counted)
+        kept = whole.dof > 0 if self.trusted is None else self.trusted
+        return whole if kept.all() else whole.of(kept)
+
+    def tracks(self, vectors: Float[np.ndarray, "*flights params"]) -> Tracks:
+        """Measured and predicted windows, at one vector or at one for each flight."""
+        joined = self._replayed(vectors, ())[1]
+        some = joined["valid"].any(axis=1)
+        if self.trusted is not None:
+            some &= np.concatenate(self._per_line(self.trusted))
+        return Tracks(**{key: value[some] for key, value in joined.items()})
+
+    @property
+    def _start_vector(self) -> Float[np.ndarray, " params"]:
+        return self.library.neutral if self.settled_at is None else self.settled_at
 
     def _replayed(
         self,
         vectors: Float[np.ndarray, "*flights params"],
         along: Sequence[int] | None = None,
         others: bool = False,
-    ) -> tuple[dict, dict]:
+    ) -> Flown:
         """Equations and tracks of all windows; the last few replays are kept."""
-        vectors = np.asarray(vectors, float)
-        if not self._turns and not np.array_equal(vectors, self._settled):
-            self._replayed(self._settled)
-        known = self._turns and (self._slopes or not others)
+        vectors, cache = np.asarray(vectors, float), self.cache
+        if not cache.turns and not np.array_equal(vectors, self._start_vector):
+            self._replayed(self._start_vector)
+        known = cache.turns and (cache.slopes or not others)
         if along is not None and (len(along) > NARROW or not known):
             along = None
-        same = vectors.tobytes() + self.sigma.tobytes()
+        same = vectors.tobytes()
         key = (same, along if along is None else tuple(along), others and along is not None)
-        found = self._replays.get((same, None, False)) or self._replays.get(key)
+        found = cache.replays.get((same, None, False)) or cache.replays.get(key)
         if found is None:
             found = self._fly(vectors, along, others)
-            self._forget(_bytes(found))
-            self._replays[key] = found
+            cache.keep(key, found)
         return found
 
     # Parameters at which a simulation blows up give NaN, which no comparison prefers.
@@ -202,10 +170,10 @@ class Likelihood:
         vectors: Float[np.ndarray, "*flights params"],
         along: Sequence[int] | None,
         others: bool,
-    ) -> tuple[dict, dict]:
+    ) -> Flown:
         """Equations along all parameters or those at `along`, and tracks."""
         if along is None:
-            self._slopes.clear()
+            self.cache.slopes.clear()
         equations, tracks = [], []
         chosen_params = range(self.n_params) if along is None else along
         directions = np.zeros((self.n_params if along is None else NARROW, self.n_params))
@@ -215,36 +183,20 @@ class Likelihood:
             each = np.broadcast_to(vectors, (n_flights, self.n_params))
             for chosen, prediction in self.replay(group, each, directions, turns=along is None):
                 at = (i, chosen.start)
-                if at not in self._turns:
-                    self._turns[at] = self._turned(group, chosen, prediction)
-                r, J = self.whitened(group, chosen, prediction, self._turns[at])
+                if at not in self.cache.turns:
+                    self.cache.turns[at] = self._turned(group, chosen, prediction)
+                turns = self.cache.turns[at]
+                r, J = self._whitened(group, chosen, prediction, turns)
                 if along is None:
-                    self._keep(at, J)
+                    self.cache.keep_slopes(at, J)
                 elif others:
-                    J = np.concatenate([J[: len(along)], self._slopes[at]])
-                    J = J[self._merged(along)]
-                found = self._equations(group, chosen, r, J, self._turns[at])
+                    J = self.cache.merged_slopes(at, along, J)
+                found = self._equations(group, chosen, r, J, turns)
                 if along is not None and not others:
                     found = self._spread(found, along)
                 equations.append(found)
-                tracks.append(self._tracks(group, chosen, prediction))
+                tracks.append(tracked(group, chosen, prediction, self.replay.dt))
         return _joined(equations), _joined(tracks)
-
-    def _keep(self, at: tuple[int, int], slopes: np.ndarray) -> None:
-        """Remembers the slopes of a batch; none at all if they are too many or not finite."""
-        slopes = slopes.astype(np.float32)
-        kept = sum(x.nbytes for x in self._slopes.values()) + slopes.nbytes
-        first = at == (0, 0)
-        if (first or self._slopes) and kept <= SLOPES and np.isfinite(slopes).all():
-            self._slopes[at] = slopes
-        else:
-            self._slopes.clear()
-
-    def _merged(self, along: Sequence[int]) -> Int[np.ndarray, " params"]:
-        """Where each parameter's slope stands among those at `along`, followed by those of all."""
-        places = len(along) + np.arange(self.n_params)
-        places[list(along)] = np.arange(len(along))
-        return places
 
     def _spread(
         self, equations: dict[str, np.ndarray], along: Sequence[int]
@@ -256,31 +208,8 @@ class Likelihood:
         g[:, at] = equations["g"][:, :k]
         return equations | {"H": H, "g": g}
 
-    def _forget(self, room: int) -> None:
-        """Drops the oldest replays until there is room for another of so many bytes."""
-        sizes = {key: _bytes(found) for key, found in self._replays.items()}
-        for key in list(sizes):
-            if len(self._replays) < 2 or sum(sizes.values()) + room <= KEPT:
-                return
-            del self._replays[key], sizes[key]
-
-    def settle(self, vector: Float[np.ndarray, " params"], spoiled: Spoiled | None = None) -> None:
-        """Takes errors of the start to act as at `vector`; windows `spoiled` there do not count."""
-        self._settled, self.trusted = np.array(vector, float), None
-        self._turns.clear()
-        self._slopes.clear()
-        self._replays.clear()
-        normal = self.normal(vector)
-        bad = np.zeros(len(normal.c), bool) if spoiled is None else spoiled(normal)
-        self.aside = normal.of(bad)
-        self.typical = float(np.median(normal.misfit[~bad])) if not bad.all() else 1.0
-        counted = np.concatenate([self._dof(group) for group in self.groups]) > 0
-        trusted = counted.copy()
-        trusted[counted] = ~bad
-        self.trusted = trusted
-
     def _dof(self, group: Segments) -> Float[np.ndarray, " windows"]:
-        return self._numbers(self._valid(group, slice(None))).reshape(-1).astype(float)
+        return self._numbers(counted(group, slice(None))).reshape(-1).astype(float)
 
     def _numbers(self, valid: Bool[np.ndarray, "segments windows drones nodes"]) -> np.ndarray:
         """Numbers of each window less those of the start; a prescribed attitude counts none."""
@@ -292,7 +221,7 @@ class Likelihood:
         n_windows = r.shape[0] * r.shape[1]
         flat = r.reshape(n_windows, -1)
         J = np.moveaxis(J.reshape(len(J), n_windows, -1), 0, 1)
-        dof = self._numbers(self._valid(group, chosen)).reshape(n_windows)
+        dof = self._numbers(counted(group, chosen)).reshape(n_windows)
         index = np.arange(1, r.shape[1] + 1)
         return {
             "H": J @ np.swapaxes(J, 1, 2),
@@ -305,14 +234,6 @@ class Likelihood:
             "doubtful": group.doubtful[chosen, 1:].reshape(-1),
         }
 
-    def tracks(self, vectors: Float[np.ndarray, "*flights params"]) -> Tracks:
-        """Measured and predicted windows, at one vector or at one for each flight."""
-        joined = self._replayed(vectors, ())[1]
-        some = joined["valid"].any(axis=1)
-        if self.trusted is not None:
-            some &= np.concatenate(self._per_line(self.trusted))
-        return Tracks(**{key: value[some] for key, value in joined.items()})
-
     def _per_line(self, windows: Bool[np.ndarray, " windows"]) -> list[np.ndarray]:
         """Something per window, repeated for every drone, group by group."""
         found, begin = [], 0
@@ -323,41 +244,7 @@ class Likelihood:
             begin += count
         return found
 
-    def _tracks(
-        self, group: Segments, chosen: slice, prediction: Prediction
-    ) -> dict[str, np.ndarray]:
-        valid = self._valid(group, chosen)
-        shape = valid.shape[:3]
-        lines = int(np.prod(shape))
-        row = group.row[chosen, 1:]
-        thrust = group.cmd[chosen].reshape(shape[0], shape[1] + 1, -1, shape[2], 4)[..., 3]
-        pos = group.pos[chosen, 1:]
-        apart = np.linalg.norm(pos[:, :, :, None] - pos[:, :, None], axis=-1)
-        apart = np.where(np.eye(shape[2], dtype=bool), np.inf, apart).min(axis=-1)
-        nodes = valid.shape[3]
-        battery = np.full(shape, np.nan)
-        volts = group.voltage[chosen].reshape(shape[0], shape[1] + 1, -1)[:, 1:].mean(axis=2)
-        battery[..., 0] = np.where(volts > 0.0, volts, np.nan)
-        start = group.start[chosen][:, None] + WINDOW * np.arange(1, shape[1] + 1)
-        per_drone = lambda x: np.broadcast_to(x[..., None], shape).reshape(lines)  # noqa: E731
-        return {
-            "row": row.reshape(lines, nodes, 9),
-            "residual": residual(row, prediction.value).reshape(lines, nodes, 9),
-            "time": (group.place[chosen, 1:] * self.replay.dt).reshape(lines, nodes),
-            "valid": valid.reshape(lines, nodes),
-            "thrust": thrust[:, 1:].mean(axis=2).reshape(lines),
-            "distance": apart.reshape(lines),
-            "battery": battery.reshape(lines),
-            "flight": per_drone(np.repeat(group.flight[chosen][:, None], shape[1], axis=1)),
-            "t": per_drone(start),
-        }
-
-    def _valid(
-        self, group: Segments, chosen: slice
-    ) -> Bool[np.ndarray, "segments windows drones nodes"]:
-        return enough(group.valid[chosen, 1:])
-
-    def whitened(
+    def _whitened(
         self, group: Segments, chosen: slice, prediction: Prediction, turns: Turns
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
         """Whitened residual and derivative without what the start of each window may explain."""
@@ -369,7 +256,7 @@ class Likelihood:
         return turns.taken(r)[0], turns.taken(J)
 
     def _scale(self, group: Segments, chosen: slice) -> Float[np.ndarray, "..."]:
-        return self._valid(group, chosen)[..., None] / self.sigma
+        return counted(group, chosen)[..., None] / self.sigma
 
     def _turned(self, group: Segments, chosen: slice, prediction: Prediction) -> Turns:
         turned = shown(group.fresh[chosen])
@@ -382,11 +269,11 @@ class Likelihood:
 
     def _starts(self, group: Segments, chosen: slice) -> Float[np.ndarray, "..."]:
         """Basis of what starts can change [2, pos/vel, segments, windows, drones, nodes, axes]."""
-        dt, valid = self.replay.dt, self._valid(group, chosen)
+        dt, valid = self.replay.dt, counted(group, chosen)
         t = group.place[chosen, 1:][..., None] * dt
-        counted = np.maximum(valid.sum(axis=3), 1)[..., None]
-        vel = np.sum(group.row[chosen, 1:, ..., 3:6] * valid[..., None], axis=3) / counted
-        rate = self.replay.library.braking(self._settled, vel)[..., None, :]
+        nodes = np.maximum(valid.sum(axis=3), 1)[..., None]
+        vel = np.sum(group.row[chosen, 1:, ..., 3:6] * valid[..., None], axis=3) / nodes
+        rate = self.replay.library.braking(self._start_vector, vel)[..., None, :]
         rate = np.where(np.abs(rate) > 1e-6, rate, 1e-6)
         fade, reach = np.exp(-rate * t), -np.expm1(-rate * t) / rate
         on = valid[..., None] * np.ones(3)
@@ -399,10 +286,6 @@ class Likelihood:
         first = unit(design[0])
         second = design[1] - first * np.sum(first * design[1], axis=(0, 4), keepdims=True)
         return np.stack([first, unit(second)])
-
-
-def _bytes(found: tuple[dict, dict]) -> int:
-    return sum(array.nbytes for part in found for array in part.values())
 
 
 def _joined(parts: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

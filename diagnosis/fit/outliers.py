@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from diagnosis.decision import DECISION
-from diagnosis.fit.likelihood import Normal, Spoiled
+from diagnosis.fit.windows import Normal, Spoiled
 
 
 def beyond(limit: float) -> Spoiled:

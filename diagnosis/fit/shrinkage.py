@@ -20,10 +20,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit
 from diagnosis.fit.gap import channels, drifts, rms
-from diagnosis.fit.likelihood import Likelihood, Tracks
-from diagnosis.fit.search import Problem
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.fit.search import Fits
+from diagnosis.fit.windows import Tracks
 from diagnosis.logs.segments import WINDOW
 from diagnosis.result_parts import ChannelShrink, Shrink
 
@@ -52,28 +54,28 @@ class Drift:
     """With the chosen effects; parameters from other flights."""
 
 
-def left_out(problem: Problem, fit: Fit, flight: int) -> Float[np.ndarray, " params"]:
+def left_out(evidence: Evidence, fit: Fit, flight: int) -> Float[np.ndarray, " params"]:
     """The fit's parameters without one flight, by the normal equations at the fit.
 
     What the flights share with a reference is estimated from those that are left, too.
     """
     kept = fit.normal.flight != flight
-    if problem.precision is not None:
-        flown = problem.as_flown(fit)
-        return problem.joint_step(flown, others=flown.normal.of(kept))[0]
-    free = problem.free(fit.effects)
-    step, _ = problem.solve(fit.normal.of(kept), fit, free)
+    if evidence.precision is not None:
+        flown = evidence.as_flown(fit)
+        return evidence.joint_step(flown, others=flown.normal.of(kept))[0]
+    free = evidence.free(fit.effects)
+    step, _ = evidence.solve(fit.normal.of(kept), fit, free)
     vector = fit.total.copy()
-    vector[free] = np.clip(vector[free] + step, problem.low[free], problem.high[free])
+    vector[free] = np.clip(vector[free] + step, evidence.low[free], evidence.high[free])
     return vector
 
 
-def score(problem: Problem, fit: Fit, scored: Likelihood, n_flights: int, lofo: bool) -> Drift:
+def score(evidence: Evidence, fit: Fit, scored: Likelihood, n_flights: int, lofo: bool) -> Drift:
     """Tracks of the flights in `scored`; leaving one out in turn where `lofo`."""
-    before = scored.tracks(problem.base)
+    before = scored.tracks(evidence.base)
     if not lofo:
         return Drift(before, scored.tracks(fit.total))
-    vectors = np.stack([left_out(problem, fit, flight) for flight in range(n_flights)])
+    vectors = np.stack([left_out(evidence, fit, flight) for flight in range(n_flights)])
     return Drift(before, scored.tracks(vectors))
 
 
@@ -128,17 +130,17 @@ def _by_channel(drift: Drift, sigma: Float[np.ndarray, " 9"]) -> tuple[ChannelSh
     return tuple(found)
 
 
-def misfits(problem: Problem, fit: Fit) -> Float[np.ndarray, " flights"]:
+def misfits(evidence: Evidence, fit: Fit) -> Float[np.ndarray, " flights"]:
     """Chi-square of every flight under parameters fitted to the others, to first order."""
     found = []
     for flight in np.unique(fit.normal.flight):
         mine = fit.normal.of(fit.normal.flight == flight)
-        step = left_out(problem, fit, int(flight)) - fit.total
+        step = left_out(evidence, fit, int(flight)) - fit.total
         found.append(mine.c.sum() - 2 * mine.g.sum(0) @ step + step @ mine.H.sum(0) @ step)
     return np.asarray(found)
 
 
-def evidence(problem: Problem, fit: Fit) -> float:
+def left_out_gain(fits: Fits, fit: Fit) -> float:
     """Log-likelihood gain over no effect on flights left out in turn, in nats."""
-    both = (misfits(problem, one).sum() for one in (problem.nominal(), fit))
-    return float(0.5 * np.subtract(*both) / problem.phi)
+    both = (misfits(fits.evidence, one).sum() for one in (fits.nominal, fit))
+    return float(0.5 * np.subtract(*both) / fits.evidence.phi)

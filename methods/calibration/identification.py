@@ -36,9 +36,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from diagnosis.fit.equations import dispersion
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit
 from diagnosis.fit.likelihood import Likelihood
-from diagnosis.fit.search import Problem
+from diagnosis.fit.search import Fits, search
 from diagnosis.logs.flights import DroneLog, FlightLog
 from diagnosis.logs.segments import cut
 from diagnosis.replay.library import Library, make_library
@@ -167,12 +168,10 @@ def choose(likelihood: Likelihood, n_flights: int, largest: int) -> Fit:
     What a name costs is a question of diagnosis; a policy is trained in the better fit of two sets
     that are equally likely.
     """
-    problem = Problem(likelihood)
-    fullest = problem.search(largest)[0]
-    problem.phi = dispersion(fullest.normal, n_flights)
-    fits = problem.search(largest)
-    most = problem.log_evidence(fits[0])
-    likely = [fit for fit in fits if problem.log_evidence(fit) > most - EQUAL]
+    fits = search(Fits.of(Evidence.of(likelihood)), largest)
+    fits = search(fits.weighed(dispersion(fits.best.normal, n_flights)), largest)
+    least = fits.below_best(EQUAL)
+    likely = [fit for fit in fits.ranked() if fits.evidence.log_evidence(fit) > least]
     return min(likely, key=lambda fit: fit.objective)
 
 

@@ -1,42 +1,23 @@
 """Limits on a linear toy with closed forms, and how effects are sized."""
 
 import types
-from types import MappingProxyType
 
 import numpy as np
 import pytest
 from scipy import stats
+from toy_library import toy_library
 
 from blind.draw.catalogue import LIBRARY, Withheld
 from blind.score.limit_checks import CHECKED, REPEATS, checks
 from blind.score.limits import DRAWS, Linear, drawn, noise_scores, size_of, sized
 from diagnosis.decision import DECISION
-from diagnosis.fit.likelihood import Likelihood, Normal
-from diagnosis.fit.search import Problem
-from diagnosis.replay.library import Slot
-from simulators.effects.card import plain_card
+from diagnosis.fit.evidence import Evidence
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.fit.search import Fits
+from diagnosis.fit.windows import Normal
 
-NAMES = ("drag", "mass", "trim", "wind")
 WINDOWS = 4000
 """So many that their structure hardly scatters."""
-
-
-class Library:
-    """Four effects of one parameter each."""
-
-    effects = dict.fromkeys(NAMES)
-    candidates = NAMES
-    slots = tuple(
-        Slot(effect=n, parameter="x", unit="m", neutral=0.0, low=-1.0, high=1.0) for n in NAMES
-    )
-    onsets, local = MappingProxyType({}), [NAMES.index("trim"), NAMES.index("wind")]
-    neutral, low, high = np.zeros(4), np.full(4, -1.0), np.full(4, 1.0)
-
-    def indices(self, effect):
-        return [NAMES.index(effect)] if effect in NAMES else []
-
-    def card(self, name):
-        return plain_card(name)
 
 
 class Flat(Likelihood):
@@ -45,9 +26,10 @@ class Flat(Likelihood):
     def __init__(self, angle, truth, sigma):
         columns = np.eye(4)
         columns[:2, 1] = np.cos(angle), np.sin(angle)
-        self.J, self.truth = columns / sigma / np.sqrt(WINDOWS), np.asarray(truth)
-        self.replay = types.SimpleNamespace(library=Library())
-        self.groups = [types.SimpleNamespace(start=np.zeros(1))]
+        J = columns / sigma / np.sqrt(WINDOWS)
+        replay = types.SimpleNamespace(library=toy_library("x", "m", 1.0, local=("trim", "wind")))
+        groups = [types.SimpleNamespace(start=np.zeros(1))]
+        vars(self).update(J=J, truth=np.asarray(truth), replay=replay, groups=groups)  # frozen
 
     def normal(self, vector, along=None, others=False):
         r = self.J @ (self.truth - vector)
@@ -67,7 +49,7 @@ class Flat(Likelihood):
 
 def linear(angle=np.pi / 2, sigma=1e-3):
     effect = Withheld("drag", {"x": 0.02})
-    return Linear(Problem(Flat(angle, [0.02, 0.0, 0.0, 0.0], sigma)), effect)
+    return Linear(Fits.of(Evidence.of(Flat(angle, [0.02, 0.0, 0.0, 0.0], sigma))), effect)
 
 
 def test_without_rivals_the_limit_is_that_of_a_noncentral_chi_square():

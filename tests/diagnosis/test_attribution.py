@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
-from diagnosis.decide.reference import fit_reference
+from diagnosis.decide.attribution import attribute
+from diagnosis.decide.prepared import make_likelihood
+from diagnosis.decide.reference import beside, fit_reference
 from diagnosis.decide.verdict import (
     Floor,
     intervals,
@@ -15,10 +17,11 @@ from diagnosis.decide.verdict import (
     structure,
 )
 from diagnosis.decision import DECISION
-from diagnosis.diagnose import attribute, diagnose, make_likelihood
+from diagnosis.diagnose import diagnose
 from diagnosis.fit.equations import dispersion
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.outliers import beyond
-from diagnosis.fit.search import Problem
+from diagnosis.fit.search import Fits, refit
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.replay import make_replay
 from simulators.contract import with_effects
@@ -46,8 +49,15 @@ def likelihood_of(replay, *effects, **settings):
 
 def judged(replay, *effects, n_flights=6, **settings):
     likelihood = likelihood_of(replay, *effects, n_flights=n_flights, **settings)
-    problem, fits = attribute(likelihood, n_flights)
-    return problem, judge(problem, fits)
+    fits = attribute(Evidence.of(likelihood), n_flights)
+    return fits, judge(fits)
+
+
+def beside_reference(replay, old, new):
+    """What old flights say, and the fits of new ones beside them."""
+    base = fit_reference(make_likelihood(replay, old, SIGMA))
+    evidence = beside(make_likelihood(replay, new, base.enlarged * SIGMA), base)
+    return base, attribute(evidence, len(new), base.phi)
 
 
 def vector_of(replay, **values):
@@ -80,7 +90,7 @@ def test_an_error_of_the_start_costs_nothing(replay):
     for group in likelihood.groups:
         group.pos[:] += 0.02
         group.vel[:] -= 0.05
-    likelihood._replays.clear()
+    likelihood.cache.replays.clear()
     assert likelihood.normal(replay.library.neutral).chi2 == pytest.approx(before, rel=1e-3)
 
 
@@ -98,14 +108,14 @@ def test_an_error_of_the_start_costs_nothing(replay):
     ],
 )
 def test_a_withheld_effect_is_named_with_its_size(replay, effect, name):
-    problem, verdict = judged(replay, effect, seed=3)
+    fits, verdict = judged(replay, effect, seed=3)
     assert verdict.kind == "effect"
     assert len(verdict.chosen.effects) == 1
     (chosen,) = verdict.chosen.effects
     assert name in {chosen, *verdict.aliases[chosen]}
-    free, low, high = intervals(problem, problem.fits[frozenset({name})])
+    free, low, high = intervals(fits.evidence, fits[frozenset({name})])
     for i, a, b in zip(free, low, high, strict=True):
-        truth = float(getattr(effect, problem.library.slots[i].parameter))
+        truth = float(getattr(effect, replay.library.slots[i].parameter))
         slack = 0.5 * (b - a) + 1e-3  # four sigmas, for sixteen intervals at once
         assert a - slack < truth < b + slack
 
@@ -147,11 +157,11 @@ class Shaking(WrenchEffect):
 
 
 def test_a_force_that_no_candidate_has_stays_unexplained(replay):
-    problem, verdict = judged(replay, Shaking())
+    fits, verdict = judged(replay, Shaking())
     assert verdict.kind == "unexplained"
     assert verdict.unexplained_share > 0.5
     assert verdict.structure.value > 5.0
-    assert structure(problem.library, problem.nominal().normal).value > 5.0
+    assert structure(replay.library, fits.nominal.normal).value > 5.0
 
 
 class Trembling(Shaking):
@@ -161,10 +171,10 @@ class Trembling(Shaking):
 
 
 def test_what_leaves_structure_is_doubted_also_where_the_reference_leaves_as_much(replay):
-    problem, verdict = judged(replay, Wind(x=1.5), Trembling(), seed=5)
+    fits, verdict = judged(replay, Wind(x=1.5), Trembling(), seed=5)
     left = verdict.structure
     assert left.exceeds(DECISION.slight_structure, Floor())
-    beside = judge(problem, problem.ranked(), Floor(left.value))
+    beside = judge(fits, Floor(left.value))
     assert not left.exceeds(DECISION.slight_structure, Floor(left.value))
     assert beside.kind == "effect"
     assert beside.chosen.effects == {"wind"}
@@ -182,9 +192,9 @@ def test_intervals_cover_the_truth_as_often_as_they_say(replay):
     inside = []
     for seed in range(20):
         likelihood = likelihood_of(replay, Wind(x=0.3), n_flights=3, seconds=4.0, seed=seed)
-        problem = Problem(likelihood)
-        fit = problem.refit(frozenset({"wind"}), problem.nominal())
-        _, low, high = intervals(problem, fit)
+        fits, wind = Fits.of(Evidence.of(likelihood)), frozenset({"wind"})
+        fit = refit(fits, wind, fits.nominal)[wind]
+        _, low, high = intervals(fits.evidence, fit)
         inside += list((low < [0.3, 0, 0]) & (high > [0.3, 0, 0]))
     assert np.mean(inside) > 0.86  # 60 intervals of 95 %: below this by chance in 1 of 200
 
@@ -193,11 +203,10 @@ def test_what_the_fit_leaves_widens_intervals_as_much_as_it_should(replay):
     """Noise that is believed to be half of what it is leaves a structure of about four."""
     widths = []
     for believed in (1.0, 0.5):
-        likelihood = likelihood_of(replay, Wind(x=0.3), seconds=20.0)
-        likelihood.sigma = believed * likelihood.sigma
-        problem = Problem(likelihood)
-        fit = problem.refit(frozenset({"wind"}), problem.nominal())
-        _, low, high = intervals(problem, fit)
+        likelihood = likelihood_of(replay, Wind(x=0.3), seconds=20.0).noisier(believed)
+        fits, wind = Fits.of(Evidence.of(likelihood)), frozenset({"wind"})
+        fit = refit(fits, wind, fits.nominal)[wind]
+        _, low, high = intervals(fits.evidence, fit)
         widths.append(high - low)
     np.testing.assert_allclose(widths[1], widths[0], rtol=0.15)
 
@@ -216,9 +225,9 @@ def test_dispersion_of_independent_noise_is_one_and_of_moody_flights_is_not(repl
 def test_the_smallest_visible_size_falls_with_the_root_of_flight_time(replay):
     sizes = []
     for n_flights in (2, 8):
-        problem, _ = attribute(likelihood_of(replay, n_flights=n_flights), n_flights)
-        problem.phi = 1.0
-        found = {problem.library.slots[i]: x for i, x in limits(problem, problem.nominal())}
+        evidence = Evidence.of(likelihood_of(replay, n_flights=n_flights))
+        fits = attribute(evidence, n_flights).weighed(1.0)
+        found = {replay.library.slots[i]: x for i, x in limits(fits.evidence, fits.nominal)}
         sizes.append(next(x for slot, x in found.items() if slot.effect == "drag"))
     assert sizes[0] / sizes[1] == pytest.approx(2.0, rel=0.35)
 
@@ -226,12 +235,11 @@ def test_the_smallest_visible_size_falls_with_the_root_of_flight_time(replay):
 def test_a_reference_takes_out_what_both_sets_share(replay):
     old = point_mass_set(Drag(c=0.5), seed=1).flights
     new = point_mass_set(Drag(c=0.5), Wind(x=0.4), seed=2).flights
-    base = fit_reference(make_likelihood(replay, old, SIGMA))
-    problem, fits = attribute(make_likelihood(replay, new, base.enlarged * SIGMA), len(new), base)
-    verdict = judge(problem, fits, base.floor)
+    base, fits = beside_reference(replay, old, new)
+    verdict = judge(fits, base.floor)
     assert verdict.chosen.effects == {"wind"}
-    free, low, high = intervals(problem, verdict.chosen.fit)
-    assert problem.library.slots[free[0]].parameter == "x"
+    free, low, high = intervals(fits.evidence, verdict.chosen.fit)
+    assert replay.library.slots[free[0]].parameter == "x"
     assert low[0] - 0.02 < 0.4 < high[0] + 0.02
     assert any(shared.effect == "drag" for shared in base.shared(replay.library))
 
@@ -239,9 +247,8 @@ def test_a_reference_takes_out_what_both_sets_share(replay):
 def test_a_gust_is_found_beside_a_reference(replay):
     old = point_mass_set(Drag(c=0.5), seed=1).flights
     new = point_mass_set(Drag(c=0.5), Gust(x=0.3, y=0.8, onset=4.42), seed=2).flights
-    base = fit_reference(make_likelihood(replay, old, SIGMA))
-    problem, fits = attribute(make_likelihood(replay, new, base.enlarged * SIGMA), len(new), base)
-    assert judge(problem, fits, base.floor).chosen.effects == {"gust"}
+    base, fits = beside_reference(replay, old, new)
+    assert judge(fits, base.floor).chosen.effects == {"gust"}
 
 
 def test_what_a_reference_does_not_show_is_not_shared_with_it(replay):
@@ -259,13 +266,12 @@ def test_an_excluded_effect_describes_the_reference_but_no_change():
     level = [*at, library.indices("rotor_drag")[1]]
     old = point_mass_set(Drag(c=0.5), seed=1).flights
     new = point_mass_set(Drag(c=0.9), seed=2).flights
-    base = fit_reference(make_likelihood(replay, old, SIGMA))
+    base, fits = beside_reference(replay, old, new)
     assert base.vector[level].sum() == pytest.approx(0.5, abs=0.02)
-    problem, fits = attribute(make_likelihood(replay, new, base.enlarged * SIGMA), len(new), base)
-    for fit in fits:
+    for fit in fits.ranked():
         assert not fit.effects & {"drag", "quadratic_drag", "rotor_drag"}
         assert fit.total[at] == pytest.approx(base.vector[at], abs=1e-3)
-    assert judge(problem, fits, base.floor).kind == "unexplained"
+    assert judge(fits, base.floor).kind == "unexplained"
 
 
 def test_a_start_fades_with_the_drag_of_the_vector(replay):
@@ -283,12 +289,13 @@ def test_a_start_fades_with_the_drag_of_the_vector(replay):
 def test_beside_a_reference_that_is_not_followed_a_second_effect_must_be_worth_its_name(replay):
     """A wind that explains a thousandth of the gap counts beside the simulator alone."""
     flights = point_mass_set(Drag(c=1.0), Wind(x=0.02), seed=3).flights
-    problem, fits = attribute(make_likelihood(replay, flights, SIGMA), len(flights))
-    by_set = {fit.effects: fit.objective for fit in fits}
+    evidence = Evidence.of(make_likelihood(replay, flights, SIGMA))
+    fits = attribute(evidence, len(flights))
+    by_set = {fit.effects: fit.objective for fit in fits.ranked()}
     both, one = by_set[frozenset({"drag", "wind"})], by_set[frozenset({"drag"})]
-    assert (one - both) / (problem.nominal().objective - both) < DECISION.worthy_share
-    assert judge(problem, fits).chosen.effects == {"drag", "wind"}
-    assert judge(problem, fits, Floor(1.3)).chosen.effects == {"drag"}
+    assert (one - both) / (fits.nominal.objective - both) < DECISION.worthy_share
+    assert judge(fits).chosen.effects == {"drag", "wind"}
+    assert judge(fits, Floor(1.3)).chosen.effects == {"drag"}
     assert [Floor(x).unlike for x in (1.0, 1.3)] == [0.0, 1.0]
 
 
@@ -304,7 +311,7 @@ def test_windows_after_gaps_that_all_fit_badly_are_a_finding(replay):
     likelihood = make_likelihood(replay, tuple(flown), SIGMA)
     normal = likelihood.normal(replay.library.neutral)
     assert (normal.doubtful & (normal.c > 2.0 * normal.dof)).sum() > 0.5 * normal.doubtful.sum() > 4
-    likelihood.settle(replay.library.neutral, beyond(2.5))
+    likelihood = likelihood.settled(replay.library.neutral, beyond(2.5))
     assert not len(likelihood.aside.c)
     assert likelihood.normal(replay.library.neutral).dof.sum() == normal.dof.sum()
 
@@ -323,7 +330,7 @@ def test_flights_with_bad_windows_after_a_gap_distrust_only_those(replay):
     assert len(cmd) == 300
     flown = (dataclasses.replace(flights[0], drones=(spoiled,)), bumped(flights[1]), flights[2])
     likelihood = make_likelihood(replay, flown, SIGMA)
-    likelihood.settle(replay.library.neutral, beyond(4.0))
+    likelihood = likelihood.settled(replay.library.neutral, beyond(4.0))
     assert likelihood.aside.t.tolist() == [3.5]
     assert likelihood.aside.flight.tolist() == [0]
 

@@ -1,10 +1,11 @@
 """Decidability on a linear toy whose chi-squares are known, and the bound against closed forms."""
 
+import dataclasses
 import types
-from types import MappingProxyType
 
 import numpy as np
 import pytest
+from toy_library import NAMES, toy_library
 
 from blind.draw.catalogue import Withheld
 from blind.score.efficiency import over_bound
@@ -15,44 +16,25 @@ from diagnosis.decide.decidable import (
     cramer_rao,
     decidability,
     rivals,
-    truth_fit,
     unexplained,
+    with_truth,
 )
-from diagnosis.fit.likelihood import Likelihood, Normal
-from diagnosis.fit.search import Problem
+from diagnosis.fit.evidence import Evidence
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.fit.search import Fits
+from diagnosis.fit.windows import Normal
 from diagnosis.replay.library import Slot
-from simulators.effects.card import plain_card
 
-NAMES = ("drag", "mass", "trim", "wind")
-
-
-class Library:
-    """Four effects of one parameter each."""
-
-    effects = dict.fromkeys(NAMES)
-    candidates = NAMES
-    withheld = frozenset()
-    onsets = MappingProxyType({})
-    slots = tuple(
-        Slot(effect=n, parameter="p", unit="-", neutral=0.0, low=-100.0, high=100.0) for n in NAMES
-    )
-    neutral, low, high = np.zeros(4), np.full(4, -100.0), np.full(4, 100.0)
-
-    def indices(self, effect):
-        return [NAMES.index(effect)]
-
-    def card(self, name):
-        return plain_card(name)
+BEGUN = types.SimpleNamespace(start=np.zeros(1))
 
 
 class Linear(Likelihood):
     """Measurements y = J theta, noise one: chi-square of theta is |y - J theta|^2."""
 
     def __init__(self, columns, truth):
-        self.J = np.asarray(columns, float).T
-        self.y = self.J @ truth
-        self.replay = types.SimpleNamespace(library=Library())
-        self.groups = [types.SimpleNamespace(start=np.zeros(1))]
+        J = np.asarray(columns, float).T
+        replay, groups = types.SimpleNamespace(library=toy_library("p", "-", 100.0)), [BEGUN]
+        vars(self).update(J=J, y=J @ truth, replay=replay, groups=groups)  # frozen, as its base
 
     def normal(self, vector, along=None, others=False):
         J, r = self.J, self.y - self.J @ vector
@@ -70,7 +52,7 @@ class Linear(Likelihood):
         )
 
 
-def problem(angle, size=100.0, hidden=0.0):
+def nominal(angle, size=100.0, hidden=0.0):
     """Drag is true; mass has a signature at `angle` to drag's, the others are orthogonal."""
     columns = [
         [1.0, 0.0, 0.0, 0.0, 0.0],
@@ -79,13 +61,13 @@ def problem(angle, size=100.0, hidden=0.0):
         [0.0, 0.0, 0.0, 1.0, 0.0],
     ]
     linear = Linear(columns, np.asarray([size, 0.0, 0.0, 0.0]))
-    linear.y = linear.y + np.asarray([0.0, 0.0, 0.0, 0.0, hidden])
-    return Problem(linear)
+    vars(linear)["y"] = linear.y + np.asarray([0.0, 0.0, 0.0, 0.0, hidden])
+    return Fits.of(Evidence.of(linear))
 
 
 @pytest.mark.parametrize("angle", [0.03, 0.06, 0.3])
 def test_the_margin_is_the_squared_distance_to_the_nearest_rival(angle):
-    found = decidability(problem(angle, 99.0), {"drag": {"p": 99.0}})
+    found = decidability(nominal(angle, 99.0), {"drag": {"p": 99.0}})
     expected = (99.0 * np.sin(angle)) ** 2
     assert found.rival == ("mass",)
     assert found.margin == pytest.approx(expected, rel=1e-3)
@@ -95,15 +77,15 @@ def test_the_margin_is_the_squared_distance_to_the_nearest_rival(angle):
 
 
 def test_a_small_effect_is_undecidable_from_nominal():
-    found = decidability(problem(1.2, size=3.0), {"drag": {"p": 3.0}})
+    found = decidability(nominal(1.2, size=3.0), {"drag": {"p": 3.0}})
     assert not found.decidable
     assert found.margin <= 9.0
 
 
 def test_pairs_compete_with_their_parts_and_with_other_pairs():
-    linear = problem(0.5)
-    linear.likelihood.y = linear.likelihood.J @ np.asarray([50.0, 0.0, 4.0, 0.0])
-    found = decidability(linear, {"drag": {"p": 50.0}, "trim": {"p": 4.0}})
+    toy = nominal(0.5).evidence.likelihood
+    vars(toy)["y"] = toy.J @ np.asarray([50.0, 0.0, 4.0, 0.0])
+    found = decidability(Fits.of(Evidence.of(toy)), {"drag": {"p": 50.0}, "trim": {"p": 4.0}})
     assert not found.decidable
     assert found.margin == pytest.approx(16.0, rel=1e-3)
     assert "trim" not in found.rival
@@ -120,29 +102,29 @@ def test_supersets_and_special_cases_are_no_rivals():
 
 
 def test_what_no_allowed_effect_explains_is_decidable():
-    found = unexplained(problem(0.5, hidden=30.0), NAMES, left=0.0)
+    found = unexplained(nominal(0.5, hidden=30.0), NAMES, left=0.0)
     assert found.decidable
     assert found.margin == pytest.approx(900.0, rel=1e-3)
-    assert not unexplained(problem(0.5, hidden=4.0), NAMES, left=0.0).decidable
+    assert not unexplained(nominal(0.5, hidden=4.0), NAMES, left=0.0).decidable
     # Without the true effect, and with the one at an angle to it.
-    found = unexplained(problem(0.5, 99.0), ("mass", "trim"), left=0.0)
+    found = unexplained(nominal(0.5, 99.0), ("mass", "trim"), left=0.0)
     assert found.margin == pytest.approx((99.0 * np.sin(0.5)) ** 2, rel=1e-3)
 
 
 def test_the_bound_of_two_correlated_parameters_is_the_inverse_of_their_normal_equations():
-    linear = problem(0.4)
-    fit = truth_fit(linear, {"drag": {"p": 100.0}, "mass": {"p": 0.0}})
+    fits = nominal(0.4)
+    fit = with_truth(fits, {"drag": {"p": 100.0}, "mass": {"p": 0.0}})[frozenset({"drag", "mass"})]
     # Unit signatures at an angle: variance 1 / sin^2.
-    assert cramer_rao(linear, fit)["drag"]["p"] == pytest.approx(1.0 / np.sin(0.4))
-    alone = truth_fit(linear, {"drag": {"p": 100.0}})
-    assert cramer_rao(linear, alone)["drag"]["p"] == pytest.approx(1.0)
+    assert cramer_rao(fits.evidence, fit)["drag"]["p"] == pytest.approx(1.0 / np.sin(0.4))
+    alone = with_truth(fits, {"drag": {"p": 100.0}})[frozenset({"drag"})]
+    assert cramer_rao(fits.evidence, alone)["drag"]["p"] == pytest.approx(1.0)
 
 
-class Factors(Library):
-    """Drag multiplies."""
-
-    slots = (Slot("drag", "p", "-", 1.0, 0.1, 10.0, factor=True), *Library.slots[1:])
-    neutral, low = np.asarray([1.0, 0.0, 0.0, 0.0]), np.asarray([0.1, -100.0, -100.0, -100.0])
+def factors():
+    """The library with a drag that multiplies."""
+    library = toy_library("p", "-", 100.0)
+    multiplying = Slot("drag", "p", "-", 1.0, 0.1, 10.0, factor=True)
+    return dataclasses.replace(library, slots=(multiplying, *library.slots[1:]))
 
 
 @pytest.mark.parametrize("precision", [4.0, 1e9])
@@ -150,16 +132,16 @@ def test_the_bound_of_a_factor_is_that_of_a_ratio(precision):
     """Flights tell what there is to a variance of one, the reference tells what there was."""
     was, twice = np.asarray([1.5, 0.0, 0.0, 0.0]), 2.0
     likelihood = Linear(np.eye(4), was * twice)
-    likelihood.replay = types.SimpleNamespace(library=Factors())
-    referenced = Problem(likelihood, was, precision * np.eye(4))
-    fit = truth_fit(referenced, {"drag": {"p": twice}})
+    vars(likelihood)["replay"] = types.SimpleNamespace(library=factors())
+    referenced = Evidence.of(likelihood, was, precision * np.eye(4))
+    fit = with_truth(Fits.of(referenced), {"drag": {"p": twice}})[frozenset({"drag"})]
     expected = np.hypot(1.0, twice / np.sqrt(precision)) / 1.5
     assert cramer_rao(referenced, fit)["drag"]["p"] == pytest.approx(expected)
 
 
 def test_a_true_effect_outside_the_library_is_an_error():
     with pytest.raises(ValueError, match=r"`truth` must name effects of the library.*'gale'"):
-        truth_fit(problem(0.5), {"gale": {"p": 1.0}})
+        with_truth(nominal(0.5), {"gale": {"p": 1.0}})
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
+from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decision import DECISION
-from diagnosis.diagnose import diagnose, make_likelihood
+from diagnosis.diagnose import diagnose
 from diagnosis.fit import gap, shrinkage
 from diagnosis.logs.flights import LeftOut, LogError
 from diagnosis.replay.library import make_library

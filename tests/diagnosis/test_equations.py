@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.fit.equations import Switched, dispersion, loosened, moved, spread_between
-from diagnosis.fit.likelihood import Normal
+from diagnosis.fit.windows import Normal
 from diagnosis.replay.whitening import shaken
 
 N_PARAMS, N_WINDOWS = 3, 10

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, fly, rotor_speeds
 
-from diagnosis.diagnose import STEPS, diagnose, make_likelihood, noise_of
+from diagnosis.decide.prepared import STEPS, make_likelihood, noise_of
+from diagnosis.diagnose import diagnose
 from diagnosis.fit.gap import drifts, rms
 from diagnosis.logs.flights import LogError
 from diagnosis.logs.inputs import VOLTS, choose_inputs, on_ground, thrust_of_pwm, thrust_of_rotors

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from flights_for_tests import flight_set, point_mass_set
 
+from diagnosis.decide.prepared import nominal_simulator, reference_of
 from diagnosis.decide.study import Study
 from diagnosis.decide.verdict import Structure
-from diagnosis.diagnose import diagnose, nominal_simulator, reference_of
+from diagnosis.diagnose import diagnose
 from diagnosis.logs.inputs import PRESCRIBED, choose_inputs
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
@@ -35,7 +36,7 @@ def test_forces_convince_only_with_a_gap_and_a_clear_cause(found, kind, share, c
         found=Structure(found, 700, 8), kind=kind, unexplained_share=share
     )
     study = object.__new__(Study)  # without flights: the answer alone is asked
-    study.__dict__.update(base=None, verdict=verdict)
+    study.__dict__.update(prepared=types.SimpleNamespace(base=None), verdict=verdict)
     assert study.convinces() is convinces
 
 
@@ -43,11 +44,11 @@ def test_forces_convince_only_with_a_gap_and_a_clear_cause(found, kind, share, c
 def test_beside_a_reference_whose_attitude_nothing_explains_none_is_believed(enlarged, lost):
     """Whatever was found of a change there; what the reference leaves would excuse anything."""
     study = object.__new__(Study)
-    study.__dict__.update(
+    prepared = types.SimpleNamespace(
         inputs=types.SimpleNamespace(prescribed=False),
-        verdict=types.SimpleNamespace(kind="effect"),
         base=types.SimpleNamespace(enlarged=np.r_[np.ones(6), enlarged, 1.0, 1.0]),
     )
+    study.__dict__.update(prepared=prepared, verdict=types.SimpleNamespace(kind="effect"))
     assert study.attitude_lost() is lost
 
 

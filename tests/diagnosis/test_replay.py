@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, fly
 
-from diagnosis.diagnose import STEPS, make_likelihood
+from diagnosis.decide.prepared import STEPS, make_likelihood
 from diagnosis.replay import replay
 from diagnosis.replay.library import make_library
 from simulators import registry

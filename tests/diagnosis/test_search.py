@@ -8,18 +8,20 @@ from flights_for_tests import SIGMA, point_mass_set
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from diagnosis.decide.attribution import attribute
+from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decide.reference import pinned
 from diagnosis.decide.verdict import Floor, Structure, intervals, judge, structure
 from diagnosis.decision import DECISION
-from diagnosis.diagnose import attribute, make_likelihood
+from diagnosis.fit import search
 from diagnosis.fit.equations import bounded_step
+from diagnosis.fit.evidence import Evidence, bounds
 from diagnosis.fit.likelihood import NARROW, Likelihood
 from diagnosis.fit.outliers import beyond
-from diagnosis.fit.reduced import bounds
-from diagnosis.fit.search import Problem
+from diagnosis.fit.search import Fits, polish, refit
 from diagnosis.logs.segments import WINDOW, cut
 from diagnosis.replay.library import Slot, make_library
-from diagnosis.replay.replay import TURNS, make_replay
+from diagnosis.replay.replay import TURNS, Replay, make_replay
 from diagnosis.replay.whitening import shown
 from simulators.crazyflow import Crazyflow
 from simulators.effects.drag import Drag
@@ -119,8 +121,8 @@ def test_short_clean_logs_raise_no_alarm(replay):
     found = []
     for seed in range(16):
         flights = point_mass_set(n_flights=1, seed=100 + seed).flights
-        problem = Problem(make_likelihood(replay, flights, SIGMA))
-        found.append(structure(problem.library, problem.nominal().normal))
+        fits = Fits.of(Evidence.of(make_likelihood(replay, flights, SIGMA)))
+        found.append(structure(replay.library, fits.nominal.normal))
     assert any(one.value > DECISION.slight_structure for one in found)
     assert sum(one.exceeds(DECISION.slight_structure, Floor()) for one in found) <= 1
 
@@ -134,15 +136,29 @@ def test_a_start_that_is_turned_costs_little_and_one_that_is_not_measured_would(
     for group in likelihood.groups:
         fresh = group.fresh.astype(bool)
         group.quat[fresh] = (Rotation.from_quat(group.quat[fresh]) * turn).as_quat()
-    likelihood._replays.clear()
+    likelihood.cache.replays.clear()
     turned = likelihood.normal(replay.library.neutral).chi2
-    for key, turns in likelihood._turns.items():
-        likelihood._turns[key] = dataclasses.replace(turns, less=np.zeros_like(turns.less))
-    likelihood._replays.clear()
+    for key, turns in likelihood.cache.turns.items():
+        likelihood.cache.turns[key] = dataclasses.replace(turns, less=np.zeros_like(turns.less))
+    likelihood.cache.replays.clear()
     believed = likelihood.normal(replay.library.neutral).chi2
     # Most of it is forgotten when scoring begins; of the rest the nuisances take four fifths.
     assert believed - before > 30.0
     assert turned - before < 0.3 * (believed - before)
+
+
+class SpoiledReplay(Replay):
+    """The first window of a segment has no numbers where there is any drag."""
+
+    def __call__(self, group, vectors, along, turns=True):
+        (at,) = self.library.indices("drag")
+        for chosen, prediction in super().__call__(group, vectors, along, turns):
+            value, slope, turn = (
+                np.array(x, float) for x in (prediction.value, prediction.slope, prediction.turn)
+            )
+            if vectors[0, at] != self.library.neutral[at]:
+                value[0], slope[:, 0], turn[:, 0] = np.nan, np.nan, np.nan
+            yield chosen, dataclasses.replace(prediction, value=value, slope=slope, turn=turn)
 
 
 def test_a_vector_that_cannot_be_flown_spoils_no_other(replay):
@@ -151,30 +167,20 @@ def test_a_vector_that_cannot_be_flown_spoils_no_other(replay):
     likelihood = make_likelihood(replay, flights, SIGMA)
     before = likelihood.normal(replay.library.neutral)
 
-    def flown(group, vectors, along, turns=True):
-        for chosen, prediction in replay(group, vectors, along, turns):
-            value, slope, turn = (
-                np.array(x, float) for x in (prediction.value, prediction.slope, prediction.turn)
-            )
-            if vectors[0, at] != replay.library.neutral[at]:
-                value[0], slope[:, 0], turn[:, 0] = np.nan, np.nan, np.nan
-            yield chosen, dataclasses.replace(prediction, value=value, slope=slope, turn=turn)
-
-    flown.library, flown.dt = replay.library, replay.dt
     (at,) = replay.library.indices("drag")
     wild = replay.library.neutral.copy()
     wild[at] = 2.0
-    likelihood.replay = flown
-    likelihood.settle(wild, beyond(6.0))
+    spoiled = SpoiledReplay(library=replay.library, dt=replay.dt)
+    likelihood = Likelihood(spoiled, likelihood.groups, SIGMA).settled(wild, beyond(6.0))
     assert not np.isfinite(likelihood.normal(wild).chi2)
     after = likelihood.normal(replay.library.neutral)
     assert np.isfinite(after.chi2)
     assert after.chi2 == pytest.approx(before.chi2, rel=0.2)
-    problem = Problem(likelihood, None, np.eye(len(wild)))
-    spoiled = problem.made(frozenset({"drag"}), wild)
-    assert problem.log_evidence(spoiled) == -np.inf
-    problem.fits[spoiled.effects] = spoiled
-    np.testing.assert_array_equal(problem.polish(spoiled.effects).vector, wild)
+    evidence = Evidence.of(likelihood, None, np.eye(len(wild)))
+    spoiled = evidence.made(frozenset({"drag"}), wild)
+    assert evidence.log_evidence(spoiled) == -np.inf
+    found = polish(Fits(evidence, {spoiled.effects: spoiled}), spoiled.effects)
+    np.testing.assert_array_equal(found[spoiled.effects].vector, wild)
 
 
 def test_a_shared_shift_to_first_order_stays_within_the_bounds(replay):
@@ -182,7 +188,7 @@ def test_a_shared_shift_to_first_order_stays_within_the_bounds(replay):
     flights = point_mass_set(Drag(c=-1.0), n_flights=1).flights
     likelihood = make_likelihood(replay, flights, SIGMA)
     library, weak = replay.library, 1e-3 * np.eye(len(replay.library.slots))
-    fit = Problem(likelihood, None, weak).made(frozenset(), library.neutral)
+    fit = Evidence.of(likelihood, None, weak).made(frozenset(), library.neutral)
     finite = library.neutral <= library.high
     assert (fit.total >= library.low - 1e-9)[finite].all()
     assert (fit.total <= library.high + 1e-9)[finite].all()
@@ -234,12 +240,13 @@ def test_a_replay_along_some_parameters_is_that_part_of_the_whole(replay):
 def test_an_onset_beside_the_edge_of_a_window_is_found(replay, onset):
     """Shortly before and shortly behind an edge look alike to the windows there."""
     flights = point_mass_set(Gust(x=0.8, y=0.3, onset=onset), seed=4).flights
-    problem, fits = attribute(make_likelihood(replay, flights, SIGMA), len(flights))
-    verdict = judge(problem, fits)
+    evidence = Evidence.of(make_likelihood(replay, flights, SIGMA))
+    fits = attribute(evidence, len(flights))
+    verdict = judge(fits)
     assert verdict.chosen.effects == {"gust"}
-    free, low, high = intervals(problem, verdict.chosen.fit)
+    free, low, high = intervals(fits.evidence, verdict.chosen.fit)
     found = {
-        problem.library.slots[i].parameter: (a + b) / 2
+        replay.library.slots[i].parameter: (a + b) / 2
         for i, a, b in zip(free, low, high, strict=True)
     }
     assert found["onset"] == pytest.approx(onset, abs=0.02)
@@ -259,22 +266,40 @@ def test_what_a_start_may_err_is_flown_only_where_it_is_asked_for(replay):
     np.testing.assert_allclose(less.slope, whole.slope, rtol=1e-3, atol=1e-4)
 
 
-def test_larger_sets_are_tried_from_the_polished_one_not_from_where_they_were(replay):
-    problem = Problem(
-        make_likelihood(replay, point_mass_set(Drag(c=0.4), n_flights=3).flights, SIGMA)
-    )
+def test_larger_sets_are_tried_from_the_polished_one_not_from_where_they_were(replay, monkeypatch):
+    flights = point_mass_set(Drag(c=0.4), n_flights=3).flights
+    fits = Fits.of(Evidence.of(make_likelihood(replay, flights, SIGMA)))
     drag, both = frozenset({"drag"}), frozenset({"drag", "wind"})
-    fit = problem.refit(drag, problem.nominal())
-    problem.refit(both, fit)
-    problem.renew()
-    fit = problem.refit(drag, problem.nominal())
-    problem.refit(both, fit)
+    fits = refit(fits, drag, fits.nominal)
+    fits = refit(fits, both, fits[drag])
+    fits = fits.settled(fits[drag].total)
+    fits = refit(fits, drag, fits.nominal)
+    fits = refit(fits, both, fits[drag])
     begun = []
-    problem.refit = lambda effects, near: begun.append((effects, problem.known.get(effects)))
-    problem._grow = lambda front: [problem.refit(both, front[0])]
-    problem._outgrow(fit)
-    assert begun == [(both, None)]
-    assert both in problem.fits
+    monkeypatch.setattr(
+        search, "fitted", lambda evidence, effects, near, goal: begun.append(near) or fits[both]
+    )
+    monkeypatch.setattr(
+        search, "_grow", lambda fits, front: (refit(fits, both, front[0]), [fits[drag]])
+    )
+    grown = search.outgrow(fits, fits[drag])
+    assert both in fits.known
+    assert [near is fits[drag] for near in begun] == [True]
+    assert grown[both] is fits[both]
+
+
+def test_no_step_of_a_search_changes_the_fits_that_it_was_given(replay):
+    flights = point_mass_set(Drag(c=0.4), n_flights=2).flights
+    fits = Fits.of(Evidence.of(make_likelihood(replay, flights, SIGMA)))
+    found = search.search(fits, largest=1)
+    assert frozenset({"drag"}) in found.by_set
+    assert set(fits.by_set) == {frozenset()}
+    assert found.settled(found.best.total).by_set.keys() == {frozenset()}
+    for record, name in ((fits, "evidence"), (fits.evidence, "phi"), (found.best, "vector")):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(record, name, None)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        fits.evidence.likelihood.sigma = SIGMA
 
 
 def test_a_polished_set_is_worth_what_it_flies_with_its_shared_shift(replay):
@@ -285,16 +310,16 @@ def test_a_polished_set_is_worth_what_it_flies_with_its_shared_shift(replay):
     (drag,) = library.indices("drag")
     precision = np.diag(np.full(len(library.slots), 1e9))
     precision[drag, drag] = 1.0
-    problem = Problem(likelihood, library.neutral, precision)
+    fits = Fits.of(Evidence.of(likelihood, library.neutral, precision))
     wind = frozenset({"wind"})
-    problem.refit(wind, problem.nominal())
-    polished = problem.polish(wind)
+    fits = polish(refit(fits, wind, fits.nominal), wind)
+    polished = fits[wind]
     assert not polished.ahead.any()
     assert polished.total[drag] == pytest.approx(0.8, abs=0.05)
     shared = polished.shared
     flown = likelihood.normal(polished.vector).chi2 + float(shared @ precision @ shared)
     assert polished.objective == pytest.approx(flown, rel=1e-6)
-    again = problem.polish(wind)
+    again = polish(fits, wind)[wind]
     assert again.objective == pytest.approx(polished.objective, abs=0.1)
 
 
@@ -302,10 +327,10 @@ def test_a_damped_step_is_shorter_and_an_undamped_one_solves_both(replay):
     likelihood = make_likelihood(replay, point_mass_set(Drag(c=0.4), n_flights=2).flights, SIGMA)
     library = replay.library
     precision = np.diag(np.full(len(library.slots), 1e3))
-    problem = Problem(likelihood, library.neutral, precision)
+    evidence = Evidence.of(likelihood, library.neutral, precision)
     drag = frozenset({"drag"})
-    fit, (at,) = problem.as_flown(problem.made(drag, library.neutral)), library.indices("drag")
-    vector, shared = problem.joint_step(fit, 0.0)
+    fit, (at,) = evidence.as_flown(evidence.made(drag, library.neutral)), library.indices("drag")
+    vector, shared = evidence.joint_step(fit, 0.0)
     H, g = fit.normal.H.sum(axis=0), fit.normal.g.sum(axis=0)
     assert abs((g - H @ (vector - library.neutral))[at]) < 1e-2 * abs(g[at])
     size = np.sqrt(np.diag(H))
@@ -314,7 +339,7 @@ def test_a_damped_step_is_shorter_and_an_undamped_one_solves_both(replay):
         step = (vector - library.neutral - shared)[at]
         return np.linalg.norm([size[at] * step, *(size * shared)])
 
-    assert length(*problem.joint_step(fit, 1.0)) < 0.9 * length(vector, shared)
+    assert length(*evidence.joint_step(fit, 1.0)) < 0.9 * length(vector, shared)
 
 
 @pytest.mark.parametrize("neutral", [0.0, 1.0])
@@ -351,9 +376,9 @@ def test_the_variance_of_a_factor_counts_with_what_the_reference_leaves_open(rep
     library, rng = replay.library, np.random.default_rng(0)
     n = len(library.slots)
     precision = np.diag(rng.uniform(10.0, 1e3, n))
-    problem = Problem(likelihood, library.neutral, precision)
+    evidence = Evidence.of(likelihood, library.neutral, precision)
     both = frozenset({"drag", "wind"})
-    fit, free = problem.made(both, library.neutral), problem.free(both)
+    fit, free = evidence.made(both, library.neutral), evidence.free(both)
     H = fit.normal.H.sum(axis=0)
     joint = np.block([[H[np.ix_(free, free)], H[free]], [H[:, free], H + precision]])
     following = rng.normal(size=len(free))
@@ -361,4 +386,4 @@ def test_the_variance_of_a_factor_counts_with_what_the_reference_leaves_open(rep
     along[np.arange(len(free)), np.arange(len(free))] = 1.0
     along[np.arange(len(free)), len(free) + np.asarray(free)] = following
     expected = np.diag(along @ np.linalg.pinv(joint, hermitian=True) @ along.T)
-    np.testing.assert_allclose(problem.variance(fit, free, following), expected, rtol=1e-5)
+    np.testing.assert_allclose(evidence.variance(fit, free, following), expected, rtol=1e-5)

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, point_mass_set
 
-from diagnosis.decide.support import judged, support
+from diagnosis.decide.prepared import make_likelihood
+from diagnosis.decide.support import judge_supported, support
 from diagnosis.decide.verdict import Floor, intervals
 from diagnosis.decision import DECISION
-from diagnosis.diagnose import diagnose, make_likelihood
+from diagnosis.diagnose import diagnose
 from diagnosis.fit import shrinkage
-from diagnosis.fit.search import Problem
+from diagnosis.fit.evidence import Evidence
+from diagnosis.fit.search import Fits, polish, refit, without
 from diagnosis.fit.shrinkage import Drift, left_out, shrink
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
@@ -26,14 +28,17 @@ def replay():
 
 
 def fitted(replay, flights, effects):
-    problem = Problem(make_likelihood(replay, flights, SIGMA))
-    return problem, problem.refit(frozenset(effects), problem.nominal())
+    fits, effects = (
+        Fits.of(Evidence.of(make_likelihood(replay, flights, SIGMA))),
+        frozenset(effects),
+    )
+    fits = refit(fits, effects, fits.nominal)
+    return fits, fits[effects]
 
 
 def test_left_out_flights_confirm_what_acted_and_nothing_else(replay):
     flights = point_mass_set(Wind(x=0.3), n_flights=6).flights
-    problem, fit = fitted(replay, flights, {"wind", "drag"})
-    wind, drag = support(problem, fit)
+    _, (wind, drag) = support(*fitted(replay, flights, {"wind", "drag"}))
     assert (wind.effect, drag.effect) == ("wind", "drag")
     assert wind.clear
     assert wind.low < wind.percent < wind.high
@@ -45,11 +50,9 @@ def test_left_out_flights_confirm_what_acted_and_nothing_else(replay):
 def test_the_others_are_fitted_again_without_it(replay):
     """What a rival takes over as well is no support, however bad the fit was on the way."""
     flights = point_mass_set(Drag(c=0.4), n_flights=4).flights
-    problem, fit = fitted(replay, flights, {"wind", "drag"})
-    before = dict(problem.fits)
-    problem.without(fit, "wind", hopeless=np.inf)
-    alone = problem.fits[frozenset({"drag"})]
-    assert frozenset({"drag"}) not in before
+    fits, fit = fitted(replay, flights, {"wind", "drag"})
+    alone = without(fits, fit, "wind", hopeless=np.inf)[frozenset({"drag"})]
+    assert frozenset({"drag"}) not in fits.by_set
     assert alone.objective - fit.objective < 25.0
     (at,) = replay.library.indices("drag")
     assert alone.vector[at] == pytest.approx(0.4, abs=0.05)
@@ -60,17 +63,19 @@ def test_what_they_do_not_confirm_is_not_named_where_references_are_not_followed
     replay, floor, names
 ):
     flights = point_mass_set(Wind(x=0.3), n_flights=6).flights
-    problem, both = fitted(replay, flights, {"wind", "drag"})
-    verdict, lines = judged(problem, [both], Floor(floor))
-    assert verdict.kind == "effect"
-    assert verdict.chosen.effects == names
+    fits, both = fitted(replay, flights, {"wind", "drag"})
+    alone = dataclasses.replace(fits, by_set={both.effects: both, frozenset(): fits.nominal})
+    # Its evidence alone would not name the drag, nor would the nominal simulator be better.
+    found = judge_supported(alone, Floor(floor))
+    assert found.verdict.kind == "effect"
+    assert found.verdict.chosen.effects == names
     # Dropped or not, what was not confirmed is told, after the others.
-    assert [(one.effect, one.clear) for one in lines] == [("wind", True), ("drag", False)]
+    assert [(one.effect, one.clear) for one in found.support] == [("wind", True), ("drag", False)]
 
 
 def test_two_flights_say_nothing(replay):
     flights = point_mass_set(Wind(x=0.3), n_flights=2).flights
-    (wind,) = support(*fitted(replay, flights, {"wind"}))
+    _, (wind,) = support(*fitted(replay, flights, {"wind"}))
     assert (wind.percent, wind.low, wind.high, wind.n) == (None, None, None, 2)
     assert not wind.clear
 
@@ -79,12 +84,13 @@ def test_what_is_shared_with_a_reference_is_estimated_without_the_flight_too(rep
     """Within the bounds, the normal equations of the other flights ask for no further step."""
     flights = point_mass_set(Wind(x=0.3), n_flights=4).flights
     n = len(replay.library.neutral)
-    problem = Problem(make_likelihood(replay, flights, SIGMA), precision=1e3 * np.eye(n))
-    problem.refit(frozenset({"wind"}), problem.nominal())
-    fit = problem.polish(frozenset({"wind"}))
-    found, rest = left_out(problem, fit, 1), fit.normal.of(fit.normal.flight != 1)
-    inside = (found > problem.low + 1e-6) & (found < problem.high - 1e-6)
-    inside[problem.free(fit.effects)] = False
+    likelihood, wind = make_likelihood(replay, flights, SIGMA), frozenset({"wind"})
+    evidence = Evidence.of(likelihood, precision=1e3 * np.eye(n))
+    fits = Fits.of(evidence)
+    fit = polish(refit(fits, wind, fits.nominal), wind)[wind]
+    found, rest = left_out(evidence, fit, 1), fit.normal.of(fit.normal.flight != 1)
+    inside = (found > evidence.low + 1e-6) & (found < evidence.high - 1e-6)
+    inside[evidence.free(fit.effects)] = False
     H, g = rest.H.sum(axis=0), rest.g.sum(axis=0)
     left = [g - H @ step - 1e3 * (fit.shift + step) for step in (0.0 * found, found - fit.total)]
     assert inside.any()
@@ -115,13 +121,13 @@ def test_the_interval_of_the_shrinkage_is_that_of_its_percentage(replay, monkeyp
 
 def test_parameters_of_which_flights_say_nothing_have_no_interval(replay):
     flights = point_mass_set(Wind(x=0.3), n_flights=3).flights
-    problem, fit = fitted(replay, flights, {"wind"})
-    (x, *_), low, high = intervals(problem, fit)
+    fits, fit = fitted(replay, flights, {"wind"})
+    (x, *_), low, high = intervals(fits.evidence, fit)
     assert low[0] < 0.3 < high[0]
     H = fit.normal.H.copy()
     H[:, x, :] = H[:, :, x] = 0.0
     blind = dataclasses.replace(fit, normal=dataclasses.replace(fit.normal, H=H))
-    _, low, high = intervals(problem, blind)
+    _, low, high = intervals(fits.evidence, blind)
     assert (low[0], high[0]) == (-np.inf, np.inf)
     assert np.isfinite(low[1:]).all()
 

@@ -9,7 +9,7 @@ import pytest
 from flights_for_tests import SIGMA, noisy
 from scipy.spatial.transform import Rotation
 
-from diagnosis.diagnose import STEPS, make_likelihood
+from diagnosis.decide.prepared import STEPS, make_likelihood
 from diagnosis.logs.flights import FlightLog
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay

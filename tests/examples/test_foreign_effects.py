@@ -18,10 +18,12 @@ from blind.draw import cases, catalogue
 from blind.fly.crazyflow_reality import CrazyflowReality
 from blind.fly.rotorpy_reality import RotorpyReality
 from diagnosis.decide.advice import next_flight
+from diagnosis.decide.attribution import attribute
+from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decide.reference import _prior
 from diagnosis.decide.verdict import intervals, judge
-from diagnosis.diagnose import attribute, make_likelihood
-from diagnosis.fit.search import Problem
+from diagnosis.fit.evidence import Evidence
+from diagnosis.fit.search import Fits, refit
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.replay import make_replay
 from simulators import registry
@@ -67,8 +69,8 @@ def kind(name):
 
 def found_in(replay, *effects, seed):
     flights = fly(with_effects(PointMass(dt=0.005), effects), seed=seed)
-    problem, fits = attribute(make_likelihood(replay, flights, SIGMA), len(flights))
-    return problem, judge(problem, fits)
+    fits = attribute(Evidence.of(make_likelihood(replay, flights, SIGMA)), len(flights))
+    return fits.evidence, judge(fits)
 
 
 def test_they_are_candidates_and_go_with_their_families():
@@ -80,17 +82,17 @@ def test_they_are_candidates_and_go_with_their_families():
 
 
 def test_a_foreign_effect_is_found_with_its_size(replay):
-    problem, verdict = found_in(replay, kind("updraft")(k=0.5), seed=3)
+    evidence, verdict = found_in(replay, kind("updraft")(k=0.5), seed=3)
     assert verdict.kind == "effect"
     assert verdict.chosen.effects == {"updraft"}
-    _, low, high = intervals(problem, verdict.chosen.fit)
+    _, low, high = intervals(evidence, verdict.chosen.fit)
     assert low[0] - 0.05 < 0.5 < high[0] + 0.05
 
 
 def test_what_sets_in_is_dated_though_it_is_no_gust(replay):
-    problem, verdict = found_in(replay, kind("broken_blade")(e=0.06, onset=3.2), seed=4)
+    _, verdict = found_in(replay, kind("broken_blade")(e=0.06, onset=3.2), seed=4)
     assert verdict.chosen.effects == {"broken_blade"}
-    found = problem.library.named(verdict.chosen.fit.total, "broken_blade")
+    found = replay.library.named(verdict.chosen.fit.total, "broken_blade")
     assert found["onset"] == pytest.approx(3.2, abs=0.1)
     assert found["e"] == pytest.approx(0.06, rel=0.1)
 
@@ -98,12 +100,12 @@ def test_what_sets_in_is_dated_though_it_is_no_gust(replay):
 def test_two_effects_that_set_in_are_dated_beside_each_other(replay):
     made = [Gust(x=0.8, y=0.3, onset=2.2), kind("broken_blade")(e=0.06, onset=4.2)]
     flights = fly(with_effects(PointMass(dt=0.005), made), seed=5)
-    problem = Problem(make_likelihood(replay, flights, SIGMA))
+    fits = Fits.of(Evidence.of(make_likelihood(replay, flights, SIGMA)))
     effects = frozenset({"gust", "broken_blade"})
-    _, times = problem.set_in(effects, problem.nominal())
+    _, times = fits.evidence.set_in(effects, fits.nominal)
     assert times == pytest.approx({"gust": 2.2, "broken_blade": 4.2}, abs=0.6)
-    fit = problem.refit(effects, problem.nominal())
-    onsets = {n: problem.library.named(fit.vector, n)["onset"] for n in effects}
+    fit = refit(fits, effects, fits.nominal)[effects]
+    onsets = {n: replay.library.named(fit.vector, n)["onset"] for n in effects}
     assert onsets == pytest.approx({"gust": 2.2, "broken_blade": 4.2}, abs=0.1)
 
 

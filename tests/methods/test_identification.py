@@ -1,13 +1,17 @@
 """What is logged of calibration flights, and which of the sets that they allow is trained in."""
 
+import types
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from cells import same
 
+from diagnosis.fit import search
 from diagnosis.fit.fit import Fit
-from diagnosis.fit.likelihood import Likelihood, Normal
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.fit.windows import Normal
 from methods.calibration import identification
 from methods.calibration.identification import (
     DITHER,
@@ -114,24 +118,22 @@ def test_drones_stand_at_first_and_noise_does_not_make_them_fly(flights):
 
 
 def chosen(monkeypatch, *sets):
-    """The choice among (evidence, chi-square), which a search finds in the order of evidence."""
+    """The choice among (evidence, chi-square), all of which a search finds."""
     evidence = {chi2: evidence for evidence, chi2 in sets}
-    fits = [_fit(chi2) for _, chi2 in sorted(sets, reverse=True)]
+    found = [_fit(chi2) for _, chi2 in sets]
+    known = types.SimpleNamespace(log_evidence=lambda fit: evidence[fit.objective])
 
-    class Problem:
-        def __init__(self, likelihood):
-            self.phi = 1.0
+    class Fits(search.Fits):
+        weighed = lambda self, phi: self  # noqa: E731
 
-        def search(self, largest):
-            return fits
-
-        def log_evidence(self, fit):
-            return evidence[fit.objective]
-
-    monkeypatch.setattr(identification, "Problem", Problem)
+    fits = object.__new__(Fits)  # without flights: the choice alone is asked
+    vars(fits).update(evidence=known, by_set={frozenset({str(f.objective)}): f for f in found})
+    monkeypatch.setattr(search.Fits, "of", lambda evidence: fits)
+    monkeypatch.setattr(identification.Evidence, "of", lambda likelihood: None)
+    monkeypatch.setattr(identification, "search", lambda fits, largest: fits)
     monkeypatch.setattr(identification, "dispersion", lambda normal, n: 1.0)
-    found = identification.choose(object.__new__(Likelihood), 3, 3).objective
-    return evidence[found], found
+    best = identification.choose(object.__new__(Likelihood), 3, 3).objective
+    return evidence[best], best
 
 
 def _fit(chi2):

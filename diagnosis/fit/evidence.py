@@ -6,6 +6,7 @@ so that only effects are searched for in the simulator.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
@@ -21,7 +22,8 @@ from diagnosis.fit.equations import (
     scaled,
 )
 from diagnosis.fit.fit import Fit, Set
-from diagnosis.fit.likelihood import Likelihood, Normal
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.fit.windows import Normal
 from diagnosis.logs.segments import WINDOW
 from diagnosis.replay.library import Library, Slot
 
@@ -29,23 +31,58 @@ QUIET = 3
 """Windows before the earliest onset: what acts from the start is another effect."""
 
 
-class Equations:
-    """Target flights, the nominal (or reference) vector, and what is known of it."""
+@dataclasses.dataclass(frozen=True)
+class Evidence:
+    """What flights hold against the nominal (or reference) vector, and what is known of it."""
 
-    def __init__(
-        self,
+    likelihood: Likelihood
+    """The target flights."""
+    base: Float[np.ndarray, " params"]
+    """The vector without any effect: the nominal simulator's, or the reference flights'."""
+    precision: Float[np.ndarray, "params params"] | None
+    """How well the reference flights tell that vector; None without them."""
+    spread: Float[np.ndarray, " params"]
+    """Variance of what flights have of their own, in units of the dispersion."""
+    phi: float = 1.0
+    """Dispersion between flights."""
+
+    @classmethod
+    def of(
+        cls,
         likelihood: Likelihood,
         base: Float[np.ndarray, " params"] | None = None,
         precision: Float[np.ndarray, "params params"] | None = None,
         spread: Float[np.ndarray, " params"] | None = None,
-    ) -> None:
-        self.likelihood, self.phi = likelihood, 1.0
-        self.library: Library = likelihood.replay.library
-        self.precision = precision
-        self.base = self.library.neutral if base is None else base
-        self.low, self.high = bounds(self.library.slots, self.base)
-        self.spread = np.zeros(len(self.base)) if spread is None else spread
-        self.earliest = min(group.start.min() for group in likelihood.groups) + QUIET * WINDOW
+    ) -> "Evidence":
+        """That of flights, as far as nothing else is known beside the nominal simulator."""
+        base = likelihood.library.neutral if base is None else base
+        spread = np.zeros(len(base)) if spread is None else spread
+        return cls(likelihood, base, precision, spread)
+
+    @property
+    def library(self) -> Library:
+        """The effects and the simulator."""
+        return self.likelihood.library
+
+    @functools.cached_property
+    def ends(self) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
+        """Lower and upper bounds of the vector (`bounds`)."""
+        return bounds(self.library.slots, self.base)
+
+    @property
+    def low(self) -> Float[np.ndarray, " params"]:
+        """Lower bounds."""
+        return self.ends[0]
+
+    @property
+    def high(self) -> Float[np.ndarray, " params"]:
+        """Upper bounds."""
+        return self.ends[1]
+
+    @functools.cached_property
+    def earliest(self) -> float:
+        """The earliest onset that is tried [s]."""
+        return min(group.start.min() for group in self.likelihood.groups) + QUIET * WINDOW
 
     def free(self, effects: Iterable[str]) -> list[int]:
         """Entries of the vector that a set sets free."""
@@ -94,11 +131,13 @@ class Equations:
         inside = bool(np.all((free >= low) & (free <= high)))
         return free if inside else bounded_step(H, g, low, high)
 
-    def _place(self, effect: str, parameter: str) -> int:
+    def place(self, effect: str, parameter: str) -> int:
+        """Where a parameter of an effect stands in the vector."""
         slots = self.library.slots
         return next(i for i in self.library.indices(effect) if slots[i].parameter == parameter)
 
-    def _within(self, vector: np.ndarray, free: list[int]) -> np.ndarray:
+    def within(self, vector: np.ndarray, free: list[int]) -> np.ndarray:
+        """`vector` with some entries taken to the nearest end of what a fit may try."""
         vector = vector.copy()
         vector[free] = np.clip(vector[free], *self.bounds_of(free))
         return vector
@@ -109,7 +148,7 @@ class Equations:
         low[list(self.library.onsets.values())] = self.earliest
         return low[free], high[free]
 
-    def _bounded(
+    def bounded(
         self, normal: Normal, fit: Fit, free: list[int]
     ) -> tuple[Float[np.ndarray, " free"], float]:
         """Linear step within the bounds, and the fall in chi-square that it promises."""
@@ -120,7 +159,7 @@ class Equations:
         step = bounded_step(H, g, low - fit.vector[free], high - fit.vector[free])
         return step, float(2 * g @ step - step @ H @ step)
 
-    def _following(
+    def following(
         self, fit: Fit, free: list[int], step: Float[np.ndarray, " free"]
     ) -> Float[np.ndarray, " params"]:
         """How the shared shift follows a step of the free parameters, to first order.
@@ -164,7 +203,7 @@ class Equations:
         new = [slot.walked(x, step) for slot, x, step in zip(slots, vector, by, strict=True)]
         return np.clip(new, np.minimum(self.low, vector), np.maximum(self.high, vector))
 
-    def _inwards(
+    def inwards(
         self, vector: Float[np.ndarray, " params"], by: Float[np.ndarray, " params"]
     ) -> Float[np.ndarray, " params"]:
         """As much of the step `by` as leaves no bound behind."""
@@ -193,16 +232,16 @@ class Equations:
         pull = np.linalg.solve(known, np.column_stack([H[:, free], g - self.precision @ fit.shift]))
         return inner - H[free] @ pull[:, :-1], right - H[free] @ pull[:, -1]
 
-    def _silent(self, effects: Set, near: Fit) -> dict[str, int]:
+    def silent(self, effects: Set, near: Fit) -> dict[str, int]:
         """Where the onsets stand of effects that are in `effects`, but not in `near` yet."""
         return {n: i for n, i in self.library.onsets.items() if n in effects - near.effects}
 
-    def _felt(self, effects: Set, near: Fit) -> list[int]:
+    def felt(self, effects: Set, near: Fit) -> list[int]:
         """Entries that a linear step from `near` may move: the onset of nothing has no slope.
 
         Rounding leaves one that is next to nothing, of which a linear step would make any time.
         """
-        silent = self._silent(effects, near).values()
+        silent = self.silent(effects, near).values()
         return [i for i in self.free(effects) if i not in silent]
 
     def set_in(self, effects: Set, near: Fit) -> tuple[Normal, dict[str, float]]:
@@ -211,10 +250,10 @@ class Equations:
         Each sets in when it explains most beside those before it, by name.
         """
         normal, found = near.normal, {}
-        for name in sorted(self._silent(effects, near)):
+        for name in sorted(self.silent(effects, near)):
             switched = self._switched(near.normal, name, found)
-            later = self._silent(effects, near).keys() - found.keys() - {name}
-            free = self._felt(effects - later, near)
+            later = self.silent(effects, near).keys() - found.keys() - {name}
+            free = self.felt(effects - later, near)
             times = np.unique(near.normal.t)[QUIET:]
             gains = [self.solve(switched(t), near, free)[1] for t in times[:-1]]
             found[name] = float(times[int(np.argmax(gains))]) if gains else 0.0
@@ -230,6 +269,30 @@ class Equations:
             normal = muted(normal, self.library.indices(other), onset)
         switched = Switched(normal, self.library.indices(name))
         return lambda onset: loosened(switched.at(onset), self.spread)
+
+    def promised(self, near: Fit, effects: Set) -> float:
+        """Log evidence that the linear screening at `near` promises a set [nats]."""
+        normal, gain = self._screened(near, effects)
+        free = self.free(effects)
+        H, _ = self.reduced(normal, near, free)
+        return -0.5 * (near.objective - gain) / self.phi - self.occam(H, free)
+
+    def gain(self, near: Fit, effects: Set) -> float:
+        """Fall of chi-square that the linear screening at `near` promises a set."""
+        return self._screened(near, effects)[1]
+
+    def _screened(self, near: Fit, effects: Set) -> tuple[Normal, float]:
+        """Normal equations at `near`, of what sets in from where it does, and the promised fall."""
+        normal, _ = self.set_in(effects, near)
+        return normal, self.solve(normal, near, self.felt(effects, near))[1]
+
+    def worth(self, fit: Fit, name: str) -> float:
+        """What leaving out an effect of `fit` would cost in log evidence [nats], to first order."""
+        gone, kept = self.library.indices(name), self.free(fit.effects - {name})
+        (H, _), n = self.reduced(fit.normal, fit, [*gone, *kept]), len(gone)
+        own = H[:n, :n] - H[:n, n:] @ np.linalg.pinv(H[n:, n:], hermitian=True) @ H[n:, :n]
+        back: Float[np.ndarray, " gone"] = (self.base + fit.shared - fit.vector)[gone]
+        return float(0.5 * back @ own @ back / self.phi)
 
     def variance(
         self, fit: Fit, free: list[int], following: Float[np.ndarray, " free"]

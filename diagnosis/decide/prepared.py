@@ -1,0 +1,232 @@
+"""Flights prepared for a diagnosis: windows, the simulator, and what the reference says."""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Collection, Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from diagnosis.decide.reference import Reference, fit_reference
+from diagnosis.fit import shrinkage
+from diagnosis.fit.likelihood import Likelihood
+from diagnosis.logs.flights import FlightLog, FlightSet, LogError
+from diagnosis.logs.inputs import Inputs, choose_inputs, on_ground
+from diagnosis.logs.noise import UNSEEN, estimate_noise
+from diagnosis.logs.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut, uncounted
+from diagnosis.replay.library import Library, make_library, with_aliases
+from diagnosis.replay.programs import remembered
+from diagnosis.replay.replay import Replay, make_replay
+from simulators import registry
+from simulators.contract import AbstractSimulator
+from simulators.vehicle import GRAVITY, VEHICLES
+
+STEPS = {"crazyflow": 0.002, "point_mass": 0.005}
+"""Integration step of each simulator's replay [s]; others take the point mass's."""
+MEASURED = 2.0
+"""Largest thrust that rotors can be measured to give, over the largest that can be commanded."""
+
+Progress = Callable[[str, float], None]
+"""Called with a stage's name and the share of the work that is done."""
+
+
+def silent(stage: str, share: float) -> None:
+    """A `Progress` that shows nothing."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Question:
+    """What is asked of a diagnosis."""
+
+    flights: FlightSet
+    """The flights that may have a gap."""
+    simulator: str = "crazyflow"
+    """Registered name of the simulator that they are compared with."""
+    reference: FlightSet | None = None
+    """Flights of the same vehicle before something changed."""
+    exclude: Collection[str] = ()
+    """Effects that may not be blamed; with each, those that look like it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """Flights replayed in one way, before anything is fitted to them."""
+
+    inputs: Inputs
+    """The flights as they are driven, those that hold nothing to compare left out."""
+    compared: Inputs | None
+    """The reference flights, likewise."""
+    base: Reference | None
+    """What the reference flights say."""
+    every: Likelihood
+    """All flights."""
+    noise: Float[np.ndarray, " 9"]
+    """Noise of the logs, before a reference enlarged it."""
+    fit_ids: list[int]
+    """Flights that are fitted."""
+    held: list[int]
+    """Flights that are scored; all of them, one left out in turn, where they are few."""
+
+    @property
+    def in_turn(self) -> bool:
+        """Whether each flight is left out in turn, because they are too few to hold some out."""
+        return self.fit_ids == self.held
+
+    def part(self, chosen: Sequence[int]) -> Likelihood:
+        """The likelihood of some of the flights."""
+        logs = [self.inputs.flights[i] for i in chosen]
+        part = make_likelihood(self.every.replay, logs, self.every.sigma)
+        return dataclasses.replace(part, shake=self.every.shake)
+
+
+def prepare(question: Question, prescribe: bool = False, progress: Progress = silent) -> Prepared:
+    """The flights in windows, the simulator with its library, and what the reference says.
+
+    With `prescribe`, the attitude is the measured one.
+
+    Raises:
+        LogError: No flight has an input that can be replayed, or the reference flew another
+            vehicle or logged another input.
+    """
+    progress("cutting flights into windows", 0.02)
+    inputs, compared = _driven(question, prescribe)
+    replay = _replay(question, inputs, compared)
+    logs = inputs.flights
+    sigma = noise_of(replay, logs)
+    fitted = ", fitting it to the reference flights" if compared is not None else ""
+    progress(f"compiling the simulator{fitted}", 0.05)
+    base = reference_of(replay, compared.flights) if compared is not None else None
+    every = make_likelihood(replay, logs, base.enlarged * sigma if base else sigma)
+    fit_ids, held = shrinkage.split(len(logs))
+    return Prepared(inputs, compared, base, every, sigma, fit_ids, held)
+
+
+def _driven(question: Question, prescribe: bool) -> tuple[Inputs, Inputs | None]:
+    """The flights and the reference flights, as they are driven."""
+    flights, simulator, reference = question.flights, question.simulator, question.reference
+    if reference is not None:
+        _check_alike(flights, reference)
+    inputs = _scorable(choose_inputs(flights, prescribe, reference), flights, simulator)
+    if reference is None:
+        return inputs, None
+    compared = _scorable(choose_inputs(reference, prescribe, flights), reference, simulator)
+    if compared.kind != inputs.kind:
+        raise LogError(
+            f"{flights.path} is replayed by {inputs.kind}, the reference by {compared.kind}; "
+            "both must log the same kind of input."
+        )
+    return inputs, compared
+
+
+def _check_alike(flights: FlightSet, reference: FlightSet) -> None:
+    """Both are replayed in one simulator, so both must be believed to be one vehicle."""
+    for name, unit in (("drone", ""), ("mass", " kg")):
+        here, there = (getattr(x.vehicle, name) for x in (flights, reference))
+        if here != there:
+            raise LogError(
+                f"{flights.path}/vehicle.toml: {name} is {here}{unit}, that of the reference "
+                f"{there}{unit}; one vehicle, believed the same before and after, is expected."
+            )
+
+
+def _replay(question: Question, inputs: Inputs, compared: Inputs | None) -> Replay:
+    """The simulator with every effect that these flights may show."""
+    sets = (inputs.flights, *([compared.flights] if compared else []))
+    library: Library = make_library(
+        nominal_simulator(question.simulator, question.flights, limited=inputs.follows_commands),
+        with_aliases(question.exclude),
+        any(len(f.drones) > 1 for flown in sets for f in flown),
+        inputs.prescribed,
+        referenced=compared is not None,
+        voltage=_voltage_known(inputs, sets),
+        produced=inputs.produced,
+        mapped=inputs.mapped,
+    )
+    return make_replay(library, _step(question.simulator), inputs.measured)
+
+
+def _voltage_known(inputs: Inputs, sets: Iterable[Sequence[FlightLog]]) -> bool:
+    """Whether every flight is of one drone with a voltage that its thrust does not follow yet."""
+    flights = [flight for logs in sets for flight in logs]
+    logged = all(len(f.drones) == 1 and f.drones[0].battery is not None for f in flights)
+    return logged and inputs.follows_commands
+
+
+def _step(simulator: str) -> float:
+    return STEPS.get(simulator, STEPS["point_mass"])
+
+
+def _scorable(inputs: Inputs, flights: FlightSet, simulator: str) -> Inputs:
+    """The flights with a window in which prediction and measurement can be compared.
+
+    Raises:
+        LogError: There is none.
+    """
+    segments = _segments(inputs.flights, _step(simulator), inputs.measured, flights.vehicle.mass)
+    why = (
+        f"in the air no {WINDOW:g} s without unknown commands hold {FEWEST_NODES} rows or more; "
+        f"rows every {NODE_DT:g} s are expected."
+    )
+    try:
+        return inputs.without(uncounted(segments), why)
+    except LogError as error:
+        raise LogError(f"{flights.path}, no flight is usable:\n{error}") from None
+
+
+def _segments(logs: Sequence[FlightLog], dt: float, measured: int, mass: float) -> list[Segments]:
+    """Windows of flights; time on the ground does not count."""
+    return cut(logs, dt, measured, functools.partial(on_ground, mass=mass, turning=measured > 0))
+
+
+def make_likelihood(
+    replay: Replay, logs: Sequence[FlightLog], sigma: Float[np.ndarray, " 9"]
+) -> Likelihood:
+    """The likelihood of flights."""
+    mass = replay.library.simulator.spec.mass
+    segments = _segments(logs, replay.dt, replay.measured, mass)
+    return Likelihood(replay, segments, sigma, _shake(logs) if replay.prescribed else 0.0)
+
+
+def _shake(logs: Sequence[FlightLog]) -> float:
+    """Noise of a window's mean force [m/s^2] where thrust points along the measured attitude.
+
+    The thrust is taken to be about the weight.
+    """
+    period = np.median(np.concatenate([np.diff(d.t) for log in logs for d in log.drones]))
+    return float(GRAVITY * estimate_noise(logs)[6] / np.sqrt(WINDOW / period))
+
+
+def noise_of(replay: Replay, logs: Sequence[FlightLog]) -> Float[np.ndarray, " 9"]:
+    """Noise of logs, with which a prescribed attitude says nothing."""
+    sigma = estimate_noise(logs)
+    if replay.prescribed:
+        sigma[6:] = UNSEEN
+    return sigma
+
+
+def reference_of(replay: Replay, logs: Sequence[FlightLog]) -> Reference:
+    """What reference flights say; remembered where compiled programs are."""
+
+    def fit() -> dict[str, np.ndarray]:
+        return fit_reference(make_likelihood(replay, logs, noise_of(replay, logs))).to_arrays()
+
+    rows = [vars(drone).items() for log in logs for drone in log.drones]
+    inputs = [x for columns in rows for _, x in columns if x is not None]
+    given = [[name for name, x in columns if x is not None] for columns in rows]
+    settings = f"dt={replay.dt} measured={replay.measured} {given}"
+    settings += f" drones={[len(log.drones) for log in logs]}"
+    return Reference.of(remembered("reference", fit, replay.library, settings, inputs))
+
+
+def nominal_simulator(name: str, flights: FlightSet, limited: bool = True) -> AbstractSimulator:
+    """The simulator as the operator believes it: her airframe, her mass.
+
+    A thrust that was measured is not `limited` to what the airframe can be commanded.
+    """
+    spec = VEHICLES[flights.vehicle.drone]
+    spec = dataclasses.replace(spec, mass=flights.vehicle.mass)
+    if not limited:
+        spec = dataclasses.replace(spec, thrust_min=0.0, thrust_max=MEASURED * spec.thrust_max)
+    # Buffers of effects are as fine as the simulator's own step, so that is the replay's.
+    own = {"dt": STEPS[name]} if name == "point_mass" else {}
+    return registry.load("simulator", name)(spec=spec, **own)
