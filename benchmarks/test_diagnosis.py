@@ -13,13 +13,13 @@ import pytest
 from flights_for_tests import SIGMA, flight_set, fly
 from log_tables import folder, table
 
-from diagnosis.decide.prepared import STEPS, make_likelihood
+from diagnosis.decide.prepared import make_likelihood
 from diagnosis.diagnose import diagnose
 from diagnosis.logs.flights import load_flights
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
 from simulators import registry
-from simulators.contract import with_effects
+from simulators.contract import replayable_class, with_effects
 from simulators.effects.drag import Drag
 
 AIMS = {"point_mass": 20.0, "crazyflow": 60.0}
@@ -44,7 +44,7 @@ def kept_programs(tmp_path):
 
 def dragged(name, seconds):
     """Flights of 10 s with more drag than the simulator has."""
-    own = {"dt": STEPS[name]} if name == "point_mass" else {}
+    own = {"dt": replayable_class(name).replay_dt} if name == "point_mass" else {}
     simulator = with_effects(registry.load("simulator", name)(**own), [Drag(c=0.3)])
     return fly(simulator, n_flights=round(seconds / 10.0), seconds=10.0)
 
@@ -64,7 +64,9 @@ def test_a_minute_of_flight_is_diagnosed(benchmark, kept_programs, name):
 @pytest.mark.parametrize("name", ["point_mass", "crazyflow"])
 def test_cost_is_linear_in_flight_seconds(benchmark, kept_programs, name):
     # The work of a diagnosis is replays; how many it takes depends on what it finds.
-    replay = make_replay(make_library(registry.load("simulator", name)()), STEPS[name])
+    replay = make_replay(
+        make_library(registry.load("simulator", name)()), replayable_class(name).replay_dt
+    )
     shift = np.eye(len(replay.library.slots))[0]
     cpu = {}
     for seconds in (60.0, 240.0):

@@ -1,7 +1,7 @@
 """What a simulator is, and how effects are attached to it."""
 
 import abc
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -74,6 +74,11 @@ class Replayable(AbstractSimulator):
     the fields `pos` [m, world] and `vel` [m/s, world].
     """
 
+    replay_dt: eqx.AbstractClassVar[float]
+    """Integration step of a replay [s]."""
+    airframes: eqx.AbstractClassVar[Mapping[str, VehicleSpec]]
+    """What it knows of the airframes that a log may name."""
+
     def placed(
         self, state: Any, pos: Float[Array, "drones 3"], vel: Float[Array, "drones 3"]
     ) -> Any:
@@ -116,12 +121,29 @@ def replayable(simulator: AbstractSimulator) -> Replayable:
     """
     if isinstance(simulator, Replayable):
         return simulator
+    raise _not_replayable(simulator.name)
+
+
+def replayable_class(name: str) -> type[Replayable]:
+    """The registered simulator of that name, if logs can be replayed in it.
+
+    Raises:
+        TypeError: It is not `Replayable`.
+        UnknownPluginError: There is none of that name.
+    """
+    kind = registry.load("simulator", name)
+    if issubclass(kind, Replayable):
+        return kind
+    raise _not_replayable(name)
+
+
+def _not_replayable(name: str) -> TypeError:
     kinds = registry.load_all("simulator").items()
-    able = ", ".join(name for name, kind in kinds if issubclass(kind, Replayable))
-    raise TypeError(
-        f"`simulator` must be Replayable, so that logs can be replayed in it; got "
-        f"'{simulator.name}'. Simulators that are: {able}. Derive yours from "
-        "`simulators.contract.Replayable` and write its methods."
+    able = ", ".join(known for known, kind in kinds if issubclass(kind, Replayable))
+    return TypeError(
+        f"`simulator` must be Replayable, so that logs can be replayed in it; got '{name}'. "
+        f"Simulators that are: {able}. Derive yours from `simulators.contract.Replayable` and "
+        "write its methods."
     )
 
 

@@ -28,7 +28,7 @@ import functools
 import io
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -92,6 +92,8 @@ class Crazyflow(Replayable):
 
     name: ClassVar[str] = "crazyflow"
     version: ClassVar[str] = "1"
+    replay_dt: ClassVar[float] = 0.002
+    airframes: ClassVar[Mapping[str, VehicleSpec]] = VEHICLES
     doors: ClassVar[tuple[str, ...]] = (
         "command",
         "autopilot",

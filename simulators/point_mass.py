@@ -22,6 +22,7 @@ Effects attach through command, plant (mass, thrust gain, drag), response, wrenc
 """
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 import equinox as eqx
@@ -80,6 +81,8 @@ class PointMass(Replayable):
 
     name: ClassVar[str] = "point_mass"
     version: ClassVar[str] = "1"
+    replay_dt: ClassVar[float] = 0.005
+    airframes: ClassVar[Mapping[str, VehicleSpec]] = VEHICLES
     doors: ClassVar[tuple[str, ...]] = ("command", "plant", "response", "wrench", "state")
 
     def reset(self, pos: Float[Array, "drones 3"], key: PRNGKeyArray) -> PointMassState:

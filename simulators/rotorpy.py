@@ -28,6 +28,8 @@ Model Your Crazyflie Brushless", arXiv:2603.05944, as in RotorPy 3.0.0.
 """
 
 import functools
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -100,6 +102,9 @@ class Rotorpy(Replayable):
 
     name: ClassVar[str] = "rotorpy"
     version: ClassVar[str] = "1"
+    replay_dt: ClassVar[float] = 0.005
+    airframes: ClassVar[Mapping[str, VehicleSpec]] = MappingProxyType({"cf21B_500": SPEC})
+    """The Crazyflie Brushless, by the name that crazyflow gives it."""
     doors: ClassVar[tuple[str, ...]] = ("command", "plant", "wrench", "rotation", "state")
 
     def reset(self, pos: Float[Array, "drones 3"], key: PRNGKeyArray) -> RotorpyState:

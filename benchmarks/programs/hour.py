@@ -8,10 +8,9 @@ from pathlib import Path
 
 from flights_for_tests import fly
 
-from diagnosis.decide.prepared import STEPS
 from diagnosis.diagnose import diagnose
 from diagnosis.logs.flights import VehicleFile, load_flights, write_flights
-from simulators.contract import with_effects
+from simulators.contract import replayable_class, with_effects
 from simulators.effects.drag import Drag
 from simulators.point_mass import PointMass
 from simulators.vehicle import CONTROL_DT
@@ -35,7 +34,7 @@ def write(folder):
     The vehicle takes the steps of the replay, 5 ms: integrated from row to row, in steps of 2 ms,
     it differs by more than drag, and six flights of a minute show a delay of 0.17 ms.
     """
-    reality = with_effects(PointMass(dt=STEPS["point_mass"]), [Drag(c=DRAG)])
+    reality = with_effects(PointMass(dt=replayable_class("point_mass").replay_dt), [Drag(c=DRAG)])
     rows = round(RATE * CONTROL_DT)
     logs = fly(reality, n_flights=6, seconds=60.0 * MINUTES, rows=rows)
     write_flights(folder, VehicleFile("hour", "cf21B_500", 0.0434), logs)

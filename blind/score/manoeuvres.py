@@ -23,13 +23,14 @@ from blind.fly.realities import DT
 from blind.fly.references import TrackedPath
 from blind.score.measures import OWN
 from diagnosis.decide.decidable import DECIDABLE, with_truth
-from diagnosis.decide.prepared import STEPS, make_likelihood, nominal_simulator
+from diagnosis.decide.prepared import make_likelihood, nominal_simulator
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Set
 from diagnosis.fit.search import Fits, refit
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import Replay, make_replay
+from simulators.contract import replayable_class
 from simulators.effects.card import manoeuvre
 
 MEDIUM = 1
@@ -192,7 +193,7 @@ class Range:
         flown = _fly(effect, flights)
         if self._replay is None:
             library = make_library(nominal_simulator(OWN, flown), self._exclude)
-            self._replay = make_replay(library, STEPS[OWN])
+            self._replay = make_replay(library, replayable_class(OWN).replay_dt)
         noise = flying.Noise()
         sigma = np.repeat([noise.pos, noise.vel, noise.attitude], 3)
         return Evidence.of(make_likelihood(self._replay, flown.flights, sigma))

@@ -27,7 +27,7 @@ from diagnosis.decide.decidable import (
     values,
     with_truth,
 )
-from diagnosis.decide.prepared import STEPS, make_likelihood, nominal_simulator, reference_of
+from diagnosis.decide.prepared import make_likelihood, nominal_simulator, reference_of
 from diagnosis.decide.reference import Reference, beside, fit_reference
 from diagnosis.decision import DECISION
 from diagnosis.fit import shrinkage
@@ -41,6 +41,7 @@ from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.logs.noise import estimate_noise
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.replay import Replay, make_replay
+from simulators.contract import replayable_class
 
 OWN = "crazyflow"
 """The reality whose equations are those of the simulator that the diagnosis is asked about."""
@@ -63,7 +64,7 @@ class Workbench:
             library = make_library(
                 nominal_simulator(OWN, flights), (), several, referenced=self.with_reference
             )
-            self._replays[several] = make_replay(library, STEPS[OWN])
+            self._replays[several] = make_replay(library, replayable_class(OWN).replay_dt)
         return self._replays[several]
 
     def exact(self, case: Case) -> Fits:

@@ -17,12 +17,9 @@ from diagnosis.logs.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut
 from diagnosis.replay.library import Library, make_library, with_aliases
 from diagnosis.replay.programs import remembered
 from diagnosis.replay.replay import Replay, make_replay
-from simulators import registry
-from simulators.contract import AbstractSimulator
-from simulators.vehicle import GRAVITY, VEHICLES
+from simulators.contract import AbstractSimulator, replayable_class
+from simulators.vehicle import GRAVITY
 
-STEPS = {"crazyflow": 0.002, "point_mass": 0.005}
-"""Integration step of each simulator's replay [s]; others take the point mass's."""
 MEASURED = 2.0
 """Largest thrust that rotors can be measured to give, over the largest that can be commanded."""
 
@@ -153,7 +150,7 @@ def _voltage_known(inputs: Inputs, sets: Iterable[Sequence[FlightLog]]) -> bool:
 
 
 def _step(simulator: str) -> float:
-    return STEPS.get(simulator, STEPS["point_mass"])
+    return replayable_class(simulator).replay_dt
 
 
 def _scorable(inputs: Inputs, flights: FlightSet, simulator: str) -> Inputs:
@@ -222,11 +219,19 @@ def nominal_simulator(name: str, flights: FlightSet, limited: bool = True) -> Ab
     """The simulator as the operator believes it: her airframe, her mass.
 
     A thrust that was measured is not `limited` to what the airframe can be commanded.
+
+    Raises:
+        LogError: The simulator does not know the airframe.
     """
-    spec = VEHICLES[flights.vehicle.drone]
-    spec = dataclasses.replace(spec, mass=flights.vehicle.mass)
+    kind, drone = replayable_class(name), flights.vehicle.drone
+    if drone not in kind.airframes:
+        raise LogError(
+            f"{flights.path}/vehicle.toml: drone must be an airframe that '{name}' knows "
+            f"({', '.join(sorted(kind.airframes))}), got '{drone}'."
+        )
+    spec = dataclasses.replace(kind.airframes[drone], mass=flights.vehicle.mass)
     if not limited:
         spec = dataclasses.replace(spec, thrust_min=0.0, thrust_max=MEASURED * spec.thrust_max)
     # Buffers of effects are as fine as the simulator's own step, so that is the replay's.
-    own = {"dt": STEPS[name]} if name == "point_mass" else {}
-    return registry.load("simulator", name)(spec=spec, **own)
+    own = {"dt": kind.replay_dt} if "dt" in {f.name for f in dataclasses.fields(kind)} else {}
+    return kind(spec=spec, **own)

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, flight_set, fly, rotor_speeds
 
-from diagnosis.decide.prepared import STEPS, make_likelihood, noise_of
+from diagnosis.decide.prepared import make_likelihood, noise_of
 from diagnosis.diagnose import diagnose
 from diagnosis.fit.gap import drifts, rms
 from diagnosis.logs.flights import LogError
 from diagnosis.logs.inputs import VOLTS, choose_inputs, on_ground, thrust_of_pwm, thrust_of_rotors
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
+from simulators.contract import replayable_class
 from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
 from simulators.vehicle import GRAVITY, VEHICLES
@@ -114,7 +115,7 @@ def test_measured_rotors_of_an_unchanged_vehicle_leave_no_gap():
     assert inputs.produced
     library = make_library(simulator, prescribed=True, produced=True)
     assert not {"motor_lag", "rotor_response"} & set(library.effects)
-    replay = make_replay(library, STEPS["crazyflow"], inputs.measured)
+    replay = make_replay(library, replayable_class("crazyflow").replay_dt, inputs.measured)
     tracks = make_likelihood(replay, inputs.flights, noise_of(replay, inputs.flights)).tracks(
         library.neutral
     )

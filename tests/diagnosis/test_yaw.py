@@ -9,11 +9,12 @@ import pytest
 from flights_for_tests import SIGMA, noisy
 from scipy.spatial.transform import Rotation
 
-from diagnosis.decide.prepared import STEPS, make_likelihood
+from diagnosis.decide.prepared import make_likelihood
 from diagnosis.logs.flights import FlightLog
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
 from simulators import registry
+from simulators.contract import replayable_class
 from simulators.vehicle import CONTROL_DT, GRAVITY
 
 SECONDS = 6.0
@@ -40,24 +41,26 @@ def turning(simulator):
 
 @pytest.mark.parametrize("name", ["point_mass", "crazyflow"])
 def test_a_turn_through_pi_is_replayed_within_noise(name):
-    own = {"dt": STEPS[name]} if name == "point_mass" else {}
+    own = {"dt": replayable_class(name).replay_dt} if name == "point_mass" else {}
     simulator = registry.load("simulator", name)(**own)
     flight = turning(simulator)
     yaw = Rotation.from_quat(flight.drones[0].quat).as_euler("xyz")[:, 2]
     assert np.sum(np.abs(np.diff(yaw)) > 3.0) >= 1
-    replay = make_replay(make_library(simulator), STEPS[name])
+    replay = make_replay(make_library(simulator), replayable_class(name).replay_dt)
     normal = make_likelihood(replay, [flight], SIGMA).normal(replay.library.neutral)
     assert normal.chi2 / normal.dof.sum() == pytest.approx(1.0, abs=0.15)
 
 
 def test_effects_on_the_command_see_no_jump_where_it_wraps():
     """Slopes of all effects, a delay's too, are those of a log whose yaw command goes on."""
-    simulator = registry.load("simulator", "point_mass")(dt=STEPS["point_mass"])
+    simulator = registry.load("simulator", "point_mass")(
+        dt=replayable_class("point_mass").replay_dt
+    )
     flight = turning(simulator)
     (drone,) = flight.drones
     cmd = np.column_stack([drone.cmd[:, :2], np.unwrap(drone.cmd[:, 2]), drone.cmd[:, 3]])
     on = dataclasses.replace(flight, drones=(dataclasses.replace(drone, cmd=cmd),))
-    replay = make_replay(make_library(simulator), STEPS["point_mass"])
+    replay = make_replay(make_library(simulator), replayable_class("point_mass").replay_dt)
     wrapped, straight = (
         make_likelihood(replay, [log], SIGMA).normal(replay.library.neutral) for log in (flight, on)
     )
