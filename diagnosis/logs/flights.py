@@ -116,7 +116,7 @@ def load_flights(path: Path) -> FlightSet:
     if not path.is_dir():
         what = "is a file" if path.exists() else "does not exist"
         raise LogError(f"{path}: {what}; a folder with vehicle.toml and flights/ is expected.")
-    vehicle = _read_vehicle(path)
+    vehicle = read_vehicle(path)
     folder = path / "flights"
     if not folder.is_dir():
         raise LogError(f"{folder}: there is no such folder; log files are expected in it.")
@@ -220,7 +220,7 @@ def _table(flight: FlightLog) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def _read_vehicle(path: Path) -> VehicleFile:
+def read_vehicle(path: Path) -> VehicleFile:
     """What vehicle.toml says, or a LogError with one line for each thing that is wrong with it."""
     file = path / "vehicle.toml"
     if not file.is_file():
