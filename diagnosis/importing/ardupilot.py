@@ -2,18 +2,18 @@
 
 | field | message and fields | |
 |---|---|---|
-| `pos`, `vel` | `XKF1` (else `NKF1`), first core, PN PE PD, VN VE VD | north, east, down |
+| `pos`, `vel` | `XKF1`, first core, PN PE PD, VN VE VD | north, east, down |
 | `quat` | `ATT` Roll Pitch Yaw | degrees, FRD in NED |
 | `ang_vel`, `acc` | `IMU`, first one, GyrX.., AccX.. | FRD |
 | `cmd_angles` | `ATT` DesRoll DesPitch DesYaw | degrees |
-| `cmd_thrust` | `RATE` AOut (else `CTUN` ThO) | 0 to 1 |
-| `rotor_vel` | `ESC`, instances 0 to 3, RPM | rev/min |
+| `cmd_thrust` | `RATE` AOut | 0 to 1 |
 | `battery` | `BAT`, first one, Volt | |
 
 A throttle of 1 is turned into newtons by the throttle that ArduPilot believes to hover,
 `MOT_THST_HOVER`. Source of all names: ArduPilot's "Onboard message log messages" (Copter 4.6).
 """
 
+import tempfile
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -38,9 +38,9 @@ HOVER = "MOT_THST_HOVER"
 """Parameter that holds the throttle which ArduPilot believes to hover [-]."""
 PAGE = 256
 """A log in flash memory may end with so many bytes that were erased."""
-TYPES = ("XKF1", "NKF1", "ATT", "IMU", "RATE", "CTUN", "ESC", "BAT", "PARM")
+TYPES = ("XKF1", "ATT", "IMU", "RATE", "BAT", "PARM")
 """Messages that are read."""
-INSTANCE = {"XKF1": "C", "NKF1": "C", "IMU": "I", "ESC": "Instance", "BAT": "Instance"}
+INSTANCE = {"XKF1": "C", "IMU": "I", "BAT": "Instance"}
 """Field that numbers the sensors or estimators of a message; older names in `_OLDER`."""
 _OLDER = {"BAT": "Inst"}
 
@@ -58,19 +58,23 @@ class ArdupilotReader(AbstractReader):
 
     def read(self, path: Path, request: Request) -> Recording:
         module = self.module("pymavlink.DFReader")
-        with reading("DataFlash log") as printed, module.DFReader_binary(str(path)) as log:
-            rows = _rows(log)
-            left = _left_over(path.read_bytes(), log.formats)
-        notes = []
-        if left:
-            notes.append(broken_off(f"the log ends with {left} bytes that are no message", request))
-        elif "Failed to parse" in printed.getvalue():
-            notes.append("Some messages could not be parsed; they are left out.")
+        data = path.read_bytes()
         with reading("DataFlash log"):
+            whole = _whole(data)
+        notes = []
+        if data[whole : whole + PAGE].strip(b"\xff\x00") or len(data) > whole + PAGE:
+            what = f"the log holds {len(data) - whole} bytes at its end that are no message"
+            notes.append(broken_off(what, request))
+        with reading("DataFlash log"), tempfile.NamedTemporaryFile(suffix=".bin") as file:
+            # The package complains about other bytes on the terminal, one line for each of them.
+            file.write(data[:whole])
+            file.flush()
+            with module.DFReader_binary(file.name) as log:
+                rows = _rows(log)
             tables = {name: _Table(name, found) for name, found in rows.items()}
             parameters = {row["Name"]: float(row["Value"]) for row in rows.get("PARM", [])}
             streams = _streams(tables, request, parameters.get(HOVER))
-        wanted = ("XKF1", "ATT", "RATE", "ESC", "BAT")
+        wanted = ("XKF1", "ATT", "RATE", "BAT")
         missing = tuple(f"{name} was not logged." for name in wanted if name not in tables)
         return Recording({"": tuple(streams)}, missing, tuple(notes))
 
@@ -105,26 +109,27 @@ def _rows(log: Any) -> dict[str, list[dict[str, Any]]]:
     return found
 
 
-def _left_over(data: bytes, formats: dict[int, Any]) -> int:
-    """Bytes at the end of a log that are neither a message nor erased memory."""
-    at = 0
+def _whole(data: bytes) -> int:
+    """How many bytes from the start on are messages."""
+    at, lengths = 0, {FMT: 89}
     while data[at : at + 2] == HEAD and at + 3 <= len(data):
-        length = formats[data[at + 2]].len if data[at + 2] in formats else 0
+        length = lengths.get(data[at + 2], 0)
         if length < 3 or at + length > len(data):
             break
+        if data[at + 2] == FMT:
+            lengths[data[at + 3]] = data[at + 4]
         at += length
-    rest = data[at:]
-    erased = len(rest) <= PAGE and not rest.strip(b"\xff\x00")
-    return 0 if erased else len(rest)
+    return at
 
 
 def _streams(tables: dict[str, _Table], request: Request, hover: float | None) -> list[Stream]:
     streams = []
-    state = next((tables[name].of(0) for name in ("XKF1", "NKF1") if name in tables), None)
-    if state is not None and state.rows:
+    if "XKF1" in tables:
+        table = tables["XKF1"].of(0)
         for field, names in (("pos", "PN PE PD"), ("vel", "VN VE VD")):
-            source = f"{state.name} {names}"
-            streams.append(Stream(field, state.t(), enu(state.columns(names)), source, NED))
+            streams.append(
+                Stream(field, table.t(), enu(table.columns(names)), f"XKF1 {names}", NED)
+            )
     if "ATT" in tables:
         table, change = tables["ATT"], f"degrees to radians, {NED}, {FRD}"
         flown = quat_of(quat_of_rpy(np.radians(table.columns("Roll Pitch Yaw"))))
@@ -136,27 +141,12 @@ def _streams(tables: dict[str, _Table], request: Request, hover: float | None) -
         table = tables["IMU"].of(0)
         for field, names in (("ang_vel", "GyrX GyrY GyrZ"), ("acc", "AccX AccY AccZ")):
             streams.append(Stream(field, table.t(), flu(table.columns(names)), f"IMU {names}", FRD))
-    for name, column in (("RATE", "AOut"), ("CTUN", "ThO")):
-        if name in tables:
-            scale, words = request.scale(hover, HOVER)
-            table = tables[name]
-            thrust = scale * table.columns(column)
-            streams.append(Stream("cmd_thrust", table.t(), thrust, f"{name} {column}", words))
-            break
-    if "ESC" in tables:
-        streams += _rotors(tables["ESC"])
+    if "RATE" in tables:
+        scale, words = request.scale(hover, HOVER)
+        table = tables["RATE"]
+        thrust = scale * table.columns("AOut")
+        streams.append(Stream("cmd_thrust", table.t(), thrust, "RATE AOut", words))
     if "BAT" in tables:
         table = tables["BAT"].of(0)
         streams.append(Stream("battery", table.t(), table.columns("Volt"), "BAT Volt"))
     return streams
-
-
-def _rotors(table: _Table) -> list[Stream]:
-    """Rotor speeds at the times of the first motor, where four report one."""
-    motors = [table.of(i) for i in range(4)]
-    if any(len(motor.rows) < 4 for motor in motors):
-        return []
-    t = motors[0].t()
-    speeds = [np.interp(t, motor.t(), motor.columns("RPM")[:, 0]) for motor in motors]
-    values = np.stack(speeds, axis=1) * 2.0 * np.pi / 60.0
-    return [Stream("rotor_vel", t, values, "ESC RPM of 0 to 3", "rev/min to rad/s")]

@@ -7,7 +7,6 @@
 | `TwistStamped` | `vel` | in the world, as mavros publishes it |
 | `sensor_msgs/Imu` | `ang_vel`, `acc` | |
 | `mavros_msgs/AttitudeTarget` | `cmd_angles`, `cmd_thrust` | thrust 0 to 1 |
-| `mav_msgs/RollPitchYawrateThrust` | `cmd_angles`, `cmd_thrust` | thrust in newtons |
 | `sensor_msgs/BatteryState` | `battery` | |
 | `px4_msgs/*` | as in a ULog file | `diagnosis.importing.ulog` |
 
@@ -198,18 +197,6 @@ def _target(topic: str, t: np.ndarray, messages: list[Any], request: Request) ->
     ]
 
 
-def _rates(topic: str, t: np.ndarray, messages: list[Any], request: Request) -> list[Stream]:
-    """Roll, pitch and thrust as they are; the yaw's rate is integrated from zero."""
-    rate = np.asarray([message.yaw_rate for message in messages], np.float64)
-    yaw = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(t))])
-    rpy = np.stack([[m.roll for m in messages], [m.pitch for m in messages], yaw], axis=1)
-    thrust = np.asarray([[message.thrust.z] for message in messages], np.float64)
-    return [
-        Stream("cmd_angles", t, rpy.astype(np.float64), topic, "yaw rate integrated from 0"),
-        Stream("cmd_thrust", t, thrust, topic),
-    ]
-
-
 def _battery(topic: str, t: np.ndarray, messages: list[Any], request: Request) -> list[Stream]:
     volts = np.asarray([[message.voltage] for message in messages], np.float64)
     return [Stream("battery", t, volts, topic)]
@@ -223,7 +210,6 @@ _FIELDS_OF: dict[str, Maker] = {
     "geometry_msgs/TwistStamped": _twist,
     "sensor_msgs/Imu": _imu,
     "mavros_msgs/AttitudeTarget": _target,
-    "mav_msgs/RollPitchYawrateThrust": _rates,
     "sensor_msgs/BatteryState": _battery,
 }
 """Types of messages that are read, and what makes streams of them."""

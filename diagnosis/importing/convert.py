@@ -198,6 +198,9 @@ def _import_one(
     recording = reader.read(source, request)
     drones = _rows(recording)
     notes = list(recording.notes)
+    if any("interpolated" in rows.columns for rows in drones.values()):
+        for rows in drones.values():
+            rows.columns.setdefault("interpolated", np.zeros(len(rows.columns["t"])))
     shared = set.intersection(*(set(rows.columns) for rows in drones.values()))
     tables = []
     for number, rows in enumerate(drones.values()):

@@ -17,7 +17,6 @@ has it since 2025 (THRUST_MAX of `platform_defaults_*.h`); older firmware means 
 `controller_mellinger.c`, `kalman_core.c`, `quatcompress.h`, `motors.c` (August 2026).
 """
 
-import csv
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -262,7 +261,7 @@ def _first(file: Path) -> bytes:
 
 def _names(head: bytes) -> list[str]:
     line = head.split(b"\n")[0].decode("utf-8-sig", errors="replace")
-    return [name.strip() for name in next(csv.reader([line.strip()]), [])]
+    return [name.strip() for name in line.split(",")]
 
 
 def _is_header(head: bytes) -> bool:
@@ -295,8 +294,8 @@ def _read_csv(file: Path) -> tuple[dict[str, Variable], str]:
     kinds = frame.select_dtypes(exclude="number").columns
     if len(kinds):
         raise LogError(f"{file.name}: column '{kinds[0]}' holds text; numbers are expected.")
-    last = frame.iloc[-1].isna().to_numpy()
-    if last.any() and not frame.isna().iloc[:-1].to_numpy()[:, last].any():
+    empty = frame.isna().to_numpy()
+    if empty[-1].any() and not empty[:-1, empty[-1]].any():
         raise LogError(f"{file.name}: the last row is cut; copy the file again.")
     t = frame[key].to_numpy(np.float64)
     milli = len(t) > 1 and float(np.median(np.diff(np.unique(t)))) >= MILLISECONDS

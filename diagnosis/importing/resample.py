@@ -35,6 +35,8 @@ BACKWARDS = 0.01
 VEL_SPAN = 0.06
 """Half the span of the fits that derive a velocity [s]; that of a window's start
 (`diagnosis.logs.segments`)."""
+LARGEST = 1e5
+"""Largest number in a log in our units; a rotor turns at 1e4 rad/s, a day has 86,400 s."""
 FEWEST = 4
 """Fewest rows of a stream that can be interpolated."""
 ONE_CLOCK = 1e-7
@@ -45,6 +47,8 @@ INPUTS = (("cmd_angles", "cmd_thrust"), ("rotor_vel",), ("pwm", "battery"))
 """Fields that drive a replay, any one group of them, the preferred group first."""
 MEASURED = ("pos", "vel", "quat")
 """Fields that a replay is compared with."""
+SLOW = 0.75
+"""Share of the rows' rate below which a measurement is slower than they are; clocks jitter."""
 HELD = ("cmd_angles", "cmd_thrust", "pwm")
 """Fields that hold until the next row."""
 
@@ -106,6 +110,8 @@ def make_rows(streams: Sequence[Stream], zero: float) -> Rows:
             continue
         columns |= dict(zip(FIELDS[name], values.T, strict=True))
         taken.append(_taken(stream, dropped.get(name, 0), _how(name, stream, t, resampled)))
+    if _rate(clean["pos"].t) < SLOW * _rate(t):
+        columns["interpolated"] = _between(t, clean["pos"].t)
     notes += _low_rates(clean, t)
     return Rows(columns, tuple(taken), tuple(notes))
 
@@ -122,6 +128,8 @@ def _cleaned(streams: Sequence[Stream]) -> tuple[dict[str, Stream], dict[str, in
                 f"{stream.source}: time goes backwards {int(back.sum())} times; are there two logs "
                 f"in one file?"
             )
+        if len(t) and max(np.abs(values).max(), np.ptp(t)) > LARGEST:
+            raise LogError(f"{stream.source}: a number is beyond {LARGEST:g}; the log is damaged.")
         order = np.argsort(t, kind="stable")
         t, values = t[order], values[order]
         new = np.concatenate([[True], np.diff(t) > 0.0]) if len(t) else np.zeros(0, bool)
@@ -295,6 +303,17 @@ def _how(name: str, stream: Stream, t: Float[np.ndarray, " times"], resampled: b
     return ("straight lines" if name == "battery" else "cubic splines") + to
 
 
+def _between(
+    t: Float[np.ndarray, " times"], rows: Float[np.ndarray, " rows"]
+) -> Float[np.ndarray, " times"]:
+    """1 for times to which none of the rows is the nearest one, else 0."""
+    right = np.clip(np.searchsorted(t, rows), 1, len(t) - 1)
+    nearest = right - (rows - t[right - 1] < t[right] - rows)
+    between = np.ones(len(t))
+    between[nearest] = 0.0
+    return between
+
+
 def _taken(stream: Stream, dropped: int, how: str) -> Taken:
     hole = float(np.diff(stream.t).max())
     return Taken(stream.field, stream.source, stream.change, _rate(stream.t), how, dropped, hole)
@@ -305,11 +324,11 @@ def _low_rates(clean: dict[str, Stream], t: Float[np.ndarray, " times"]) -> list
     names = ", ".join(
         f"{name} ({_rate(clean[name].t):.3g} Hz)"
         for name in MEASURED
-        if name in clean and _rate(clean[name].t) < 0.5 * _rate(t)
+        if name in clean and _rate(clean[name].t) < SLOW * _rate(t)
     )
     if not names:
         return []
     return [
         f"Slower than the rows ({_rate(t):.3g} Hz): {names}. Rows between measurements are "
-        f"interpolated, so that neighbouring rows share their noise."
+        f"interpolated; those between positions are compared with nothing."
     ]

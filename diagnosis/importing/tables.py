@@ -81,7 +81,7 @@ class TableReader(AbstractReader):
             parts = [_column(frame, known[n], unit, request, n, place) for n in names]
             values = np.stack([values for values, _ in parts], axis=1)
             source = ", ".join(dict.fromkeys(_name(known[name]) for name in names))
-            change = ", ".join(dict.fromkeys(words for _, words in parts if words))
+            change = ", ".join(dict.fromkeys(word for _, words in parts for word in words))
             streams.append(_turned(field, t, values, source, change, said))
         missing = tuple(
             f"{field} is not named in {place.name}."
@@ -142,7 +142,7 @@ def _name(entry: Any) -> Any:
 
 def _column(
     frame: pd.DataFrame, entry: Any, unit: str, request: Request, name: str, place: Path
-) -> tuple[Float64[np.ndarray, " rows"], str]:
+) -> tuple[Float64[np.ndarray, " rows"], list[str]]:
     """A column in the format's unit, NaN where a cell is empty, and what was done to it."""
     column = _name(entry)
     if column not in frame.columns:
@@ -160,7 +160,7 @@ def _column(
     sign = entry.get("sign", 1) if isinstance(entry, dict) else 1
     words = [f"{given} to {unit}"] if given != unit else []
     words += ["sign changed"] if sign < 0 else []
-    return sign * factor * frame[column].to_numpy(np.float64), ", ".join(words)
+    return sign * factor * frame[column].to_numpy(np.float64), words
 
 
 def _turned(

@@ -80,8 +80,8 @@ class UlogReader(AbstractReader):
 
     def read(self, path: Path, request: Request) -> Recording:
         pyulog = self.module()
-        with reading("ULog file"):
-            log = pyulog.ULog(str(path), [*TOPICS, *OTHERS])
+        with reading("ULog file"), path.open("rb") as file:
+            log = pyulog.ULog(file, [*TOPICS, *OTHERS])
         notes = []
         if log.file_corruption:
             raise LogError("the ULog file is damaged: it holds bytes that are no message.")

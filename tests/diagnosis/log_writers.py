@@ -15,6 +15,8 @@ START = 12.0
 """Time on the autopilot's clock at which a flight begins [s]."""
 HOVER = 0.5
 """Share of the largest thrust at which a vehicle hovers."""
+IMU = (0.001, 0.002, 0.003, 0.1, 0.2, -9.81)
+"""What gyroscopes [rad/s] and accelerometers [m/s^2] say, FRD; not those of the flight."""
 RATES = {"pos": 5, "quat": 1, "cmd": 5}
 """Every which row is logged; rows stand at 250 Hz."""
 
@@ -77,6 +79,7 @@ def write_ulog(path, log, hover_thrust, rates=RATES, hover=HOVER, prefix=b""):
             {"float[4] q_d": data.cmd_quat, "float[3] thrust_body": thrust},
         ),
         "battery_status": ("pos", {"voltage_v": data.volts[:, None]}),
+        "vehicle_acceleration": ("pos", {"float[3] xyz": np.tile(IMU[3:], (len(data.t), 1))}),
     }
     for number, (name, (field, columns)) in enumerate(topics.items()):
         rows = data.every(field, rates)
@@ -100,6 +103,7 @@ DATAFLASH = {
     "PARM": ("QNf", "TimeUS,Name,Value"),
     "XKF1": ("QBccCfffffff", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,dPD,PN,PE,PD"),
     "ATT": ("Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw"),
+    "IMU": ("QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
     "RATE": ("Qf", "TimeUS,AOut"),
     "BAT": ("QBf", "TimeUS,Inst,Volt"),
 }
@@ -138,6 +142,7 @@ def write_dataflash(path, log, hover_thrust, rates=RATES, hover=HOVER):
             out += put("XKF1", us, 0, 0, 0, 0, *data.vel[i], 0.0, *data.pos[i])
             out += put("XKF1", us, 1, 0, 0, 0, *data.vel[i], 0.0, *(data.pos[i] + 3.0))
             out += put("BAT", us, 0, data.volts[i])
+            out += put("IMU", us, 0, *IMU)
     path.write_bytes(bytes(out))
     return path
 
@@ -195,7 +200,7 @@ float32 thrust
 """mavros_msgs/AttitudeTarget without its constants."""
 
 
-def write_bag(path, log, full_thrust, kind, rates=RATES, drone=""):
+def write_bag(path, log, full_thrust, kind, rates=RATES, drones=("",)):
     """A bag with poses of a motion capture, velocities, and setpoints of mavros.
 
     Args:
@@ -247,11 +252,11 @@ def write_bag(path, log, full_thrust, kind, rates=RATES, drone=""):
             for field, (topic, name, content) in messages(i, ns).items():
                 if i % rates[field]:
                     continue
-                if topic not in connections:
-                    place = f"{drone}/{topic}"
-                    connections[topic] = writer.add_connection(place, name, typestore=store)
                 message = t[name](header(ns), *content)
                 write = store.serialize_ros1 if old else store.serialize_cdr
-                # Recorded a little later than it was measured.
-                writer.write(connections[topic], ns + 3_000_000, write(message, name))
+                for place in (f"{drone}/{topic}" for drone in drones):
+                    if place not in connections:
+                        connections[place] = writer.add_connection(place, name, typestore=store)
+                    # Recorded a little later than it was measured.
+                    writer.write(connections[place], ns + 3_000_000, write(message, name))
     return path
