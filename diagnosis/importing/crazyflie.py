@@ -289,11 +289,13 @@ def _read_csv(file: Path) -> tuple[dict[str, Variable], str]:
     key = next((name for name in frame.columns if name.lower() in TIMES), None)
     if key is None or frame.empty:
         raise LogError(f"{file.name}: no row follows the header.")
-    if frame.columns.duplicated().any() or frame[key].isna().any():
-        raise LogError(f"{file.name}: a row has no time or is cut; is the file truncated?")
+    if not frame.columns.is_unique:
+        raise LogError(f"{file.name}: a column is there twice.")
     kinds = frame.select_dtypes(exclude="number").columns
     if len(kinds):
         raise LogError(f"{file.name}: column '{kinds[0]}' holds text; numbers are expected.")
+    if not np.isfinite(frame[key].to_numpy(np.float64)).all():
+        raise LogError(f"{file.name}: a row has no time; is the file truncated?")
     empty = frame.isna().to_numpy()
     if empty[-1].any() and not empty[:-1, empty[-1]].any():
         raise LogError(f"{file.name}: the last row is cut; copy the file again.")

@@ -8,8 +8,11 @@ where. Clocks are brought together afterwards (`diagnosis.importing.resample`).
 import abc
 import contextlib
 import dataclasses
+import gc
 import importlib
 import io
+import traceback
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
@@ -158,6 +161,10 @@ def reading(what: str) -> Iterator[io.StringIO]:
         raise
     except (Exception, SystemExit) as error:  # a hostile file may raise anything
         text = " ".join(str(error).split()).rstrip(".")[:200]
+        with warnings.catch_warnings():  # files that the other package left open
+            warnings.simplefilter("ignore", ResourceWarning)
+            traceback.clear_frames(error.__traceback__)
+            gc.collect()
         raise LogError(
             f"this is no whole {what}: {type(error).__name__}{': ' + text if text else ''}; copy "
             f"the file again."

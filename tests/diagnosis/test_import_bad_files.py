@@ -173,3 +173,19 @@ def test_blocks_of_one_flight_may_lack_rows(tmp_path):
     block.write_text(block.read_text()[:-30])
     with pytest.raises(LogError, match=r"session: pos-20261123\.csv: .*(cut|text)"):
         import_logs([folder], tmp_path / "out2", VEHICLE)
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("late,1,2,3,4,5,6", "column 'Timestamp' holds text; numbers are expected"),
+        (",1,2,3,4,5,6", "a row has no time"),
+        ("99000,1,2", "the last row is cut"),
+        ("99000,1,2,3,4,5,6,7,8", "this is no whole CSV file: ParserError"),
+    ],
+)
+def test_a_bad_row_of_a_csv_is_named(tmp_path, row, message):
+    folder = write_cflib(tmp_path / "session", circle(), 0.48)
+    with (folder / "pos-20261123.csv").open("a") as file:
+        file.write(row + "\n")
+    assert message in why_not(folder)
