@@ -12,6 +12,8 @@ KNOWN = {
     r"The real flights are not beside the repository": "they are too large for git",
     r"needs Chromium or Chrome on the PATH": "apt-get could not install chromium; .ci/run says so",
     r"Ray is not installed": "pip could not install the extra `ray`; .ci/run says so",
+    r"(pyulog|rosbags|pymavlink) is not installed": "pip could not install the extras `ulog`, "
+    "`ros`, `ardupilot`; .ci/run says so",
     r"MuJoCo finds no graphics context": "a film needs EGL or OSMesa of the machine",
     r"This file system takes UTF-8 names only": "not every file system takes any bytes as a name",
     r"cores cannot be chosen here": "Linux alone lets a process choose its cores",

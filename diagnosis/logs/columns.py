@@ -11,6 +11,7 @@
 | `cmd_roll`, `cmd_pitch`, `cmd_yaw`, `cmd_thrust` | rad, N | commanded attitude and thrust |
 | `rotor_vel_*` | rad/s | measured rotor speeds |
 | `pwm_*`, `battery` | 0 to 1, V | motor duty commands, and voltage |
+| `interpolated` | 0, 1 | 1: position and velocity of this row lie between measurements |
 
 Other columns are ignored. A group is there with all of its columns or with none of them. Rows are
 counted from 1 in all messages, a CSV file's header not included.
@@ -44,7 +45,13 @@ GROUPS = {
 REQUIRED = ("t", *GROUPS["pos"], *GROUPS["vel"], *GROUPS["quat"])
 """Columns without which nothing can be said about a flight."""
 
-KNOWN = ("t", "drone", *(name for group in GROUPS.values() for name in group), "battery")
+KNOWN = (
+    "t",
+    "drone",
+    *(name for group in GROUPS.values() for name in group),
+    "battery",
+    "interpolated",
+)
 """Every column that is read."""
 
 Columns = dict[str, Float64[np.ndarray, " _rows"]]

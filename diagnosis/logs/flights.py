@@ -17,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from diagnosis.logs.columns import GROUPS, Columns, LogError, did_you_mean, one_line, read_columns
 from diagnosis.logs.validation import split_drones
@@ -52,6 +52,8 @@ class DroneLog:
     """Motor duty commands, 0 to 1 [-]."""
     battery: Float64[np.ndarray, " rows"] | None = None
     """Battery voltage [V]."""
+    interpolated: Bool[np.ndarray, " rows"] | None = None
+    """Rows whose position and velocity lie between measurements; they are compared with nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,7 +118,7 @@ def load_flights(path: Path) -> FlightSet:
     if not path.is_dir():
         what = "is a file" if path.exists() else "does not exist"
         raise LogError(f"{path}: {what}; a folder with vehicle.toml and flights/ is expected.")
-    vehicle = _read_vehicle(path)
+    vehicle = read_vehicle(path)
     folder = path / "flights"
     if not folder.is_dir():
         raise LogError(f"{folder}: there is no such folder; log files are expected in it.")
@@ -198,7 +200,13 @@ def _drone_log(columns: Columns) -> DroneLog:
         for field, names in GROUPS.items()
         if names[0] in columns
     }
-    return DroneLog(t=columns["t"], battery=columns.get("battery"), **groups)
+    between = columns.get("interpolated")
+    return DroneLog(
+        t=columns["t"],
+        battery=columns.get("battery"),
+        interpolated=None if between is None else between != 0.0,
+        **groups,
+    )
 
 
 def _table(flight: FlightLog) -> pd.DataFrame:
@@ -214,13 +222,15 @@ def _table(flight: FlightLog) -> pd.DataFrame:
                 columns.update(zip(names, values.T, strict=True))
         if log.battery is not None:
             columns["battery"] = log.battery
+        if log.interpolated is not None:
+            columns["interpolated"] = log.interpolated.astype(int)
         tables.append(pd.DataFrame(columns))
     if any(set(table) != set(tables[0]) for table in tables):
         raise ValueError(f"All drones of flight '{flight.name}' must log the same columns.")
     return pd.concat(tables, ignore_index=True)
 
 
-def _read_vehicle(path: Path) -> VehicleFile:
+def read_vehicle(path: Path) -> VehicleFile:
     """What vehicle.toml says, or a LogError with one line for each thing that is wrong with it."""
     file = path / "vehicle.toml"
     if not file.is_file():

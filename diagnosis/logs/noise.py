@@ -47,28 +47,40 @@ def estimate_noise(flights: Sequence[FlightLog]) -> Float[np.ndarray, " 9"]:
     The three axes of one kind of measurement are taken together.
     """
     squares = [_squares(drone) for flight in flights for drone in flight.drones]
-    pooled = np.concatenate(squares) if squares else np.zeros((0, 9))
-    if not len(pooled):
+    if not any(len(found) for kinds in squares for found in kinds):
         return FLOOR.copy()
-    kinds = pooled.reshape(len(pooled), 3, 3).transpose(1, 0, 2).reshape(3, -1)
+    pooled = [np.concatenate(kind).ravel() for kind in zip(*squares, strict=True)]
     # The squared length of a vector of ROWS - DEGREE - 1 normal numbers has this median.
-    sigma = np.sqrt(np.median(kinds, axis=1) / chi2.median(ROWS - DEGREE - 1))
+    typical = np.asarray([np.median(kind) if kind.size else 0.0 for kind in pooled])
+    sigma = np.sqrt(typical / chi2.median(ROWS - DEGREE - 1))
     return np.maximum(np.repeat(sigma, 3), FLOOR)
 
 
-def _squares(log: DroneLog) -> Float[np.ndarray, "fits 9"]:
+def _squares(log: DroneLog) -> list[Float[np.ndarray, "_fits 3"]]:
+    """Of position, velocity and attitude: sums of squared residuals of every local fit."""
+    rows = measured(log)
+    moved = turned = _left(log.t, rows)
+    if log.interpolated is not None:
+        seen = ~log.interpolated
+        moved = _left(log.t[seen], rows[seen])
+    return [moved[:, :3], moved[:, 3:6], turned[:, 6:]]
+
+
+def _left(
+    times: Float[np.ndarray, " rows"], y: Float[np.ndarray, "rows columns"]
+) -> Float[np.ndarray, "_fits columns"]:
     """Sum of squared residuals of every local fit."""
-    starts = np.arange(0, len(log.t) - ROWS + 1, 3)
+    starts = np.arange(0, len(times) - ROWS + 1, 3)
     rows = starts[:, None] + np.arange(ROWS)
-    t = log.t[rows]
-    period = max(float(np.median(np.diff(log.t))), 0.0)
+    t = times[rows]
+    period = max(float(np.median(np.diff(times))), 0.0) if len(times) > 1 else 0.0
     close = np.diff(t, axis=1).max(axis=1) < max(LARGEST_STEP, 1.5 * period)
     rows, t = rows[close], t[close]
     if not len(rows):
-        return np.zeros((0, 9))
+        return np.zeros((0, y.shape[1]))
     scaled = (t - t.mean(axis=1, keepdims=True)) / (0.5 * np.ptp(t, axis=1)[:, None])
     basis, _ = np.linalg.qr(scaled[..., None] ** np.arange(DEGREE + 1))
-    y = measured(log)[rows]
+    y = y[rows]
     y = y - y[:, :1]
     left = y - basis @ (basis.transpose(0, 2, 1) @ y)
     return np.sum(left**2, axis=1)

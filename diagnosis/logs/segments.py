@@ -167,6 +167,8 @@ class _Drone:
             raise ValueError("The log has no commands.")
         self.t, self.measured = log.t - zero, measured
         self.rows, self.battery = noise.measured(log), log.battery
+        between = log.interpolated
+        self.interpolated = np.zeros(len(log.t), bool) if between is None else between
         cmd = np.column_stack([log.cmd[:, :2], np.unwrap(log.cmd[:, 2]), log.cmd[:, 3]])
         self.cmd_t, self.cmd, unknown = filled(self.t, cmd)
         shift = log.t[0] - zero
@@ -236,7 +238,7 @@ class _Drone:
         t = self.t[at]
         inside = (np.abs(t - wanted) <= NODE_DT * 0.5) & (wanted > 0)
         inside[:, 0] = False
-        inside &= ~self._forgetting(t, edges[:, :, None])
+        inside &= ~self._forgetting(t, edges[:, :, None]) & ~self.interpolated[at]
         return self.rows[at], (t - edges[:, :, None]) / dt, inside
 
     def _forgetting(self, t: np.ndarray, edge: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ def table(rows=400, freq=100.0, amplitude=0.5, yaw=0.0):
     fields |= {"rotor_vel": np.full((rows, 4), 1800.0), "pwm": np.full((rows, 4), 0.6)}
     for field, values in fields.items():
         columns |= dict(zip(GROUPS[field], values.T, strict=True))
-    return pd.DataFrame(columns | {"battery": zero + 3.7})
+    return pd.DataFrame(columns | {"battery": zero + 3.7, "interpolated": zero})
 
 
 def folder(path, name="bad.parquet", frame=None, **more):

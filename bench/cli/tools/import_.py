@@ -1,0 +1,143 @@
+"""`bench import`: logs of autopilots and of ROS, in the format that `bench diagnose` reads."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from bench.cli.options import Repeatable
+from bench.text.errors import UsageError
+
+
+def import_(
+    *sources: Path,
+    out: Path | None = None,
+    vehicle: Path | None = None,
+    drone: str | None = None,
+    mass: float | None = None,
+    format: str | None = None,
+    full_thrust: float | None = None,
+    topic: Annotated[list[str] | None, Repeatable] = None,
+    columns: Path | None = None,
+    truncated: Annotated[bool, Repeatable] = False,
+    recipe: str | None = None,
+) -> int:
+    """Bring flight logs into the format that `bench diagnose` reads, with a report.
+
+    Reads PX4 ULog, ROS 1 and 2 bags and MCAP, ArduPilot DataFlash, Crazyflie uSD logs and CSV, and
+    any table that a columns.toml describes; a source's content tells its format. Writes the folder
+    --out whole or not at all: vehicle.toml, flights/NAME.parquet and import.md. A log that cannot
+    be used is left out with one line.
+
+    Parameters
+    ----------
+    sources
+        Log files; or folders: a ROS 2 bag, the CSV files of one Crazyflie flight, several logs.
+    out
+        The folder to write; must not be there yet.
+    vehicle
+        A vehicle.toml to copy, instead of --drone and --mass.
+    drone
+        Airframe, such as cf21B_500.
+    mass
+        Mass that you believe [kg].
+    format
+        Format of all sources, where content does not tell: ulog, ros, ardupilot, usd, cflib, table.
+    full_thrust
+        Thrust of all rotors together at the largest command [N]; for PX4 and ArduPilot, the logged
+        hover thrust says it otherwise, for a Crazyflie the airframe.
+    topic
+        Which ROS topic holds a field, where several could: vel=/cf1/twist.
+    columns
+        The columns.toml of a table; without it, the one beside the table is read.
+    truncated
+        Use a file that breaks off up to there.
+    recipe
+        Print what to log before you fly, for crazyflie or px4; takes no sources.
+    """
+    if recipe is not None:
+        if sources:
+            raise UsageError(
+                "Leave out the sources: --recipe prints what to log, and reads nothing."
+            )
+        return _print_recipe(recipe)
+    if not sources or out is None:
+        raise UsageError("Give at least one log, and the folder to write with --out.")
+    if (vehicle is None) == (drone is None and mass is None):
+        raise UsageError("Give either --vehicle FILE, or --drone and --mass.")
+    if vehicle is None and (drone is None or mass is None):
+        raise UsageError(
+            "Give --drone and --mass together, such as --drone cf21B_500 --mass 0.0434."
+        )
+    if full_thrust is not None and not 0.0 < full_thrust < 1e4:
+        raise UsageError(f"`--full-thrust` must be above 0 N, got {full_thrust:g}.")
+    return _import(
+        sources,
+        out,
+        _vehicle(out, vehicle, drone, mass),
+        kind=format,
+        full_thrust=full_thrust,
+        topics=_topics(topic or ()),
+        columns=columns,
+        truncated=truncated,
+    )
+
+
+def _import(sources: tuple[Path, ...], out: Path, vehicle: str, **options: object) -> int:
+    """Exit status: 0, or 2 where nothing was usable."""
+    from bench.diagnosis_report.numbers import clean
+    from diagnosis.importing.convert import import_logs
+    from diagnosis.importing.report import summary
+    from diagnosis.logs.columns import LogError
+
+    try:
+        found = import_logs(sources, out, vehicle, **options)  # type: ignore[arg-type]
+    except LogError as error:
+        for line in str(error).splitlines():
+            print(f"bench: {clean(line)}", file=sys.stderr)  # noqa: T201
+        return 2
+    for left in found.left_out:
+        print(f"bench: left out: {clean(left.reason)}", file=sys.stderr)  # noqa: T201
+    for flight in found.flights:
+        print(clean(summary(flight)))  # noqa: T201
+    print(f"What was taken from where: {clean(out / 'import.md')}")  # noqa: T201
+    print(f"Next: bench diagnose {clean(out)}")  # noqa: T201
+    return 0
+
+
+def _vehicle(out: Path, vehicle: Path | None, drone: str | None, mass: float | None) -> str:
+    """The text of vehicle.toml."""
+    if vehicle is None:
+        name = json.dumps(out.resolve().name, ensure_ascii=False)
+        return f"name = {name}\ndrone = {json.dumps(drone)}\nmass = {mass!r}\n"
+    try:
+        return vehicle.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"--vehicle {vehicle} cannot be read: {error}") from error
+
+
+def _topics(given: list[str] | tuple[str, ...]) -> dict[str, str]:
+    """Field -> topic."""
+    from diagnosis.importing.bags import NAMED
+    from diagnosis.importing.reader import FIELDS
+
+    found = {}
+    for text in given:
+        match = NAMED.fullmatch(text)
+        if match is None:
+            raise UsageError(
+                f"`--topic` must be FIELD=/TOPIC with one of {', '.join(FIELDS)}, got '{text}'."
+            )
+        found[match[1]] = match[2]
+    return found
+
+
+def _print_recipe(name: str) -> int:
+    """Prints a logging configuration."""
+    from diagnosis.importing import crazyflie, ulog
+
+    recipes = {"crazyflie": crazyflie.RECIPE, "px4": ulog.RECIPE}
+    if name not in recipes:
+        raise UsageError(f"`--recipe` must be {' or '.join(recipes)}, got '{name}'.")
+    print(recipes[name], end="")  # noqa: T201
+    return 0

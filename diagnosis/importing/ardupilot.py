@@ -1,0 +1,152 @@
+"""ArduPilot: DataFlash logs (.bin), read with pymavlink.
+
+| field | message and fields | |
+|---|---|---|
+| `pos`, `vel` | `XKF1`, first core, PN PE PD, VN VE VD | north, east, down |
+| `quat` | `ATT` Roll Pitch Yaw | degrees, FRD in NED |
+| `ang_vel`, `acc` | `IMU`, first one, GyrX.., AccX.. | FRD |
+| `cmd_angles` | `ATT` DesRoll DesPitch DesYaw | degrees |
+| `cmd_thrust` | `RATE` AOut | 0 to 1 |
+| `battery` | `BAT`, first one, Volt | |
+
+A throttle of 1 is turned into newtons by the throttle that ArduPilot believes to hover,
+`MOT_THST_HOVER`. Source of all names: ArduPilot's "Onboard message log messages" (Copter 4.6).
+"""
+
+import tempfile
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float64
+
+from diagnosis.importing.frames import FRD, NED, enu, flu, quat_of, quat_of_rpy, rpy_of
+from diagnosis.importing.reader import (
+    AbstractReader,
+    Recording,
+    Request,
+    Stream,
+    broken_off,
+    reading,
+)
+
+HEAD = bytes([0xA3, 0x95])
+"""First bytes of every message."""
+FMT = 0x80
+"""The message that says what messages hold; the first of a log."""
+HOVER = "MOT_THST_HOVER"
+"""Parameter that holds the throttle which ArduPilot believes to hover [-]."""
+PAGE = 256
+"""A log in flash memory may end with so many bytes that were erased."""
+TYPES = ("XKF1", "ATT", "IMU", "RATE", "BAT", "PARM")
+"""Messages that are read."""
+INSTANCE = {"XKF1": "C", "IMU": "I", "BAT": "Instance"}
+"""Field that numbers the sensors or estimators of a message; older names in `_OLDER`."""
+_OLDER = {"BAT": "Inst"}
+
+
+class ArdupilotReader(AbstractReader):
+    """DataFlash logs of ArduPilot."""
+
+    name: ClassVar[str] = "ardupilot"
+    label: ClassVar[str] = "ArduPilot DataFlash"
+    package: ClassVar[str] = "pymavlink"
+    extra: ClassVar[str] = "ardupilot"
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        return head[:2] == HEAD and head[2:3] == bytes([FMT])
+
+    def read(self, path: Path, request: Request) -> Recording:
+        module = self.module("pymavlink.DFReader")
+        data = path.read_bytes()
+        with reading("DataFlash log"):
+            whole = _whole(data)
+        notes = []
+        if data[whole : whole + PAGE].strip(b"\xff\x00") or len(data) > whole + PAGE:
+            what = f"the log holds {len(data) - whole} bytes at its end that are no message"
+            notes.append(broken_off(what, request))
+        with reading("DataFlash log"), tempfile.NamedTemporaryFile(suffix=".bin") as file:
+            # The package complains about other bytes on the terminal, one line for each of them.
+            file.write(data[:whole])
+            file.flush()
+            with module.DFReader_binary(file.name) as log:
+                rows = _rows(log)
+            tables = {name: _Table(name, found) for name, found in rows.items()}
+            parameters = {row["Name"]: float(row["Value"]) for row in rows.get("PARM", [])}
+            streams = _streams(tables, request, parameters.get(HOVER))
+        wanted = ("XKF1", "ATT", "RATE", "BAT")
+        missing = tuple(f"{name} was not logged." for name in wanted if name not in tables)
+        return Recording({"": tuple(streams)}, missing, tuple(notes))
+
+
+class _Table:
+    """Rows of one message, columns by name."""
+
+    def __init__(self, name: str, rows: list[dict[str, Any]]) -> None:
+        key = INSTANCE.get(name, "")
+        self.name, self.key = name, key if rows and key in rows[0] else _OLDER.get(name, key)
+        self.rows = rows
+
+    def of(self, instance: int) -> "_Table":
+        """The rows of one sensor or estimator."""
+        return _Table(self.name, [r for r in self.rows if int(r.get(self.key, 0)) == instance])
+
+    def t(self) -> Float64[np.ndarray, " rows"]:
+        """Times [s]."""
+        return np.asarray([row["TimeUS"] for row in self.rows], np.float64) * 1e-6
+
+    def columns(self, names: str) -> Float64[np.ndarray, "rows columns"]:
+        """Numbers of several columns side by side."""
+        wanted = names.split()
+        return np.asarray([[row[n] for n in wanted] for row in self.rows], np.float64)
+
+
+def _rows(log: Any) -> dict[str, list[dict[str, Any]]]:
+    """The messages that are read, by their names."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    while (message := log.recv_match(type=list(TYPES))) is not None:
+        found.setdefault(message.get_type(), []).append(message.to_dict())
+    return found
+
+
+def _whole(data: bytes) -> int:
+    """How many bytes from the start on are messages."""
+    at, lengths = 0, {FMT: 89}
+    while data[at : at + 2] == HEAD and at + 3 <= len(data):
+        length = lengths.get(data[at + 2], 0)
+        if length < 3 or at + length > len(data):
+            break
+        if data[at + 2] == FMT:
+            lengths[data[at + 3]] = data[at + 4]
+        at += length
+    return at
+
+
+def _streams(tables: dict[str, _Table], request: Request, hover: float | None) -> list[Stream]:
+    streams = []
+    if "XKF1" in tables:
+        table = tables["XKF1"].of(0)
+        for field, names in (("pos", "PN PE PD"), ("vel", "VN VE VD")):
+            streams.append(
+                Stream(field, table.t(), enu(table.columns(names)), f"XKF1 {names}", NED)
+            )
+    if "ATT" in tables:
+        table, change = tables["ATT"], f"degrees to radians, {NED}, {FRD}"
+        flown = quat_of(quat_of_rpy(np.radians(table.columns("Roll Pitch Yaw"))))
+        streams.append(Stream("quat", table.t(), flown, "ATT Roll Pitch Yaw", change))
+        asked = quat_of(quat_of_rpy(np.radians(table.columns("DesRoll DesPitch DesYaw"))))
+        source = "ATT DesRoll DesPitch DesYaw"
+        streams.append(Stream("cmd_angles", table.t(), rpy_of(asked), source, change))
+    if "IMU" in tables:
+        table = tables["IMU"].of(0)
+        for field, names in (("ang_vel", "GyrX GyrY GyrZ"), ("acc", "AccX AccY AccZ")):
+            streams.append(Stream(field, table.t(), flu(table.columns(names)), f"IMU {names}", FRD))
+    if "RATE" in tables:
+        scale, words = request.scale(hover, HOVER)
+        table = tables["RATE"]
+        thrust = scale * table.columns("AOut")
+        streams.append(Stream("cmd_thrust", table.t(), thrust, "RATE AOut", words))
+    if "BAT" in tables:
+        table = tables["BAT"].of(0)
+        streams.append(Stream("battery", table.t(), table.columns("Volt"), "BAT Volt"))
+    return streams

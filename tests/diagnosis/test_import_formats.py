@@ -1,0 +1,149 @@
+"""A simulated flight written in every format and read back has the same columns."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from flights_for_tests import fly
+from log_writers import (
+    RATES,
+    write_bag,
+    write_cflib,
+    write_dataflash,
+    write_ulog,
+    write_usd,
+)
+from scipy.spatial.transform import Rotation
+
+from diagnosis.importing.convert import import_logs
+from diagnosis.importing.crazyflie import Variable, crazyflie_streams, unpacked
+from diagnosis.importing.reader import Request
+from diagnosis.importing.report import import_report
+from diagnosis.logs.flights import load_flights
+from simulators.crazyflow import Crazyflow
+from simulators.vehicle import GRAVITY, VEHICLES
+
+SPEC = VEHICLES["cf21B_500"]
+VEHICLE = 'name = "x"\ndrone = "cf21B_500"\nmass = 0.0434\n'
+HOVER_THRUST = 0.0434 * GRAVITY
+FULL = 2.0 * HOVER_THRUST
+"""What a bag's thrust of 1 means [N]: `log_writers.HOVER` is a half."""
+
+
+@pytest.fixture(scope="module")
+def log():
+    """One flight in crazyflow, 250 rows a second, a new command every fifth row; turned in yaw."""
+    (flight,) = fly(Crazyflow(), n_flights=1, seconds=3.0, noise=0.0, rows=5)
+    (drone,) = flight.drones
+    turn = Rotation.from_euler("z", 0.8)
+    return dataclasses.replace(
+        drone,
+        pos=turn.apply(drone.pos),
+        vel=turn.apply(drone.vel),
+        quat=(turn * Rotation.from_quat(drone.quat)).as_quat(),
+        cmd=drone.cmd + np.asarray([0.0, 0.0, 0.8, 0.0]),
+    )
+
+
+FORMATS = {
+    "ulog": lambda folder, log: write_ulog(folder / "a.ulg", log, HOVER_THRUST),
+    "ardupilot": lambda folder, log: write_dataflash(folder / "a.bin", log, HOVER_THRUST),
+    "ros1": lambda folder, log: write_bag(folder / "a.bag", log, FULL, "ros1"),
+    "ros2": lambda folder, log: write_bag(folder / "a", log, FULL, "ros2"),
+    "mcap": lambda folder, log: write_bag(folder / "a", log, FULL, "mcap"),
+    "usd": lambda folder, log: write_usd(folder / "log00", log, SPEC.thrust_max),
+    "usd version 1": lambda folder, log: write_usd(folder / "l", log, SPEC.thrust_max, version=1),
+    "cflib": lambda folder, log: write_cflib(folder / "session", log, SPEC.thrust_max),
+}
+
+
+def written(folder, log, kind):
+    """The source in a format; skips where its package is missing."""
+    if kind == "ardupilot":
+        pytest.importorskip("pymavlink", reason="pymavlink is not installed")
+    return FORMATS[kind](folder, log)
+
+
+def imported(source, folder, **options):
+    """The drones of the one flight that a source holds, and the report."""
+    full = FULL if source.suffix in (".bag", ".mcap") or source.is_dir() else None
+    full = SPEC.thrust_max if source.name == "session" else full
+    found = import_logs([source], folder, VEHICLE, **{"full_thrust": full, **options})
+    (flight,) = load_flights(folder).flights
+    return flight.drones, found
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_columns_are_the_same_to_resolution(log, tmp_path, kind):
+    ((drone,), found) = imported(written(tmp_path, log, kind), tmp_path / "out")
+    at = np.searchsorted(log.t, drone.t - 1e-6)
+    np.testing.assert_allclose(drone.t, log.t[at], atol=1e-9)  # counted from the first message
+    assert len(at) >= len(log.t) // max(RATES.values())
+    np.testing.assert_allclose(drone.pos, log.pos[at], atol=2e-6)
+    np.testing.assert_allclose(drone.vel, log.vel[at], atol=2e-6)
+    turn = Rotation.from_quat(drone.quat).inv() * Rotation.from_quat(log.quat[at])
+    assert turn.magnitude().max() < 2e-6
+    np.testing.assert_allclose(drone.cmd, log.cmd[at], atol=2e-6)
+    assert (drone.battery is not None) == (kind not in ("ros1", "ros2", "mcap", "cflib"))
+    if kind in ("ulog", "ardupilot"):
+        np.testing.assert_allclose(drone.acc, np.tile([0.1, -0.2, 9.81], (len(at), 1)), rtol=1e-6)
+    assert "taken from" in import_report(found)
+    assert found.left_out == ()
+
+
+@pytest.mark.parametrize("kind", ["ulog", "ardupilot"])
+def test_the_thrust_is_what_the_logged_hover_share_says(log, tmp_path, kind):
+    source = written(tmp_path, log, kind)
+    (believed,), _ = imported(source, tmp_path / "a")
+    (known,), _ = imported(source, tmp_path / "b", full_thrust=1.3 * FULL)
+    np.testing.assert_allclose(known.cmd[:, 3], 1.3 * believed.cmd[:, 3])
+
+
+def test_two_drones_of_one_bag_stay_two(log, tmp_path):
+    source = write_bag(tmp_path / "a.bag", log, FULL, "ros1", drones=("/cf1", "/cf2"))
+    drones, found = imported(source, tmp_path / "out")
+    assert list(found.flights[0].drones) == ["cf1", "cf2"]
+    np.testing.assert_array_equal(drones[0].pos, drones[1].pos)
+
+
+def test_a_bag_without_a_thrust_scale_says_what_to_give(log, tmp_path):
+    source = write_bag(tmp_path / "a.bag", log, FULL, "ros1")
+    with pytest.raises(ValueError, match=r"a\.bag: thrust is logged as a share.*--full-thrust N"):
+        imported(source, tmp_path / "out", full_thrust=None)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_topic_that_is_not_there_is_named(log, tmp_path):
+    source = write_bag(tmp_path / "a.bag", log, FULL, "ros1")
+    with pytest.raises(ValueError, match=r"--topic vel=/speed: there is no such topic; found: /tw"):
+        imported(source, tmp_path / "out", topics={"vel": "/speed"})
+
+
+def test_mellingers_axis_of_thrust_becomes_roll_and_pitch(log):
+    yaw = Rotation.from_quat(log.quat).as_euler("xyz")[:, 2]
+    asked = Rotation.from_euler("xyz", np.column_stack([log.cmd[:, :2], yaw]))
+    axis = asked.apply([0.0, 0.0, 1.0])
+    values = dict(zip(("zdx", "zdy", "zdz"), axis.T, strict=True))
+    named = {f"ctrlMel.{n}": Variable(log.t, v) for n, v in values.items()}
+    quat = dict(zip(("qx", "qy", "qz", "qw"), log.quat.T, strict=True))
+    named |= {f"stateEstimate.{n}": Variable(log.t, v) for n, v in quat.items()}
+    streams, _ = crazyflie_streams(named, Request(mass=0.0434, thrust_max=0.8))
+    (angles,) = [stream for stream in streams if stream.field == "cmd_angles"]
+    np.testing.assert_allclose(angles.values[:, :2], log.cmd[:, :2], atol=1e-9)
+
+
+def test_a_packed_quaternion_is_unpacked():
+    """By the firmware's recipe: the largest part's place, then sign and 9 bits of the others."""
+    quats = Rotation.random(50, random_state=1).as_quat()
+    packed = []
+    for quat in quats:
+        largest = int(np.argmax(np.abs(quat)))
+        word = largest
+        for i in range(4):
+            if i != largest:
+                negative = (quat[i] < 0) != (quat[largest] < 0)
+                size = int(511 * abs(quat[i]) / np.sqrt(0.5) + 0.5)
+                word = word << 10 | negative << 9 | size
+        packed.append(float(word))
+    turn = Rotation.from_quat(unpacked(np.asarray(packed))).inv() * Rotation.from_quat(quats)
+    assert turn.magnitude().max() < 5e-3

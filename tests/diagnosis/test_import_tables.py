@@ -1,0 +1,100 @@
+"""Any table becomes a flight, where columns.toml says what its columns are."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from import_logs_for_tests import VEHICLE, circle
+from log_writers import aerospace
+from scipy.spatial.transform import Rotation
+
+from diagnosis.importing.convert import import_logs
+from diagnosis.logs.flights import load_flights
+
+COLUMNS = """
+time = {column = "stamp", unit = "us"}
+world = "NED"
+body = "FRD"
+
+[columns]
+pos_x = {column = "north", unit = "mm"}
+pos_y = {column = "east", unit = "mm"}
+pos_z = {column = "height", unit = "mm", sign = -1}
+vel_x = "vn"
+vel_y = "ve"
+vel_z = "vd"
+quat_x = "q1"
+quat_y = "q2"
+quat_z = "q3"
+quat_w = "q0"
+cmd_roll = {column = "roll sp", unit = "deg"}
+cmd_pitch = {column = "pitch sp", unit = "deg"}
+cmd_yaw = {column = "heading sp", unit = "deg"}
+cmd_thrust = {column = "thrust", unit = "gf"}
+"""
+
+
+def write(folder, log, columns=COLUMNS):
+    """A table as a script might write it: aerospace frames, odd units, slow positions."""
+    quat = aerospace(log.quat)
+    asked = aerospace(Rotation.from_euler("xyz", log.cmd[:, :3]).as_quat())
+    sp = np.degrees(Rotation.from_quat(asked[:, [1, 2, 3, 0]]).as_euler("xyz"))
+    slow = np.arange(len(log.t)) % 5 != 0
+    frame = pd.DataFrame({"stamp": np.round((log.t + 3.0) * 1e6)})
+    frame["north"], frame["east"], frame["height"] = (log.pos[:, [1, 0, 2]] * 1e3).T
+    frame["vn"], frame["ve"], frame["vd"] = (log.vel[:, [1, 0, 2]] * [1, 1, -1]).T
+    frame.loc[slow, ["north", "east", "height", "vn", "ve", "vd"]] = np.nan
+    frame[["q0", "q1", "q2", "q3"]] = quat
+    frame[["roll sp", "pitch sp", "heading sp"]] = sp
+    frame["thrust"] = log.cmd[:, 3] / 9.81e-3
+    frame.to_csv(folder / "flight.csv", index=False)
+    (folder / "columns.toml").write_text(columns)
+    return folder / "flight.csv"
+
+
+def test_units_and_frames_are_turned_into_ours(tmp_path):
+    log = circle()
+    found = import_logs([write(tmp_path, log)], tmp_path / "out", VEHICLE)
+    ((drone,),) = (flight.drones for flight in load_flights(tmp_path / "out").flights)
+    at = np.searchsorted(log.t, drone.t - 1e-6)
+    np.testing.assert_allclose(drone.pos, log.pos[at], atol=1e-6)
+    np.testing.assert_allclose(drone.vel, log.vel[at], atol=1e-6)
+    held = np.stack([log.cmd[np.minimum(at + i, len(log.t) - 1)] for i in range(5)]).mean(axis=0)
+    np.testing.assert_allclose(drone.cmd[:-1], held[:-1], atol=1e-6)
+    turn = Rotation.from_quat(drone.quat).inv() * Rotation.from_quat(log.quat[at])
+    assert turn.magnitude().max() < 1e-6
+    changes = {t.field: t.change for t in next(iter(found.flights[0].drones.values())).taken}
+    assert changes["pos"] == "mm to m, sign changed, NED to ENU"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"vn"', '"vnn"', "the table has no column 'vnn' for 'vel_x'. Did you mean 'vn'?"),
+        ("world =", "wrold =", "unknown key 'wrold'. Did you mean 'world'?"),
+        ('"NED"', '"NWU"', "world must be ENU or NED, got 'NWU'"),
+        ("sign = -1", "sign = 2", "sign of 'pos_z' must be 1 or -1, got 2"),
+        ('vel_z = "vd"\n', "", "'vel_z' is missing beside 'vel_x' in [columns]"),
+        ('unit = "gf"', 'unit = "gff"', "'cmd_thrust' has the unit 'gff'; allowed: N, mN, gf,"),
+        ('unit = "us"', 'units = "us"', "unknown key 'units'. Did you mean 'unit'?"),
+        ('"vn"', "7", "'vel_x' must name a column of the table, got 7"),
+        ("[columns]", "[columns", "this is not TOML"),
+        ('time = {column = "stamp", unit = "us"}', "", "key 'time' is missing"),
+    ],
+)
+def test_a_mistake_in_columns_toml_is_named(tmp_path, old, new, message):
+    assert old in COLUMNS
+    file = write(tmp_path, circle(), COLUMNS.replace(old, new, 1))
+    with pytest.raises(ValueError, match=r"columns\.toml: ") as caught:
+        import_logs([file], tmp_path / "out", VEHICLE)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_table_without_columns_toml_is_of_no_known_format(tmp_path):
+    file = write(tmp_path, circle())
+    (tmp_path / "columns.toml").rename(tmp_path / "elsewhere.toml")
+    with pytest.raises(ValueError, match="of no known format"):
+        import_logs([file], tmp_path / "out", VEHICLE)
+    columns = tmp_path / "elsewhere.toml"
+    assert import_logs([file], tmp_path / "out", VEHICLE, columns=columns).flights
