@@ -17,6 +17,7 @@ from diagnosis.decision import DECISION
 from diagnosis.fit import gap, shrinkage
 from diagnosis.fit.outliers import standing_out
 from diagnosis.fit.search import Problem
+from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightLog, FlightSet
 from diagnosis.logs.inputs import Inputs
 from diagnosis.logs.noise import CHANNELS, UNITS
@@ -111,6 +112,7 @@ def answer(
         ),
         program=Program(version=version(), digest=sources_digest(diagnosis, simulators)),
         details=_details(study, seen, withheld),
+        interface=interface_faults(flights.flights, flights.vehicle),
     )
 
 

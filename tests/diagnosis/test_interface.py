@@ -5,9 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnoses_for_tests import load, none
 from flights_for_tests import flight_set, point_mass_set
 from scipy.spatial.transform import Rotation
 
+from bench.diagnosis_report.page import diagnosis_page
+from bench.diagnosis_report.sentences import remarks
+from bench.diagnosis_report.text import diagnosis_text
 from blind.draw.faults import ALL
 from diagnosis.interface import scales
 from diagnosis.interface.fault import PARTS
@@ -15,6 +19,7 @@ from diagnosis.interface.faults import interface_faults
 from diagnosis.interface.motors import MOMENTS, motor_order
 from diagnosis.interface.readings import Reading, choose, signed_orders
 from diagnosis.logs.flights import DroneLog, FlightLog, load_flights
+from diagnosis.result import Diagnosis
 
 REAL = Path(__file__).parents[2].parent / "shared" / "flights"
 
@@ -190,6 +195,19 @@ def test_orders_are_all_there_once():
     assert len(orders) == 48
     assert len({words for words, _, _ in orders}) == 48
     np.testing.assert_array_equal(orders[0][2], np.eye(3))
+
+
+def test_a_fault_stands_in_the_documents_before_physics(clean):
+    (fault,) = found(with_fault(clean, "thrust_gain", e=-0.5))
+    answer = dataclasses.replace(load(none()), interface=(fault,))
+    assert Diagnosis.of_json(answer.to_json()) == answer
+    text, page = diagnosis_text(answer), diagnosis_page(answer)
+    for document in (text, page):
+        assert "The simulator makes about 2 times the thrust that these flights show" in document
+        assert document.index("What the logs say wrongly") < document.index("What explains it")
+        assert "0.625 to 1.6" in document
+    assert remarks(answer)[0] == fault.advice
+    assert "What the logs say wrongly" not in diagnosis_text(load(none()))
 
 
 def test_the_jackknife_of_a_mean_is_students_interval():
