@@ -23,6 +23,8 @@ def blind(
     report: Annotated[bool, Repeatable] = False,
     next_flight: Annotated[bool, Repeatable] = False,
     limits: Annotated[bool, Repeatable] = False,
+    inject: Path | None = None,
+    reference: Annotated[bool, Repeatable] = False,
     notes: Annotated[Path | None, cyclopts.Parameter(help=NOTES)] = None,
 ) -> int:
     """Make flights whose cause is withheld, diagnose them, and score the answers.
@@ -34,13 +36,15 @@ def blind(
     Parameters
     ----------
     cases
-        Number of cases, all kinds together; default: 321, as in a counted run.
+        Number of cases, all kinds together; default: 321, as in a counted run, or 80 with
+        `--inject`.
     reality
         Simulator that flies the cases: crazyflow (the default), or rotorpy, where each diagnosis
         also gets reference flights.
     out
         Folder for tables, report and flights; default: results/blind/REALITY for the tables and
-        reports/blind.md for the report on all realities.
+        reports/blind.md for the report on all realities; with `--inject`, everything goes to
+        results/blind/injected/NAME of the flights.
     seed
         Seed of the cases; default: drawn by the operating system.
     jobs
@@ -52,6 +56,11 @@ def blind(
     limits
         Instead of cases, measure how small an effect a diagnosis still names, and how much flight
         it needs.
+    inject
+        Folder of logs, your own for instance: cases are made from halves of these flights, with
+        faults written into what was commanded, its clock, frame, units or order.
+    reference
+        With `--inject`, give each diagnosis the other half of the flights as its reference.
     """
     from bench.execution.environment import environment
 
@@ -59,18 +68,38 @@ def blind(
     given = {"--cases": cases, "--seed": seed, "--jobs": jobs}
     if report:
         given |= {"--reality": reality, "--next-flight": next_flight or None}
-        given |= {"--limits": limits or None}
+        given |= {"--limits": limits or None, "--inject": inject, "--reference": reference or None}
     needless = [name for name, value in given.items() if value is not None]
     if needless and (report or studies):
         word = "--report" if report else "a study instead of cases"
         raise UsageError(f"Leave out {', '.join(needless)}: not used with {word}.")
+    _check_inject(inject, reference, {"--reality": reality, "--notes": notes, **_on(studies)})
     os.environ.update(environment())
     from blind.run.command import rebuild_report, run_blind
 
     if report:
         return rebuild_report(out, notes)
+    if inject is not None:
+        from blind.run.injecting import run_injected
+
+        return run_injected(inject, reference=reference, cases=cases, out=out, seed=seed, jobs=jobs)
     if studies:
         from blind.run.studies import run_studies
 
         return run_studies(studies, reality or "crazyflow", out, notes)
     return run_blind(cases, reality or "crazyflow", out, seed, jobs, notes=notes)
+
+
+def _on(studies: list[str]) -> dict[str, bool]:
+    return {f"--{name.replace('_', '-')}": True for name in studies}
+
+
+def _check_inject(inject: Path | None, reference: bool, others: dict[str, object]) -> None:
+    """Nothing, if `--inject` and what goes with it fit together."""
+    if inject is None:
+        if reference:
+            raise UsageError("`--reference` needs `--inject FLIGHTS`, whose other half it uses.")
+        return
+    needless = [name for name, value in others.items() if value is not None]
+    if needless:
+        raise UsageError(f"Leave out {', '.join(needless)}: not used with --inject.")

@@ -19,6 +19,7 @@ from diagnosis.fit import gap, shrinkage
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.outliers import standing_out
 from diagnosis.fit.search import Fits
+from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightLog, FlightSet
 from diagnosis.logs.inputs import Inputs
 from diagnosis.logs.noise import CHANNELS, UNITS
@@ -108,6 +109,7 @@ def answer(question: Question, study: Study) -> Diagnosis:
         ),
         program=Program(version=version(), digest=sources_digest(diagnosis, simulators)),
         details=_details(study, seen, withheld),
+        interface=interface_faults(question.flights.flights, question.flights.vehicle),
     )
 
 

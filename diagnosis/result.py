@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import pydantic
 
+from diagnosis.interface.fault import InterfaceFault
 from diagnosis.result_parts import (
     AtBound,
     ChannelGap,
@@ -235,6 +236,8 @@ class Diagnosis:
     """Which program gave the answer."""
     details: Details
     """Data of tables and pictures."""
+    interface: tuple[InterfaceFault, ...] = ()
+    """Parts of the logs that do not say what the format asks for; none in older files."""
 
     @property
     def blamed(self) -> tuple[Effect, ...]:

@@ -30,6 +30,7 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             verdict=verdict(diagnosis),
             remarks=remarks(diagnosis),
             facts=tables.facts(diagnosis),
+            interface=tables.interface_table(diagnosis),
             explained=bool(diagnosis.blamed),
             shrink=shrink_sentence(diagnosis),
             drift=_drift(diagnosis),

@@ -62,7 +62,8 @@ def _unexplained(diagnosis: Diagnosis, against: str) -> str:
 
 def remarks(diagnosis: Diagnosis) -> list[str]:
     """What must be said beside the verdict, each as a sentence."""
-    said = [*_beside_effect(diagnosis), *_support(diagnosis)]
+    said = [fault.advice for fault in diagnosis.interface]
+    said += [*_beside_effect(diagnosis), *_support(diagnosis)]
     for soon, why in ((False, "alone"), (True, "soon after a gap in the log or its start")):
         lines = [line for line in diagnosis.details.set_aside if line.after_gap is soon]
         if lines:

@@ -231,6 +231,25 @@ def shared_table(diagnosis: Diagnosis) -> Table | None:
     return Table(caption, headings, tuple(rows), frozenset({0, 1})) if rows else None
 
 
+def interface_table(diagnosis: Diagnosis) -> Table | None:
+    """What shows that a part of the logs does not say what the format asks for."""
+    rows = tuple(
+        (
+            fault.part,
+            clean(" or ".join(fault.readings)),
+            line.quantity,
+            f"{rounded(line.value, 3)} {line.unit}".removesuffix(" -"),
+            MISSING if line.low is None else f"{rounded(line.low, 3)} to {rounded(line.high, 3)}",
+            line.allowed,
+        )
+        for fault in diagnosis.interface
+        for line in fault.evidence
+    )
+    caption = "Checked before any physics; intervals are 99.9 %"
+    headings = ("part", "looks like", "evidence", "measured", "interval", "allowed")
+    return Table(caption, headings, rows, frozenset({0, 1, 2, 5})) if rows else None
+
+
 def noise_table(diagnosis: Diagnosis) -> Table | None:
     """Noise of each channel as estimated from the logs."""
     rows = tuple(

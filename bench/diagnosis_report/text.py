@@ -18,6 +18,8 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     if reference is not None:
         facts.append(f"reference: {markdown.escape(reference)}")
     parts += ["; ".join(facts) + "."]
+    if diagnosis.interface:
+        parts += ["## What the logs say wrongly", *_table(tables.interface_table(diagnosis))]
     if diagnosis.blamed:
         parts += ["## Before and after", markdown.escape(shrink_sentence(diagnosis))]
         parts += _table(tables.shrink_table(diagnosis))

@@ -198,13 +198,17 @@ def write_cases(directory: Path, labels_directory: Path, cases: Sequence[Case]) 
 
 
 def write_labels(path: Path, cases: Sequence[Case]) -> str:
-    """SHA-256 of a file with what `cases` are and 32 random bytes, so that it cannot be guessed."""
-    labels = {
-        "salt": secrets.token_hex(32),
-        "cases": {case.id: {**dataclasses.asdict(case), "exclude": case.exclude} for case in cases},
-    }
+    """SHA-256 of a file with what `cases` are; see `seal`."""
+    return seal(
+        path, {case.id: {**dataclasses.asdict(case), "exclude": case.exclude} for case in cases}
+    )
+
+
+def seal(path: Path, labels: Mapping[str, Mapping[str, Any]]) -> str:
+    """SHA-256 of a file with labels by case and 32 random bytes, so that it cannot be guessed."""
+    content = {"salt": secrets.token_hex(32), "cases": labels}
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(labels, indent=1))
+    path.write_text(json.dumps(content, indent=1))
     return digest(path)
 
 
@@ -214,14 +218,23 @@ def read_labels(path: Path, sha256: str | None = None) -> dict[str, Case]:
     Raises:
         ValueError: The file is not the one whose `sha256` was printed.
     """
-    if sha256 is not None and (found := digest(path)) != sha256:
-        raise ValueError(f"`{path}` has changed: its SHA-256 is {found}, not {sha256}.")
     cases = {}
-    for name, fields in json.loads(path.read_text())["cases"].items():
+    for name, fields in unseal(path, sha256).items():
         del fields["exclude"]
         effects = tuple(Withheld(**effect) for effect in fields.pop("effects"))
         cases[name] = Case(effects=effects, **fields)
     return cases
+
+
+def unseal(path: Path, sha256: str | None = None) -> dict[str, dict[str, Any]]:
+    """Labels by case.
+
+    Raises:
+        ValueError: The file is not the one whose `sha256` was printed.
+    """
+    if sha256 is not None and (found := digest(path)) != sha256:
+        raise ValueError(f"`{path}` has changed: its SHA-256 is {found}, not {sha256}.")
+    return json.loads(path.read_text())["cases"]
 
 
 def digest(path: Path) -> str:

@@ -6,6 +6,7 @@
 | `OUT/runs/cases/ID` | the flights of a case, all that a diagnosis is given |
 | `OUT/runs/labels` | what the cases are, and their flights without noise |
 | `OUT/runs/reference`, `undisturbed/N` | flights of the undisturbed vehicle |
+| `OUT/runs/references/ID` | flights beside which a case of injected faults is diagnosed |
 | `OUT/runs/answers/ID` | documents of a diagnosis and `status.json` |
 | `OUT/runs/measures/ID.json` | what the case allows, measured with its label |
 
@@ -27,6 +28,8 @@ DEFAULT_COUNTS = {"single": 126, "pair": 60, "clean": 75, "unknown": 30, "exclud
 """Cases of each kind in a counted run."""
 RESULTS = Path("results") / "blind"
 """Where the tables of both realities go."""
+INJECTED = "injected"
+"""Folder in it with tables of faults that were injected into logs, a folder a flight set."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,6 +75,11 @@ class Folders:
         return self.runs / "reference"
 
     @property
+    def references(self) -> Path:
+        """Flights of the undisturbed vehicle, a folder a case, where each case has its own."""
+        return self.runs / "references"
+
+    @property
     def undisturbed(self) -> Path:
         """More of them, a folder a flight set, on which baselines are calibrated."""
         return self.runs / "undisturbed"
@@ -92,6 +100,7 @@ class Folders:
     def drawn(self) -> list[Path]:
         """All that a draw makes; studies, which lie beside it, are none of it."""
         made = (self.cases, self.labels.parent, self.reference, self.undisturbed)
+        made = (*made, self.references)
         return [*made, self.answers, self.measures, self.runs / "logs"]
 
     def read_state(self) -> dict[str, Any]:

@@ -8,9 +8,10 @@ from bench.paper.figures import data_uri
 from bench.report.page import write_page
 from bench.text import markdown
 from bench.text.pages import read_notes
-from blind.report import failures, sections
+from blind.report import failures, injected_section, sections
 from blind.report import limits_section as limits
 from blind.report import next_flight_section as next_flight
+from blind.report.injected_section import InjectedTables
 from blind.report.pictures import write_pictures
 from blind.report.tables import Tables
 
@@ -33,7 +34,12 @@ DECIDABLE = (
 )
 
 
-def write_report(found: Sequence[Tables], path: Path, notes: Path | None = None) -> Path:
+def write_report(
+    found: Sequence[Tables],
+    path: Path,
+    notes: Path | None = None,
+    injected: Sequence[InjectedTables] = (),
+) -> Path:
     """The Markdown file that was written; HTML and pictures stand beside it.
 
     Args:
@@ -41,6 +47,7 @@ def write_report(found: Sequence[Tables], path: Path, notes: Path | None = None)
         path: Markdown file to write.
         notes: Hand-written Markdown. What stands under a heading that is a case's name becomes the
             remark on that failure; the rest is appended.
+        injected: Tables of faults that were injected into logs, a run a flight set.
     """
     remarks, rest = _notes(notes)
     pictures = {id(tables): write_pictures(tables, path.with_name(path.stem)) for tables in found}
@@ -50,6 +57,8 @@ def write_report(found: Sequence[Tables], path: Path, notes: Path | None = None)
         for tables in found:
             figures = {p.stem: (link(p), caption) for p, caption in pictures[id(tables)]}
             parts += _reality(tables, figures, remarks)
+        for own in injected:
+            parts += injected_section.section(own)
         return "\n\n".join([*parts, *rest]) + "\n"
 
     path.parent.mkdir(parents=True, exist_ok=True)

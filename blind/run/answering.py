@@ -10,14 +10,13 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import blind
 import diagnosis
 import simulators
-from blind.draw.cases import Case
 from blind.draw.folders import Folders, write_json
 from blind.run.children import Ended, Task, python, run_tasks
 from blind.score.answers import scored_form
@@ -33,29 +32,49 @@ STATUS = "status.json"
 """How a diagnosis ended, in the folder of its answer."""
 
 
-def missing(folders: Folders, cases: Mapping[str, Case]) -> list[Case]:
+class Asked(Protocol):
+    """A case as far as it is needed to diagnose it."""
+
+    @property
+    def id(self) -> str:
+        """Random name of its folder."""
+        ...
+
+    @property
+    def exclude(self) -> tuple[str, ...]:
+        """Effects that the diagnosis must do without."""
+        ...
+
+
+C = TypeVar("C", bound=Asked)
+
+
+def missing(folders: Folders, cases: Mapping[str, C]) -> list[C]:
     """The cases without an answer."""
     return [case for name, case in cases.items() if not (folders.answers / name / STATUS).is_file()]
 
 
 def answer_all(
     folders: Folders,
-    cases: Sequence[Case],
+    cases: Sequence[C],
     jobs: int,
-    on_end: Callable[[Case, Mapping[str, Any]], None],
-    with_reference: bool = False,
+    on_end: Callable[[C, Mapping[str, Any]], None],
+    reference_of: Callable[[C], Path | None] = lambda _: None,
     command: Sequence[str] = DIAGNOSE,
     timeout: float = TIMEOUT,
 ) -> None:
-    """Diagnoses cases, `jobs` at a time; `on_end` gets each case with its status."""
+    """Diagnoses cases, `jobs` at a time; `on_end` gets each case with its status.
+
+    `reference_of` says beside which flights of the undisturbed vehicle a case is diagnosed.
+    """
     sources = sources_digest()
     by_name = {case.id: case for case in cases}
     with tempfile.TemporaryDirectory(prefix="flights-") as temporary:
         work = Path(temporary)
 
-        def make(case: Case) -> Callable[[], Task]:
-            reference = folders.reference if with_reference else None
-            return lambda: _task(folders.cases / case.id, work, case.exclude, reference, command)
+        def make(case: C) -> Callable[[], Task]:
+            flights, reference = folders.cases / case.id, reference_of(case)
+            return lambda: _task(flights, work, case.exclude, reference, command)
 
         def end(ended: Ended) -> None:
             status = _kept(ended, work / ended.name, folders.answers, sources)
@@ -66,16 +85,24 @@ def answer_all(
 
 
 def read_answers(
-    folders: Folders, cases: Mapping[str, Case]
+    folders: Folders, cases: Collection[str]
 ) -> tuple[dict[str, Mapping[str, Any]], dict[str, dict[str, Any]]]:
     """The diagnoses that did not fail, and how each ended, by case."""
-    answers, statuses = {}, {}
+    contents, statuses = read_documents(folders, cases)
+    return {name: scored_form(content) for name, content in contents.items()}, statuses
+
+
+def read_documents(
+    folders: Folders, cases: Collection[str]
+) -> tuple[dict[str, Mapping[str, Any]], dict[str, dict[str, Any]]]:
+    """What the diagnoses that did not fail wrote, as JSON, and how each ended, by case."""
+    contents, statuses = {}, {}
     for name in cases:
         place = folders.answers / name
         statuses[name] = _read(place / STATUS)
         if statuses[name]["status"] == "ok":
-            answers[name] = scored_form(_read(place / "diagnosis.json"))
-    return answers, statuses
+            contents[name] = _read(place / "diagnosis.json")
+    return contents, statuses
 
 
 def sources_digest(with_generator: bool = False) -> str:

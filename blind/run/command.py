@@ -14,12 +14,14 @@ from bench.execution.executor import cores
 from bench.text.errors import UsageError
 from blind.draw.cases import Case, read_labels
 from blind.draw.folders import (
+    INJECTED,
     RESULTS,
     Folders,
     check_state,
     scaled_counts,
 )
 from blind.fly.realities import REALITIES
+from blind.report.injected_section import InjectedTables, is_injected, write_injected
 from blind.report.page import write_report
 from blind.report.tables import Tables, make_tables, save_labels
 from blind.run.answer_baselines import answer_baselines
@@ -99,7 +101,13 @@ def rebuild_report(out: Path | None, notes: Path | None = None) -> int:
     Raises:
         UsageError: There are no tables.
     """
-    path = write_report(_found(out), document_of(out), notes or default_notes(document_of(out)))
+    if out is not None and is_injected(out):
+        path = write_injected(InjectedTables.load(out), out / "injected.md")
+    else:
+        document = document_of(out)
+        path = write_report(
+            _found(out), document, notes or default_notes(document), _injected(document)
+        )
     print(f"Report: {path}")  # noqa: T201
     return 0
 
@@ -124,6 +132,14 @@ def _found(out: Path | None) -> list[Tables]:
     if not tables:
         raise UsageError(f"No tables are in {RESULTS}; `bench blind` makes them.")
     return tables
+
+
+def _injected(document: Path) -> list[InjectedTables]:
+    """Tables of injected faults that the report on everything has sections for."""
+    if document != DOCUMENT:
+        return []
+    places = sorted(path.parent for path in (RESULTS / INJECTED).glob("*/run.json"))
+    return [InjectedTables.load(place) for place in places if is_injected(place)]
 
 
 def _check(folders: Folders, reality: str, seed: int | None, jobs: int | None) -> int:
@@ -224,8 +240,10 @@ def _answer(
         def on_end(case: Case, status: Mapping[str, Any]) -> None:
             display.finished(case.id, status["cause"], status["seconds"])
 
-        referenced = folders.read_state()["reality"] != "crazyflow"
-        answer_all(folders, left, jobs, on_end, referenced, command, timeout)
+        # Beside crazyflow itself nothing needs a reference: its equations are the diagnosis's own.
+        own = folders.read_state()["reality"] == "crazyflow"
+        reference = None if own else folders.reference
+        answer_all(folders, left, jobs, on_end, lambda _: reference, command, timeout)
 
 
 def _measure(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:
@@ -258,7 +276,7 @@ def _finish(
     tables.save(folders.out)
     save_labels(folders)
     places = None if document == DOCUMENT else folders.out
-    path = write_report(_found(places), document, notes)
+    path = write_report(_found(places), document, notes, _injected(document))
     failed = sum(status["status"] != "ok" for status in statuses.values())
     if failed:
         console.print(f"[red]{failed} of {len(labels)} diagnoses failed; the report names them.[/]")

@@ -193,6 +193,7 @@ def effect():
         "settings": {"simulator": "crazyflow", "exclude": [], "withheld": [], "decision": None},
         "program": {"version": "0.1.0", "digest": "f" * 64},
         "details": details(),
+        "interface": [],
     }
 
 

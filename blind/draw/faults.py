@@ -1,0 +1,184 @@
+"""Which faults are injected into logs: how large they are drawn, and what a right answer names.
+
+Sizes are those around the aims of a diagnosis of real flights: half of what is to be named, that,
+and twice that. A fault whose answers are empty is outside of the library: an answer is right if it
+says that something is there and names no effect.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from blind.draw.catalogue import SIZES, Parameters
+from blind.fly import log_faults as made
+from diagnosis.logs.flights import DroneLog, FlightSet, VehicleFile
+from simulators.vehicle import VEHICLES
+
+ONE_SIZE = ("whole",)
+"""Size of a fault that is there or not."""
+
+Change = Callable[[DroneLog, Parameters, VehicleFile], DroneLog]
+Truths = Mapping[str, Parameters]
+
+
+def _nothing(p: Parameters) -> Truths:
+    return {}
+
+
+@dataclasses.dataclass(frozen=True)
+class Fault:
+    """One fault of logs."""
+
+    draw: Callable[[int, np.random.Generator], Parameters]
+    """Its numbers at a size (index into `sizes`), signs and directions at random."""
+    change: Change
+    """What one drone's log becomes."""
+    needs: tuple[str, ...] = ("cmd",)
+    """Columns of which a log must hold at least one; none stands for any log."""
+    answers: Callable[[Parameters], Truths] = _nothing
+    """Effects that describe it, each with its true numbers."""
+    sizes: tuple[str, ...] = SIZES
+    """Names of the sizes."""
+    believed_mass: Callable[[float, Parameters], float] | None = None
+    """What the operator then believes the drone to weigh [kg]; None where that stays."""
+
+    def fits(self, flights: FlightSet) -> bool:
+        """Whether every flight has a column that the fault changes."""
+        drones = [drone for flight in flights.flights for drone in flight.drones]
+        return not self.needs or all(
+            any(getattr(drone, name) is not None for name in self.needs) for drone in drones
+        )
+
+    def apply(self, flights: FlightSet, parameters: Parameters) -> FlightSet:
+        """The flights as they would have been logged."""
+        vehicle = flights.vehicle
+        changed = tuple(
+            dataclasses.replace(
+                flight,
+                drones=tuple(self.change(drone, parameters, vehicle) for drone in flight.drones),
+            )
+            for flight in flights.flights
+        )
+        if self.believed_mass is not None:
+            mass = self.believed_mass(vehicle.mass, parameters)
+            vehicle = dataclasses.replace(vehicle, mass=mass)
+        return dataclasses.replace(flights, flights=changed, vehicle=vehicle)
+
+
+def _signed(name: str, *values: float) -> Callable[[int, np.random.Generator], Parameters]:
+    return lambda size, rng: {name: float(rng.choice([-1.0, 1.0])) * values[size]}
+
+
+def _fixed(name: str, *values: float) -> Callable[[int, np.random.Generator], Parameters]:
+    return lambda size, rng: {name: values[size]}
+
+
+def _tilted(*degrees: float) -> Callable[[int, np.random.Generator], Parameters]:
+    def draw(size: int, rng: np.random.Generator) -> Parameters:
+        angle, way = np.radians(degrees[size]), rng.uniform(0.0, 2 * np.pi)
+        return {"roll": float(angle * np.cos(way)), "pitch": float(angle * np.sin(way))}
+
+    return draw
+
+
+def _angle(*degrees: float) -> Callable[[int, np.random.Generator], Parameters]:
+    return _signed("angle", *np.radians(degrees).tolist())
+
+
+def _thrust(p: Parameters) -> Truths:
+    """More thrust, or less mass: commands and paths tell the quotient alone."""
+    return {"thrust_gain": {"e": p["e"]}, "mass": {"e": 1.0 / (1.0 + p["e"]) - 1.0}}
+
+
+def _mass(p: Parameters) -> Truths:
+    return {"mass": {"e": p["e"]}, "thrust_gain": {"e": 1.0 / (1.0 + p["e"]) - 1.0}}
+
+
+def _whole(change: Callable[[DroneLog], DroneLog], *needs: str) -> Fault:
+    """A fault that has no size."""
+    return Fault(lambda size, rng: {}, lambda log, p, v: change(log), needs, sizes=ONE_SIZE)
+
+
+FAULTS: Mapping[str, Fault] = {
+    "thrust_gain": Fault(
+        _signed("e", 0.025, 0.05, 0.1),
+        lambda log, p, v: made.more_thrust(log, p["e"], VEHICLES[v.drone]),
+        ("cmd", "rotor_vel", "pwm"),
+        _thrust,
+    ),
+    "believed_mass": Fault(
+        _signed("e", 0.025, 0.05, 0.1),
+        lambda log, p, v: log,
+        (),
+        _mass,
+        believed_mass=lambda mass, p: mass / (1.0 + p["e"]),
+    ),
+    "delay": Fault(
+        _fixed("seconds", 0.01, 0.02, 0.04),
+        lambda log, p, v: made.shifted(log, p["seconds"]),
+        made.INPUTS,
+        lambda p: {"delay": {"seconds": p["seconds"]}},
+    ),
+    "trim": Fault(
+        _tilted(0.75, 1.5, 3.0),
+        lambda log, p, v: made.off_trim(log, p["roll"], p["pitch"]),
+        answers=lambda p: {"trim": {"roll": p["roll"], "pitch": p["pitch"]}},
+    ),
+    "attitude_gain": Fault(
+        _signed("g", 0.05, 0.1, 0.2),
+        lambda log, p, v: made.more_tilt(log, p["g"]),
+        answers=lambda p: {"attitude_gain": {"g": p["g"]}},
+    ),
+    "yaw_misalignment": Fault(
+        _angle(2.5, 5.0, 10.0),
+        lambda log, p, v: made.off_trim(log, 0.0, 0.0, p["angle"]),
+        answers=lambda p: {"yaw_misalignment": {"angle": p["angle"]}},
+    ),
+    "tilt_turned_in_yaw": Fault(
+        _angle(2.5, 5.0, 10.0), lambda log, p, v: made.turned_tilt(log, p["angle"])
+    ),
+    "path_turned_in_yaw": Fault(
+        _angle(2.5, 5.0, 10.0), lambda log, p, v: made.turned_path(log, p["angle"]), ()
+    ),
+    "clock_offset": Fault(
+        _fixed("seconds", 0.02, 0.04, 0.08),
+        lambda log, p, v: made.shifted(log, -p["seconds"]),
+        made.INPUTS,
+    ),
+    "clock_drift": Fault(
+        _signed("rate", 0.005, 0.01, 0.02),
+        lambda log, p, v: made.shifted(log, 0.0, p["rate"]),
+        made.INPUTS,
+    ),
+    "pwm_scale": Fault(
+        _fixed("scale", 0.05, 0.1, 0.2),
+        lambda log, p, v: made.more_duty(log, p["scale"]),
+        ("pwm",),
+        # Thrust is nearly a square of the duty, so that the effects have no single true number.
+        lambda p: {"thrust_gain": {}, "mass": {}},
+    ),
+    "body_velocity": _whole(made.body_velocity),
+    "degrees": _whole(made.degrees, "cmd"),
+    "grams": _whole(made.grams, "cmd"),
+}
+"""Faults that are drawn; a log holds what a fault changes, or the fault is not drawn for it."""
+
+ORDERS: Mapping[str, Fault] = {
+    "swapped_tilt": _whole(made.swapped_tilt, "cmd"),
+    "flipped_pitch": _whole(made.flipped_pitch, "cmd"),
+    "flipped_axis": _whole(made.flipped_axis),
+    "swapped_axes": _whole(made.swapped_axes),
+    "inverse_attitude": _whole(made.inverse_attitude),
+    "scalar_first": _whole(made.scalar_first),
+    "mirrored_motors": _whole(made.mirrored_motors, "pwm", "rotor_vel"),
+}
+"""Faults of order and sign, drawn too: a diagnosis that knows interfaces names them."""
+
+ALL: Mapping[str, Fault] = {**FAULTS, **ORDERS}
+"""Every fault by name."""
+
+
+def able(flights: FlightSet) -> list[str]:
+    """Faults that the columns of these flights can have."""
+    return [name for name, fault in ALL.items() if fault.fits(flights)]

@@ -1,0 +1,159 @@
+"""Cases made from logs of anybody's flights: a half with a fault in it, beside the other half.
+
+Every case splits the flights anew at random. A part of the cases is undisturbed: both halves stay
+as they were flown, and whatever a diagnosis finds there is a false alarm.
+"""
+
+import dataclasses
+import hashlib
+import secrets
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blind.draw.cases import seal, unseal
+from blind.draw.catalogue import Parameters
+from blind.draw.faults import ALL, able
+from blind.draw.folders import Folders
+from diagnosis.logs.flights import FlightSet, VehicleFile, write_flights
+
+FEWEST = 4
+"""Fewest flights that can be split into halves of which each tells a scatter."""
+UNDISTURBED = 0.25
+"""Share of the cases without a fault; a choice."""
+NOTHING = "none"
+"""What stands in the place of a fault in an undisturbed case."""
+UNNAMED = "flights"
+"""Name in the vehicle.toml of every case: the operator's own may say what was changed."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Injected:
+    """One case."""
+
+    id: str
+    """Random name of its folder."""
+    fault: str
+    """Name in `faults.ALL`, or `NOTHING`."""
+    size: str
+    """Name of its size; empty without a fault."""
+    parameters: Parameters
+    """Its numbers, SI."""
+    target: tuple[str, ...]
+    """Flights that are diagnosed."""
+    reference: tuple[str, ...]
+    """The other flights."""
+
+    @property
+    def exclude(self) -> tuple[str, ...]:
+        """Effects that the diagnosis must do without: none."""
+        return ()
+
+    @property
+    def answers(self) -> Mapping[str, Parameters]:
+        """Effects that describe the fault, each with its true numbers."""
+        return ALL[self.fault].answers(self.parameters) if self.fault != NOTHING else {}
+
+
+def draw_injected(flights: FlightSet, count: int, entropy: int | None = None) -> list[Injected]:
+    """Cases in random order: the undisturbed ones, the others in whole rounds of fault and size.
+
+    Args:
+        flights: What was flown.
+        count: Number of cases.
+        entropy: Seed; from the operating system if None.
+
+    Raises:
+        ValueError: There are too few flights or cases.
+    """
+    n = len(flights.flights)
+    if n < FEWEST:
+        raise ValueError(
+            f"`{flights.path}` must hold at least {FEWEST} usable flights, two for each half, got "
+            f"{n}."
+        )
+    if count < 2:
+        raise ValueError(f"`cases` must be at least 2, one of them undisturbed, got {count}.")
+    rng = np.random.default_rng(secrets.randbits(128) if entropy is None else entropy)
+    quiet = max(1, round(UNDISTURBED * count))
+    pool = [(name, size) for name in able(flights) for size in range(len(ALL[name].sizes))]
+    plans: list[tuple[str, int]] = [(NOTHING, 0)] * quiet
+    while len(plans) < count:
+        plans += [pool[i] for i in rng.permutation(len(pool))]
+    order = rng.permutation(count)
+    return [_case(flights, plans[i], rng) for i in order]
+
+
+def _case(flights: FlightSet, plan: tuple[str, int], rng: np.random.Generator) -> Injected:
+    name, size = plan
+    names = np.asarray([flight.name for flight in flights.flights])
+    chosen = rng.permutation(len(names))
+    half = len(names) // 2
+    fault = ALL.get(name)
+    return Injected(
+        id=rng.bytes(8).hex(),
+        fault=name,
+        size=fault.sizes[size] if fault else "",
+        parameters=fault.draw(size, rng) if fault else {},
+        target=tuple(sorted(names[chosen[:half]].tolist())),
+        reference=tuple(sorted(names[chosen[half:]].tolist())),
+    )
+
+
+def write_injected(folders: Folders, flights: FlightSet, cases: Sequence[Injected]) -> None:
+    """Writes both halves of every case that is not there whole."""
+    for case in cases:
+        target = _some(flights, case.target)
+        if case.fault != NOTHING:
+            target = ALL[case.fault].apply(target, case.parameters)
+        for place, part in (
+            (folders.references / case.id, _some(flights, case.reference)),
+            (folders.cases / case.id, target),
+        ):
+            if not place.is_dir():
+                half_written = place.with_name(f".{place.name}.part-{secrets.token_hex(4)}")
+                vehicle = dataclasses.replace(part.vehicle, name=UNNAMED)
+                write_flights(half_written, vehicle, part.flights)
+                half_written.rename(place)
+
+
+def write_injected_labels(path: Path, cases: Sequence[Injected]) -> str:
+    """SHA-256 of the sealed labels."""
+    return seal(path, {case.id: dataclasses.asdict(case) for case in cases})
+
+
+def read_injected_labels(path: Path, sha256: str | None = None) -> dict[str, Injected]:
+    """Cases by their folders' names.
+
+    Raises:
+        ValueError: The file is not the one whose `sha256` was printed.
+    """
+    tuples = ("target", "reference")
+    found: dict[str, Injected] = {}
+    for name, fields in unseal(path, sha256).items():
+        own: dict[str, Any] = fields | {key: tuple(fields[key]) for key in tuples}
+        found[name] = Injected(**own)
+    return found
+
+
+def flights_digest(flights: FlightSet) -> str:
+    """SHA-256 of everything that was flown and believed."""
+    found = hashlib.sha256(repr(_believed(flights.vehicle)).encode())
+    for flight in flights.flights:
+        for drone in flight.drones:
+            for name, column in vars(drone).items():
+                if column is not None:
+                    found.update(f"{flight.name} {name} {column.shape}\n".encode())
+                    found.update(np.ascontiguousarray(column).tobytes())
+    return found.hexdigest()
+
+
+def _believed(vehicle: VehicleFile) -> tuple[str, float]:
+    return vehicle.drone, vehicle.mass
+
+
+def _some(flights: FlightSet, names: Sequence[str]) -> FlightSet:
+    chosen = tuple(flight for flight in flights.flights if flight.name in names)
+    return dataclasses.replace(flights, flights=chosen)

@@ -1,0 +1,204 @@
+"""Injected faults as tables that are kept, and the section of the report on them."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bench.report.page import write_page
+from bench.stats.statistics import records
+from bench.text import markdown
+from bench.text.errors import UsageError
+from blind.draw.folders import write_json
+from blind.draw.injected import NOTHING
+from blind.score.injected import power, shares
+
+TITLE = "Diagnosis of faults that were injected into logs"
+METHOD = (
+    "Every case splits the flights at random into two halves. A fault is written into one half as "
+    "its vehicle, clocks or columns would have logged it, with arithmetic on columns alone; a "
+    "quarter of the cases get none. {beside} Each diagnosis runs in a process of its own that is "
+    "given folders of flights with a random name; what was done stands in a salted file whose "
+    "SHA-256 was printed before the first diagnosis and checked after the last. Halves of one set "
+    "are not independent: they share their flights, so that intervals are those of more draws "
+    "from these flights, not of other vehicles."
+)
+WORDS = (
+    "*Found*: any verdict but `none`, or logs refused with a reason. *Named*: an effect is blamed "
+    "that describes the fault, or one that these flights cannot tell from it; faults that no "
+    "effect describes cannot be named. *Wrong effect*: an effect is blamed, and none that "
+    "describes the fault. Intervals are 95 %, Clopper and Pearson's."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class InjectedTables:
+    """All tables of one run."""
+
+    cases: pd.DataFrame
+    """One row a case."""
+    numbers: pd.DataFrame
+    """One row a compared number of a right answer."""
+    run: dict[str, Any]
+    """What was drawn, and the SHA-256 of the labels."""
+
+    def save(self, directory: Path) -> None:
+        """Writes them all."""
+        directory.mkdir(parents=True, exist_ok=True)
+        for name in ("cases", "numbers"):
+            part = directory / f".{name}.part"
+            getattr(self, name).to_parquet(part, index=False)
+            part.replace(directory / f"{name}.parquet")
+        write_json(directory / "run.json", self.run)
+
+    @classmethod
+    def load(cls, directory: Path) -> "InjectedTables":
+        """What `save` wrote.
+
+        Raises:
+            UsageError: A table is missing or cannot be read.
+        """
+        try:
+            frames = {n: pd.read_parquet(directory / f"{n}.parquet") for n in ("cases", "numbers")}
+            run = json.loads((directory / "run.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            reason = str(error).splitlines()[0]
+            raise UsageError(
+                f"A table in {directory} is missing or cannot be read; `bench blind --inject` "
+                f"writes it when a run has ended: {reason}"
+            ) from error
+        return cls(**frames, run=run)
+
+
+def is_injected(directory: Path) -> bool:
+    """Whether the tables in a folder are those of injected faults."""
+    try:
+        run = json.loads((directory / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return "injected" in run
+
+
+def section(tables: InjectedTables) -> list[str]:
+    """The section of one run."""
+    return [
+        f"## Injected into: {markdown.escape(tables.run['injected'])}",
+        *_facts(tables),
+        "### Power against size",
+        _power(tables),
+        "### False alarms and intervals",
+        _shares(tables),
+        "### Cases that were not answered rightly",
+        _wrong(tables),
+    ]
+
+
+def write_injected(tables: InjectedTables, path: Path) -> Path:
+    """The Markdown file that was written; HTML stands beside it."""
+    text = "\n\n".join([f"# {TITLE}", *section(tables)]) + "\n"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    write_page(text, path.with_suffix(".html"), TITLE)
+    return path
+
+
+def _facts(tables: InjectedTables) -> list[str]:
+    run, cases = tables.run, tables.cases
+    quiet = sum(row["fault"] == NOTHING for row in records(cases))
+    drawn = "of the operating system" if run["seed"] is None else f"{run['seed']}"
+    beside = (
+        "The half with the fault is diagnosed beside the other one (`--reference`)."
+        if run["reference"]
+        else "The half with the fault is diagnosed by itself; the other half is not used."
+    )
+    sources = run["sources"]
+    lines = [
+        METHOD.format(beside=beside),
+        f"{len(cases)} cases of {run['flights']} flights, {quiet} of them undisturbed, drawn "
+        f"{run['started']} with the seed {drawn}. SHA-256 of the labels: `{run['sha256']}`. A "
+        f"diagnosis took {cases['seconds'].median():.0f} s in the median and "
+        f"{cases['seconds'].max():.0f} s at most. Program {sources[0][:12]}.",
+    ]
+    if len(sources) > 1:
+        lines.append(f"**The answers come from {len(sources)} versions of the program.**")
+    return [*lines, WORDS]
+
+
+def _power(tables: InjectedTables) -> str:
+    order = {name: i for i, name in enumerate(("small", "medium", "large", "whole"))}
+    rows = sorted(records(power(tables.cases)), key=lambda r: (r["fault"], order[r["size"]]))
+    described = tables.run["described"]
+    shown = [
+        (
+            markdown.escape(row["fault"]),
+            f"{row['size']} ({_sizes(tables.cases, row)})" if row["size"] != "whole" else "whole",
+            str(row["n"]),
+            _share(row, "found"),
+            _share(row, "named") if row["fault"] in described else "no effect describes it",
+            str(row["misled"]),
+            str(row["refused"]),
+        )
+        for row in rows
+    ]
+    headings = ("fault", "size", "cases", "found", "named", "wrong effect", "refused")
+    return markdown.table(headings, shown, (0, 1)) if shown else "No case had a fault."
+
+
+def _sizes(cases: pd.DataFrame, row: dict[str, Any]) -> str:
+    """The sizes that were drawn, without signs and directions."""
+    mine = cases.loc[(cases["fault"] == row["fault"]) & (cases["size"] == row["size"])]
+    drawn = {
+        f"{math.hypot(*json.loads(text).values()):.3g}" for text in mine["parameters"].tolist()
+    }
+    return ", ".join(sorted(drawn))
+
+
+def _share(row: dict[str, Any], name: str) -> str:
+    low, high = (100.0 * row[f"{name}_{end}"] for end in ("low", "high"))
+    return f"{row[name]}/{row['n']} ({low:.0f} to {high:.0f} %)"
+
+
+def _shares(tables: InjectedTables) -> str:
+    rows = [
+        (
+            row["score"],
+            f"{row['hits']}/{row['n']}",
+            f"{100.0 * row['value']:.1f} %" if row["n"] else "—",
+            f"{100.0 * row['low']:.1f} to {100.0 * row['high']:.1f} %" if row["n"] else "—",
+        )
+        for row in records(shares(tables.cases, tables.numbers))
+    ]
+    return markdown.table(("what", "hits", "measured", "95 % interval"), rows)
+
+
+def _wrong(tables: InjectedTables) -> str:
+    described = set(tables.run["described"])
+    rows = [
+        (
+            row["case"],
+            markdown.escape(row["fault"]),
+            markdown.escape(_parameters(row["parameters"])),
+            row["verdict"],
+            markdown.escape(row["answer"] or row["cause"] or "—"),
+        )
+        for row in records(tables.cases)
+        if _is_wrong(row, described)
+    ]
+    if not rows:
+        return "None."
+    headings = ("case", "fault", "its numbers [SI]", "verdict", "blamed, or why there is no answer")
+    return markdown.table(headings, rows, (0, 1, 2, 3, 4))
+
+
+def _is_wrong(row: dict[str, Any], described: set[str]) -> bool:
+    if row["fault"] == NOTHING:
+        return bool(row["found"]) or row["status"] != "ok"
+    wanted = row["named"] if row["fault"] in described else row["found"]
+    return bool(row["misled"]) or not (wanted or row["refused"])
+
+
+def _parameters(text: str) -> str:
+    return ", ".join(f"{name} {value:.3g}" for name, value in json.loads(text).items()) or "—"

@@ -1,0 +1,211 @@
+"""`bench blind --inject FLIGHTS`: draw, diagnose, score, report; running again resumes."""
+
+import datetime
+import secrets
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from bench.execution.executor import cores
+from bench.stats.statistics import records
+from bench.text.errors import UsageError
+from blind.draw.faults import ALL
+from blind.draw.folders import INJECTED, RESULTS, Folders, write_json
+from blind.draw.injected import (
+    Injected,
+    draw_injected,
+    flights_digest,
+    read_injected_labels,
+    write_injected,
+    write_injected_labels,
+)
+from blind.report import injected_section as report
+from blind.report.tables import save_labels
+from blind.run.answering import (
+    DIAGNOSE,
+    TIMEOUT,
+    answer_all,
+    missing,
+    read_documents,
+    sources_digest,
+)
+from blind.run.command import alone
+from blind.run.display import CasesProgress
+from blind.score.injected import injected_rows
+from diagnosis.logs.flights import FlightSet, LogError, load_flights
+
+CASES = 80
+"""Cases of a run that does not say how many: about two of each fault and size."""
+RUN = "run.json"
+"""Name of the file that says what was drawn, written last."""
+
+
+def run_injected(
+    flights: Path,
+    *,
+    reference: bool = False,
+    cases: int | None = None,
+    out: Path | None = None,
+    seed: int | None = None,
+    jobs: int | None = None,
+    command: Sequence[str] = DIAGNOSE,
+    timeout: float = TIMEOUT,
+) -> int:
+    """Exit status: 0, or 1 where a diagnosis failed or the labels were touched.
+
+    Args:
+        flights: Folder of logs, in the format that a diagnosis reads.
+        reference: Whether the other half of the flights is given as a reference.
+        cases: Number of cases; `CASES` if None.
+        out: Folder for tables, report and cases.
+        seed: Seed of the draw; from the operating system if None.
+        jobs: Number of processes; one a core if None.
+        command: What diagnoses a folder.
+        timeout: Longest time for one diagnosis [s].
+
+    Raises:
+        UsageError: The request makes no sense, or the flights cannot be used.
+    """
+    try:
+        flown = load_flights(flights)
+    except LogError as error:
+        raise UsageError(str(error)) from error
+    name = flown.path.resolve().name
+    folders = Folders(out or RESULTS / INJECTED / name)
+    _check(folders, flown, reference, cases, seed, jobs)
+    console = Console()
+    with alone(folders):
+        if not folders.state.is_file():
+            _draw(folders, flown, reference, cases or CASES, seed)
+        return _work(folders, flown, jobs or cores(), console, command, timeout)
+
+
+def _check(
+    folders: Folders,
+    flown: FlightSet,
+    reference: bool,
+    cases: int | None,
+    seed: int | None,
+    jobs: int | None,
+) -> None:
+    """Nothing, if the request makes sense and is that of a run which is there already."""
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+    if seed is not None and seed < 0:
+        raise UsageError(f"`--seed` must be at least 0, got {seed}.")
+    if folders.out.exists() and not folders.out.is_dir():
+        raise UsageError(f"{folders.out} is not a folder, so nothing can be written there.")
+    if not folders.state.is_file():
+        if (folders.out / RUN).is_file():
+            raise UsageError(
+                f"{folders.out} holds the tables of a draw whose cases are not here. Give "
+                "`--out DIR` for a draw of your own, or remove the folder."
+            )
+        return
+    state = folders.read_state()
+    asked = {
+        "digest": flights_digest(flown),
+        "reference": reference,
+        "cases": state.get("cases") if cases is None else cases,
+        "seed": state["seed"] if seed is None else seed,
+    }
+    words = {
+        "digest": "of other flights, or of these before they changed",
+        "reference": "with `--reference`" if state.get("reference") else "without `--reference`",
+        "cases": f"of {state.get('cases')} cases",
+        "seed": f"with the seed {state['seed']}",
+    }
+    for key, wanted in asked.items():
+        if state.get(key) != wanted:
+            raise UsageError(
+                f"{folders.runs} holds a draw {words[key]}. Give another folder with `--out`."
+            )
+
+
+def _draw(
+    folders: Folders, flown: FlightSet, reference: bool, count: int, seed: int | None
+) -> None:
+    """Draws and writes everything, `run.json` last; what was left half-way is begun anew."""
+    for old in filter(Path.exists, folders.drawn()):
+        shutil.rmtree(old)
+    entropy = secrets.randbits(128) if seed is None else seed
+    try:
+        cases = draw_injected(flown, count, entropy)
+    except ValueError as error:
+        raise UsageError(str(error).replace("`cases`", "`--cases`")) from error
+    write_injected(folders, flown, cases)
+    sha256 = write_injected_labels(folders.labels, cases)
+    write_json(
+        folders.state,
+        {
+            "injected": flown.path.resolve().name,
+            "digest": flights_digest(flown),
+            "flights": len(flown.flights),
+            "reference": reference,
+            "cases": count,
+            "seed": seed,
+            "entropy": entropy,
+            "sha256": sha256,
+            "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "generator": sources_digest(with_generator=True),
+        },
+    )
+
+
+def _work(
+    folders: Folders,
+    flown: FlightSet,
+    jobs: int,
+    console: Console,
+    command: Sequence[str],
+    timeout: float,
+) -> int:
+    """Exit status after everything that is still to be done with cases that were drawn."""
+    if wrong := folders.tampered():
+        console.print(f"[red]{wrong}[/]", soft_wrap=True)
+        return 1
+    state = folders.read_state()
+    console.print(f"SHA-256 of the labels: {state['sha256']}", soft_wrap=True, highlight=False)
+    labels = read_injected_labels(folders.labels, state["sha256"])
+    write_injected(folders, flown, list(labels.values()))
+    left = missing(folders, labels)
+    done = len(labels) - len(left)
+    if done:
+        console.print(f"{done} of {len(labels)} cases have an answer already.", highlight=False)
+    with CasesProgress("diagnosing", len(labels), console, done) as display:
+
+        def on_end(case: Injected, status: Mapping[str, Any]) -> None:
+            display.finished(case.id, status["cause"], status["seconds"])
+
+        def beside(case: Injected) -> Path | None:
+            return folders.references / case.id if state["reference"] else None
+
+        answer_all(folders, left, jobs, on_end, beside, command, timeout)
+    if wrong := folders.tampered():
+        console.print(f"[red]{wrong} Nothing is scored.[/]", soft_wrap=True)
+        return 1
+    console.print("The labels are still those.")
+    return _finish(folders, labels, state, console)
+
+
+def _finish(
+    folders: Folders, labels: Mapping[str, Injected], state: Mapping[str, Any], console: Console
+) -> int:
+    """Exit status after writing tables and report."""
+    answers, statuses = read_documents(folders, labels)
+    cases, numbers = injected_rows(labels, answers, statuses)
+    sources = sorted({status["sources"] for status in statuses.values()})
+    described = sorted({c.fault for c in labels.values() if c.answers and c.fault in ALL})
+    run = {**state, "sources": sources, "described": described}
+    tables = report.InjectedTables(cases, numbers, run)
+    tables.save(folders.out)
+    save_labels(folders)
+    path = report.write_injected(tables, folders.out / "injected.md")
+    failed = sum(row["status"] != "ok" and not row["refused"] for row in records(cases))
+    if failed:
+        console.print(f"[red]{failed} of {len(labels)} diagnoses failed; the report names them.[/]")
+    console.print(f"Tables: {folders.out}\nReport: {path}", soft_wrap=True, highlight=False)
+    return 1 if failed else 0

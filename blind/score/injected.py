@@ -1,0 +1,127 @@
+"""Scores of diagnoses of injected faults: power against size, false alarms, coverage.
+
+| word | an answer with it |
+|---|---|
+| found | says that something acts: any verdict but `none`, or refuses the logs and says why |
+| named | blames an effect that describes the fault, or one that flights cannot tell from it |
+| misled | blames an effect, and none that describes the fault |
+| refused | could not be given, because the program said what is wrong with the logs |
+
+Each share has the interval of Clopper and Pearson (1934), Biometrika 26, 404-413.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from bench.stats.statistics import records
+from blind.draw.injected import NOTHING, Injected
+from blind.score.scoring import clopper_pearson
+from diagnosis.result import Diagnosis, Effect
+
+REFUSED = "exit status 2"
+"""How the cause of a diagnosis begins that refused its logs (`blind.run.one`)."""
+
+Json = Mapping[str, Any]
+Row = dict[str, Any]
+
+
+def injected_rows(
+    cases: Mapping[str, Injected], answers: Mapping[str, Json], statuses: Mapping[str, Json]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """A table with one row a case, and one with one row a compared number of a right answer."""
+    judged, numbers = [], []
+    for name, case in cases.items():
+        found = Diagnosis.of_json(answers[name]) if name in answers else None
+        judged.append(_judge(case, found, statuses[name]))
+        if found is not None:
+            numbers += _compared(case, found)
+    columns = ["case", "fault", "size", "effect", "parameter", "true", "value", "low", "high"]
+    return pd.DataFrame(judged), pd.DataFrame(numbers, columns=[*columns, "use", "inside"])
+
+
+def power(cases: pd.DataFrame) -> pd.DataFrame:
+    """One row a fault and size: how many were found, named and misled, with intervals."""
+    faulty, rows = [row for row in records(cases) if row["fault"] != NOTHING], []
+    for fault, size in dict.fromkeys((row["fault"], row["size"]) for row in faulty):
+        part = [row for row in faulty if (row["fault"], row["size"]) == (fault, size)]
+        own: Row = {"fault": fault, "size": size, "n": len(part)}
+        for column in ("found", "named", "misled", "refused"):
+            hits = sum(bool(row[column]) for row in part)
+            low, high = clopper_pearson(hits, len(part))
+            own |= {column: hits, f"{column}_low": low, f"{column}_high": high}
+        rows.append(own)
+    return pd.DataFrame(rows)
+
+
+def shares(cases: pd.DataFrame, numbers: pd.DataFrame) -> pd.DataFrame:
+    """False alarms and coverage: hits, cases, value and interval of each."""
+    rows = records(cases)
+    quiet = [row for row in rows if row["fault"] == NOTHING]
+    faulty = [row for row in rows if row["fault"] != NOTHING]
+    # An interval that is marked as descriptive is not meant to hold the truth.
+    stated = [
+        row for row in records(numbers) if pd.notna(row["low"]) and row["use"] != "descriptive"
+    ]
+    wanted = (
+        ("an effect blamed in undisturbed flights", quiet, "misled"),
+        ("anything but `none` said of undisturbed flights", quiet, "found"),
+        ("faults found", faulty, "found"),
+        ("a wrong effect blamed for a fault", faulty, "misled"),
+        ("truth inside stated 95 % intervals", stated, "inside"),
+    )
+    return pd.DataFrame([_share(name, [bool(r[c]) for r in among]) for name, among, c in wanted])
+
+
+def _share(name: str, hits: list[bool]) -> Row:
+    k, n = sum(hits), len(hits)
+    low, high = clopper_pearson(k, n)
+    value = k / n if n else math.nan
+    return {"score": name, "hits": k, "n": n, "value": value, "low": low, "high": high}
+
+
+def _judge(case: Injected, found: Diagnosis | None, status: Json) -> Row:
+    blamed = [effect for effect in found.effects if effect.blamed] if found else []
+    named = any(_describes(case, effect) for effect in blamed)
+    refused = found is None and str(status["cause"]).startswith(REFUSED)
+    return {
+        "case": case.id,
+        "fault": case.fault,
+        "size": case.size,
+        "parameters": json.dumps(dict(case.parameters)),
+        "target": " ".join(case.target),
+        "verdict": "failed" if found is None else found.verdict,
+        "answer": " + ".join(effect.name for effect in blamed),
+        "probability": found.probability if found else None,
+        "drift_falls": found.shrink.percent if found else None,
+        "found": refused or (found is not None and found.verdict != "none"),
+        "named": named,
+        "misled": bool(blamed) and not named,
+        "refused": refused,
+        "status": status["status"],
+        "cause": status["cause"],
+        "seconds": status["seconds"],
+    }
+
+
+def _describes(case: Injected, effect: Effect) -> bool:
+    return bool({effect.name, *effect.aliases} & set(case.answers))
+
+
+def _compared(case: Injected, found: Diagnosis) -> list[Row]:
+    """Numbers of blamed effects that describe the fault, beside the true ones."""
+    rows = []
+    for effect in found.effects:
+        truth = case.answers.get(effect.name, {}) if effect.blamed else {}
+        for given in effect.parameters:
+            if given.name in truth:
+                true, low, high = truth[given.name], given.low, given.high
+                own = {"case": case.id, "fault": case.fault, "size": case.size}
+                own |= {"effect": effect.name, "parameter": given.name, "true": true}
+                own |= {key: getattr(given, key) for key in ("value", "low", "high", "use")}
+                inside = low is not None and high is not None and low <= true <= high
+                rows.append(own | {"inside": inside})
+    return rows

@@ -1,0 +1,130 @@
+r"""How the measured roll and pitch follow their commands: lag, order, sign and turn.
+
+    y(t) = k P u(t - d) + b
+
+y are measured roll and pitch, u the commanded ones, P an order and sign of the axes, or a turn in
+yaw. For each lag d everything follows from the covariance C(d) of y and u, with k >= 0:
+error(P, d) = tr S_yy - max(0, <P, C(d)>)^2 / tr S_uu(d).
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from diagnosis.interface.readings import Chosen, Reading, choose, signed_orders
+from diagnosis.logs.flights import DroneLog
+from diagnosis.logs.noise import measured
+
+STEP = 0.01
+"""Time between two samples and two lags [s]."""
+LAGS = np.round(np.arange(-0.3, 0.601, STEP), 6)
+"""Lags that are tried [s]."""
+SHORTEST = 1.0
+"""Shortest stretch whose sums are taken [s]."""
+INDEPENDENT = 0.3
+"""Time after which errors are taken to be independent [s], three time constants of the loop."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Following:
+    """Sums of squares of one drone or of many, about each drone's means."""
+
+    yy: float
+    """Of measured roll and pitch [rad^2 s]."""
+    uu: Float[np.ndarray, " lags"]
+    """Of commands."""
+    yu: Float[np.ndarray, "lags 2 2"]
+    """Of measured and commanded angles."""
+    seconds: float
+    """Duration."""
+
+    def __add__(self, other: "Following") -> "Following":
+        return Following(
+            self.yy + other.yy, self.uu + other.uu, self.yu + other.yu, self.seconds + other.seconds
+        )
+
+    def errors(self, matrix: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, " lags"]:
+        """Squared error of every lag."""
+        along = np.maximum(np.einsum("ij,lij->l", matrix, self.yu), 0.0)
+        # `matrix` keeps lengths, so that tr S_uu is that of P u as well.
+        return self.yy - along**2 / np.maximum(self.uu, 1e-12)
+
+    def lag(self, matrix: Float[np.ndarray, "2 2"]) -> float:
+        """The lag that fits best [s], between those tried."""
+        errors = self.errors(matrix)
+        i = int(np.argmin(errors))
+        if i in (0, len(LAGS) - 1):
+            return float(LAGS[i])
+        a, b, c = errors[i - 1 : i + 2]
+        bend = a - 2.0 * b + c
+        return float(LAGS[i] + (0.5 * STEP * (a - c) / bend if bend > 0.0 else 0.0))
+
+    def turn(self) -> float:
+        """The angle [rad] by which measured tilts are turned against commanded ones."""
+        i = int(np.argmin(self.errors(np.eye(2))))
+        C = self.yu[i]
+        return float(np.arctan2(C[1, 0] - C[0, 1], C[0, 0] + C[1, 1]))
+
+
+def following(drone: DroneLog, parts: int = 1) -> list[Following]:
+    """The sums of a drone's flight in as many parts; none without commands or where it is short."""
+    if drone.cmd is None:
+        return []
+    t = np.arange(drone.t[0] + LAGS[-1], drone.t[-1] + LAGS[0], STEP)
+    t = t[_whole(t, drone.t)] if len(t) else t
+    return [_sums(drone, part) for part in np.array_split(t, parts) if len(part) >= SHORTEST / STEP]
+
+
+def _sums(drone: DroneLog, t: Float[np.ndarray, " times"]) -> Following:
+    assert drone.cmd is not None  # `following` looked
+    rpy = measured(drone)[:, 6:8]
+    y = np.stack([np.interp(t, drone.t, angle) for angle in rpy.T], axis=1)
+    y -= y.mean(axis=0)
+    uu, yu = np.zeros(len(LAGS)), np.zeros((len(LAGS), 2, 2))
+    for i, lag in enumerate(LAGS):
+        held = np.clip(np.searchsorted(drone.t, t - lag, side="right") - 1, 0, None)
+        u = drone.cmd[held, :2]
+        u = u - u.mean(axis=0)
+        uu[i], yu[i] = np.sum(u * u), y.T @ u
+    return Following(float(np.sum(y * y)), uu, yu, len(t) * STEP)
+
+
+def order(found: Following) -> tuple[Chosen | None, Float[np.ndarray, "2 2"]]:
+    """What commanded roll and pitch hold, None if flights do not tell, and the order and sign."""
+    orders = signed_orders(2)
+    readings = [
+        Reading(_WORDS.get(words, words), float(found.errors(matrix).min()), changes)
+        for words, changes, matrix in orders
+    ]
+    n = 2 * int(found.seconds / INDEPENDENT)
+    chosen = choose(readings, found.yy, n)
+    if chosen is None or not chosen.names:
+        return chosen, np.eye(2)
+    place = next(i for i, r in enumerate(readings) if r.name == chosen.names[0])
+    return chosen, orders[place][2]
+
+
+_WORDS = {
+    "x with the opposite sign": "roll with the opposite sign",
+    "y with the opposite sign": "pitch with the opposite sign",
+    "x and y with the opposite sign": "roll and pitch with the opposite sign",
+    "axes in the order y, x": "roll and pitch exchanged",
+    "axes in the order y, x, x with the opposite sign": "roll and pitch exchanged and turned",
+    "axes in the order y, x, y with the opposite sign": "roll and pitch exchanged and turned",
+}
+
+
+def together(drones: Sequence[Following]) -> Following:
+    """The sums of all."""
+    total = drones[0]
+    for one in drones[1:]:
+        total = total + one
+    return total
+
+
+def _whole(t: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Which times lie in no hole."""
+    i = np.clip(np.searchsorted(rows, t, side="right"), 1, len(rows) - 1)
+    return rows[i] - rows[i - 1] < 0.1

@@ -1,0 +1,51 @@
+"""What is said of the interface: a fault, its advice and the numbers that show it."""
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """One number that the flights show."""
+
+    quantity: str
+    """What it is."""
+    value: float
+    """Its value."""
+    low: float | None
+    """Lower end of its interval at the level of the test; null where it has none."""
+    high: float | None
+    """Upper end."""
+    unit: str
+    """Unit."""
+    allowed: str
+    """What is allowed, in words."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class InterfaceFault:
+    """One part of the interface that does not say what the format asks for."""
+
+    part: str
+    """Which part, one of `PARTS`."""
+    readings: tuple[str, ...]
+    """What the part seems to hold instead, likeliest first; those after the first fit as well."""
+    advice: str
+    """What to check, in one line."""
+    evidence: tuple[Evidence, ...]
+    """The numbers behind it."""
+
+
+PARTS = (
+    "velocity",
+    "angular velocity",
+    "accelerometer",
+    "attitude",
+    "attitude command",
+    "command clock",
+    "thrust",
+    "motor order",
+    "frame of the path",
+    "frame of the commands",
+    "heading",
+)
+"""Every part that is checked, in the order in which faults are listed."""

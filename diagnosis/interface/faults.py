@@ -1,0 +1,249 @@
+"""`interface_faults(flights)`: what a log says wrongly, found in seconds and before any physics.
+
+Nothing is simulated. Columns that say the same thing are compared (`orders`, `commands`), and sizes
+with what vehicles do by themselves (`scales`). Later checks read columns as earlier ones found them
+to be meant where that matters: the lag is that of the order and sign that fit.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from diagnosis.interface import commands, orders, scales
+from diagnosis.interface.commands import Following
+from diagnosis.interface.fault import PARTS, Evidence, InterfaceFault
+from diagnosis.interface.motors import motor_order
+from diagnosis.interface.readings import Chosen
+from diagnosis.interface.scales import Size
+from diagnosis.interface.windows import Windows, make_windows
+from diagnosis.logs.flights import DroneLog, FlightLog, VehicleFile
+from diagnosis.logs.inputs import thrust_of_pwm, thrust_of_rotors
+from diagnosis.logs.noise import measured
+from simulators.vehicle import VEHICLES
+
+FEWEST_WINDOWS = 8
+"""Fewest windows that say anything; two seconds and a half of flight."""
+UNITS = {4.0: "one rotor's share", 2.2046: "pounds", 35.274: "ounces"}
+"""Units of a mass by how many of them are a kilogram; those that can look like a kilogram."""
+
+
+def interface_faults(
+    flights: Sequence[FlightLog], vehicle: VehicleFile
+) -> tuple[InterfaceFault, ...]:
+    """Every part of the interface that these flights show to be wrong, in the order of `PARTS`."""
+    drones = [drone for flight in flights for drone in flight.drones]
+    windows = make_windows(flights, [_thrust(drone, vehicle) for drone in drones])
+    if windows is not None and len(windows) < FEWEST_WINDOWS:
+        windows = None
+    parts = scales.parts_of(len(drones))
+    followed = [part for drone in drones for part in commands.following(drone, parts)]
+    compared = _compared(windows, followed, drones)
+    whole = not _wrong(compared.get("attitude"))
+    found = [_ordered(part, chosen) for part, chosen in compared.items()]
+    if windows is not None and whole:  # these are read from the attitude
+        found += [_thrust_scale(windows, vehicle), _path_frame(windows)]
+    if followed and whole:
+        found += _followed(followed)
+    found.append(_heading(drones))
+    named = [fault for fault in found if fault is not None]
+    return tuple(sorted(named, key=lambda fault: PARTS.index(fault.part)))
+
+
+def _thrust(drone: DroneLog, vehicle: VehicleFile) -> Float[np.ndarray, " rows"] | None:
+    """Thrust that a drone's inputs stand for [N]: what is commanded, else what its motors tell."""
+    if drone.cmd is not None:
+        return drone.cmd[:, 3]
+    if drone.rotor_vel is not None:
+        return thrust_of_rotors(drone.rotor_vel, VEHICLES[vehicle.drone])
+    if drone.pwm is not None and drone.battery is not None:
+        return thrust_of_pwm(drone.pwm, drone.battery)
+    return None
+
+
+def _compared(
+    windows: Windows | None, followed: Sequence[Following], drones: Sequence[DroneLog]
+) -> dict[str, Chosen | None]:
+    """Every part that can be read in several ways, with the reading that fits."""
+    found: dict[str, Chosen | None] = {"motor order": motor_order(drones)}
+    if followed:
+        found["attitude command"] = commands.order(commands.together(followed))[0]
+    if windows is None:
+        return found
+    found |= {
+        "velocity": orders.velocity(windows),
+        "angular velocity": orders.angular_velocity(windows),
+        "accelerometer": orders.accelerometer(windows),
+    }
+    if _wrong(found["angular velocity"]):
+        found["motor order"] = None  # it is read from the angular velocity
+    tilt, witnesses = orders.attitude(windows), ("angular velocity", "attitude command")
+    if tilt is None or not tilt.names:
+        return found | {"attitude": tilt}
+    # A wrong attitude is at odds with whatever else is in the body's axes, a wrong path is not.
+    heard = [found.get(part) for part in witnesses]
+    against, beside = any(map(_wrong, heard)), any(h is not None and not h.names for h in heard)
+    of_path = [name for name in tilt.names if name in orders.PATHS]
+    kept = tilt.names
+    if against or beside:
+        kept = tuple(n for n in tilt.names if (n in of_path) != against) or tilt.names
+    if against:
+        found |= dict.fromkeys((*witnesses, "accelerometer"))
+    return found | {"attitude": dataclasses.replace(tilt, names=kept)}
+
+
+def _wrong(chosen: Chosen | None) -> bool:
+    return chosen is not None and bool(chosen.names)
+
+
+_CHECKED = {
+    "velocity": ("columns vel_x to vel_z", "how the position moves"),
+    "angular velocity": ("columns ang_vel_x to ang_vel_z", "how the attitude turns"),
+    "accelerometer": ("columns acc_x to acc_z", "how the position accelerates"),
+    "attitude": ("columns quat_x to quat_w and the path's axes", "the force that the path needs"),
+    "attitude command": ("columns cmd_roll and cmd_pitch", "the attitude that is flown"),
+    "motor order": ("the order of pwm_1 to pwm_4 or rotor_vel_1 to rotor_vel_4", "turning"),
+}
+"""What to check of each part, and what it must agree with."""
+
+
+def _ordered(part: str, chosen: Chosen | None) -> InterfaceFault | None:
+    if chosen is None or not chosen.names:
+        return None
+    columns, against = _CHECKED[part]
+    held = " or ".join(chosen.names)
+    return InterfaceFault(
+        part=part,
+        readings=chosen.names,
+        advice=f"The {part} looks like {held}: check {columns}.",
+        evidence=(
+            _share(f"{against}, explained by the {part} as logged", chosen.asked),
+            _share(f"the same, explained by {chosen.names[0]}", chosen.explained),
+        ),
+    )
+
+
+def _share(quantity: str, value: float) -> Evidence:
+    allowed = "no less than any other reading explains"
+    return Evidence(quantity=quantity, value=value, low=None, high=None, unit="-", allowed=allowed)
+
+
+def _sized(quantity: str, size: Size, unit: str, low: float, high: float, scale: float) -> Evidence:
+    return Evidence(
+        quantity=quantity,
+        value=scale * size.value,
+        low=scale * size.low,
+        high=scale * size.high,
+        unit=unit,
+        allowed=f"{scale * low:.3g} to {scale * high:.3g}",
+    )
+
+
+def _thrust_scale(windows: Windows, vehicle: VehicleFile) -> InterfaceFault | None:
+    size = scales.thrust_over_force(windows, vehicle.mass)
+    if size is None or not size.beyond(*scales.THRUST):
+        return None
+    over = size.value > 1.0
+    factor = size.value if over else 1.0 / size.value
+    evidence = _sized("thrust over the force that the path needs", size, "-", *scales.THRUST, 1.0)
+    # A mass in another unit shows as a mass that is far from the airframe's by the same factor.
+    apart = vehicle.mass / VEHICLES[vehicle.drone].mass
+    unit = next((u for k, u in UNITS.items() if not over and 0.75 < apart / k < 1.33), None)
+    if unit is not None and 0.75 < factor / apart < 1.33:
+        return InterfaceFault(
+            part="thrust",
+            readings=(f"a mass in {unit}",),
+            advice=f"The mass in vehicle.toml is {apart:.1f} times the airframe's, and thrust "
+            f"carries {1.0 / size.value:.1f} times less: is the mass in {unit}?",
+            evidence=(evidence,),
+        )
+    if over:
+        advice = (
+            f"The simulator makes about {factor:.2g} times the thrust that these flights show: "
+            "check how commands, PWM or rotor speeds become thrust, and the mass."
+        )
+    else:
+        advice = (
+            f"These flights show about {factor:.2g} times the thrust that the simulator makes: "
+            "check how commands, PWM or rotor speeds become thrust, and the mass."
+        )
+    reading = f"thrust off by a factor of {size.value:.2g}"
+    return InterfaceFault(part="thrust", readings=(reading,), advice=advice, evidence=(evidence,))
+
+
+def _path_frame(windows: Windows) -> InterfaceFault | None:
+    """A turn of the path that is no order or sign of axes."""
+    size = scales.path_turn(windows)
+    if size is None or not size.beyond(-scales.TURN, scales.TURN) or abs(size.value) > _RIGHT:
+        return None
+    return _turned(
+        "frame of the path",
+        "position and velocity are turned",
+        "the attitude: check the yaw between the motion capture's frame and the drone's.",
+        size,
+    )
+
+
+def _turned(part: str, what: str, against: str, size: Size) -> InterfaceFault:
+    degrees = math.degrees(1.0)
+    shown = f"{degrees * size.value:.0f} degrees in yaw"
+    evidence = _sized(f"turn of the {part}", size, "deg", -scales.TURN, scales.TURN, degrees)
+    return InterfaceFault(
+        part=part,
+        readings=(f"turned by {shown}",),
+        advice=f"In these flights {what} by {shown} against {against}",
+        evidence=(evidence,),
+    )
+
+
+_RIGHT = math.radians(45.0)
+"""Beyond it a turn is an order or sign of axes, which other checks name."""
+
+
+def _followed(followed: Sequence[Following]) -> list[InterfaceFault | None]:
+    """Clock and turn of commanded roll and pitch."""
+    chosen, matrix = commands.order(commands.together(followed))
+    if chosen is None:
+        return []  # what is flown is not what is commanded, so that nothing has a lag
+    found, size = [], scales.lag(followed, matrix)
+    if size is not None and size.beyond(*scales.LAG):
+        early = size.value < 0.0
+        word = "before" if early else "after"
+        evidence = _sized("attitude after its command", size, "s", *scales.LAG, 1.0)
+        found.append(
+            InterfaceFault(
+                part="command clock",
+                readings=(f"commands stamped {'late' if early else 'early'}",),
+                advice=f"The attitude changes {abs(size.value):.2f} s {word} its command: check "
+                "the clocks of commands and pose.",
+                evidence=(evidence,),
+            )
+        )
+    turn = None if chosen.names else scales.command_turn(followed)
+    if turn is not None and turn.beyond(-scales.TURN, scales.TURN) and abs(turn.value) < _RIGHT:
+        against = "commanded roll and pitch: check whose yaw is used."
+        found.append(_turned("frame of the commands", "flown tilts are turned", against, turn))
+    return found
+
+
+def _heading(drones: Sequence[DroneLog]) -> InterfaceFault | None:
+    off = []
+    for drone in drones:
+        if drone.cmd is not None:
+            apart = np.exp(1j * (measured(drone)[:, 8] - drone.cmd[:, 2]))
+            off.append(float(np.angle(apart.mean())))
+    size = scales.heading(off)
+    if size is None or not size.beyond(-scales.HEADING, scales.HEADING):
+        return None
+    degrees = math.degrees(1.0)
+    shown = f"{degrees * size.value:.0f} degrees"
+    limits = (-scales.HEADING, scales.HEADING)
+    return InterfaceFault(
+        part="heading",
+        readings=(f"off its command by {shown}",),
+        advice=f"The heading is {shown} off its command: check the unit, sign and zero of cmd_yaw "
+        "and of the yaw that is measured.",
+        evidence=(_sized("heading less its command", size, "deg", *limits, degrees),),
+    )

@@ -1,0 +1,149 @@
+"""Axes, signs and frames of motion columns, each against another column of the same log.
+
+| column | must agree with |
+|---|---|
+| velocity | how the position moves |
+| angular velocity | how the attitude turns |
+| specific force | how the position accelerates, seen from the attitude |
+| attitude | the direction of the specific force that the path needs |
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from diagnosis.interface.readings import Chosen, Reading, choose, signed_orders
+from diagnosis.interface.windows import Windows
+
+
+def velocity(windows: Windows) -> Chosen | None:
+    """What the velocity holds instead of the world's."""
+    return _vector(windows.path, windows.vel, windows.turned_vel, "the velocity in the body frame")
+
+
+def angular_velocity(windows: Windows) -> Chosen | None:
+    """What the angular velocity holds instead of the body's."""
+    if windows.ang_vel is None or windows.turned_ang_vel is None:
+        return None
+    other = "the angular velocity in the world frame"
+    return _vector(windows.turn, windows.ang_vel, windows.turned_ang_vel, other)
+
+
+def accelerometer(windows: Windows) -> Chosen | None:
+    """What the specific force holds instead of the body's."""
+    if windows.acc is None or windows.turned_acc is None:
+        return None
+    world = {"": windows.turned_acc, "the specific force in the world frame": None}
+    readings = []
+    for frame, turned in world.items():
+        for words, changes, matrix in signed_orders(3):
+            predicted = (
+                windows.acc @ matrix.T
+                if turned is None
+                else np.einsum("nijk,jk->ni", turned, matrix)
+            )
+            error = _error(windows.force, predicted)
+            readings.append(Reading(_joined(frame, words), error, changes + bool(frame)))
+    return choose(readings, _spread(windows.force), windows.force.size)
+
+
+def attitude(windows: Windows) -> Chosen | None:
+    """What the attitude, or the path beside it, holds instead.
+
+    A path with a mirrored or exchanged axis and an attitude with a wrong sign look alike.
+    """
+    upright = Rotation.from_matrix(windows.rotation)
+    quat, rpy = upright.as_quat(), upright.as_euler("xyz")
+    flip = lambda *signs: Rotation.from_euler("xyz", rpy * np.asarray(signs)).as_matrix()  # noqa: E731
+    exchanged = Rotation.from_euler("xyz", rpy[:, [1, 0, 2]]).as_matrix()
+    first = Rotation.from_quat(np.roll(quat, -1, axis=1)).as_matrix()
+    attitudes = {
+        "": (upright.as_matrix(), 0),
+        "the attitude from world to body": (upright.inv().as_matrix(), 1),
+        "quaternions with the scalar first": (first, 1),
+        "roll with the opposite sign": (flip(-1, 1, 1), 1),
+        "pitch with the opposite sign": (flip(1, -1, 1), 1),
+        "yaw with the opposite sign": (flip(1, 1, -1), 1),
+        "roll and pitch with the opposite sign": (flip(-1, -1, 1), 2),
+        "roll and pitch exchanged": (exchanged, 1),
+    }
+    readings = [
+        Reading(name, _pointed(windows, R[:, :, 2]), changes)
+        for name, (R, changes) in attitudes.items()
+    ]
+    for words, matrix in PATHS.items():
+        axis = upright.as_matrix()[:, :, 2].copy()
+        axis[:, :2] = axis[:, :2] @ matrix.T
+        readings.append(Reading(words, _pointed(windows, axis), 1))
+    across = windows.force[:, :2]
+    return choose(readings, _spread(across), across.size)
+
+
+PATHS = {
+    "a path whose x axis points the other way": np.diag([-1.0, 1.0]),
+    "a path whose y axis points the other way": np.diag([1.0, -1.0]),
+    "a path with x and y exchanged": np.asarray([[0.0, 1.0], [1.0, 0.0]]),
+    "a path in a frame turned by 90 degrees": np.asarray([[0.0, -1.0], [1.0, 0.0]]),
+    "a path in a frame turned by -90 degrees": np.asarray([[0.0, 1.0], [-1.0, 0.0]]),
+    "a path in a frame turned by 180 degrees": -np.eye(2),
+}
+"""Frames of the path, as they turn the horizontal force."""
+
+
+def tilt_terms(
+    windows: Windows, axis: Float[np.ndarray, "windows 3"]
+) -> tuple[Float[np.ndarray, "rows 5"], Float[np.ndarray, " rows"]]:
+    """Regressors of the horizontal force, x rows before y rows, and that force [m/s^2].
+
+    The thrust axis times the force, the same turned by 90 degrees, drag, and then a bias of each
+    axis, which a trim or an inclined frame makes.
+    """
+    size = np.linalg.norm(windows.force, axis=1, keepdims=True)
+    along = size * axis[:, :2]
+    turned = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    columns = [along, turned, -windows.path[:, :2]]
+    terms = np.stack([c.T.ravel() for c in columns], axis=1)
+    n = len(windows)
+    bias = np.zeros((2 * n, 2))
+    bias[:n, 0] = bias[n:, 1] = 1.0
+    return np.concatenate([terms, bias], axis=1), windows.force[:, :2].T.ravel()
+
+
+def _pointed(windows: Windows, axis: Float[np.ndarray, "windows 3"]) -> float:
+    """Squared error of the horizontal force along an axis, drag and a bias allowed for."""
+    terms, force = tilt_terms(windows, axis)
+    own = terms[:, [0, 2, 3, 4]]
+    fit, *_ = np.linalg.lstsq(own, force, rcond=None)
+    if fit[0] <= 0.0:  # thrust pushes along the axis, not against it
+        own = own[:, 1:]
+        fit, *_ = np.linalg.lstsq(own, force, rcond=None)
+    return float(np.sum((force - own @ fit) ** 2))
+
+
+def _vector(
+    truth: Float[np.ndarray, "windows 3"],
+    logged: Float[np.ndarray, "windows 3"],
+    turned: Float[np.ndarray, "windows 3 3 3"],
+    other: str,
+) -> Chosen | None:
+    """The reading of a vector in the frame asked for or the other one, in any order and sign."""
+    readings = []
+    for frame in ("", other):
+        for words, changes, matrix in signed_orders(3):
+            predicted = np.einsum("nijk,jk->ni", turned, matrix) if frame else logged @ matrix.T
+            readings.append(
+                Reading(_joined(frame, words), _error(truth, predicted), changes + bool(frame))
+            )
+    return choose(readings, _spread(truth), truth.size)
+
+
+def _joined(*parts: str) -> str:
+    return ", ".join(part for part in parts if part)
+
+
+def _error(truth: np.ndarray, predicted: np.ndarray) -> float:
+    return float(np.sum((truth - predicted) ** 2))
+
+
+def _spread(truth: np.ndarray) -> float:
+    return float(np.sum((truth - truth.mean(axis=0)) ** 2))

@@ -1,0 +1,101 @@
+"""Which reading of a column agrees with what is known otherwise, tested against the one asked for.
+
+A reading predicts something of every window. Under the reading that the format asks for, the sum of
+its squared errors is no larger than another's but by chance. The ratio of two such sums of n
+numbers each follows, at its widest, the F distribution with (n, n) degrees of freedom: both sums
+share their errors, which draws the ratio nearer to 1. A reading replaces the one that is asked for
+only if the ratio exceeds that distribution's quantile at `ALPHA` over the number of readings, and
+if it explains at least `EXPLAINED` of what is predicted.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+ALPHA = 1e-3
+"""Probability of a false alarm of one test, at most; a choice: a dozen tests raise 1 % together."""
+EXPLAINED = 0.5
+"""Smallest share of the variance that the right reading of a column explains; a choice between the
+0.95 to 0.99 of real and simulated flights, and the 0 of a column that holds something else."""
+FEWEST = 8
+"""Fewest numbers; with fewer, the quantile is above 30."""
+
+AXES = ("x", "y", "z")
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """One way to read a column."""
+
+    name: str
+    """What the column would hold, in words; empty for what the format asks for."""
+    error: float
+    """Sum of squared errors of what it predicts."""
+    simplicity: int = 0
+    """Among readings that fit equally well, the smallest is meant."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Chosen:
+    """The reading that fits, of a column that can be tested."""
+
+    names: tuple[str, ...]
+    """The simplest reading that fits and others that fit as well; none if nothing is wrong."""
+    explained: float
+    """Share of the variance that it explains [-]."""
+    asked: float
+    """Share that the reading asked for explains [-]; below 0 where it is worse than nothing."""
+
+
+def choose(
+    readings: Sequence[Reading], total: float, n: int, explained: float = EXPLAINED
+) -> Chosen | None:
+    """The reading that fits; None if the numbers do not tell.
+
+    Args:
+        readings: All of them, the one asked for first.
+        total: Sum of squares of what is predicted, about its mean.
+        n: How many independent numbers are predicted.
+        explained: Smallest share of the variance that a reading must explain.
+    """
+    errors = np.asarray([reading.error for reading in readings])
+    least = float(errors.min())
+    if n < FEWEST or total <= 0.0 or least > (1.0 - explained) * total:
+        return None
+    # Sums of exact columns, as tests make them, are rounded.
+    most = float(stats.f.isf(ALPHA / len(readings), n, n)) * max(least, 1e-12 * total)
+    asked = 1.0 - float(errors[0]) / total
+    if errors[0] <= most:
+        return Chosen((), asked, asked)
+    # Of readings that differ where nothing moves, the one with the fewest changes is meant.
+    fits = [i for i, error in enumerate(errors) if error <= most]
+    simplest = min(readings[i].simplicity for i in fits)
+    alike = sorted((i for i in fits if readings[i].simplicity == simplest), key=errors.__getitem__)
+    names = tuple(dict.fromkeys(readings[i].name for i in alike))
+    return Chosen(names, 1.0 - float(errors[alike[0]]) / total, asked)
+
+
+def signed_orders(n: int) -> list[tuple[str, int, Float[np.ndarray, "n n"]]]:
+    """Every order and sign of `n` axes: in words, how many are not as asked, and as a matrix."""
+    found = []
+    for order in itertools.permutations(range(n)):
+        for signs in itertools.product((1.0, -1.0), repeat=n):
+            matrix = np.zeros((n, n))
+            matrix[range(n), order] = signs
+            moved = [i for i in range(n) if order[i] != i]
+            flipped = [i for i in range(n) if signs[i] < 0]
+            found.append((_words(order, flipped), len(set(moved) | set(flipped)), matrix))
+    return sorted(found, key=lambda entry: entry[1])
+
+
+def _words(order: Sequence[int], flipped: Sequence[int]) -> str:
+    parts = []
+    if list(order) != sorted(order):
+        parts.append("axes in the order " + ", ".join(AXES[i] for i in order))
+    if flipped:
+        parts.append(" and ".join(AXES[i] for i in flipped) + " with the opposite sign")
+    return ", ".join(parts)

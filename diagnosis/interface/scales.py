@@ -1,0 +1,124 @@
+r"""Sizes of the interface with their intervals: thrust over weight, turns in yaw, lag, heading.
+
+An estimate pools all flights; its standard error is the jackknife's, each piece of flight left out
+in turn (Efron and Stein, 1981, Annals of Statistics 9, 586-596), with Student's t of as many pieces
+less one. So every scatter between pieces is in it, whatever its cause. A size is a fault only if
+the whole interval lies beyond what vehicles do by themselves: those limits say where physics ends
+and the interface begins, and stand below.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import stats
+
+from diagnosis.interface.commands import Following, together
+from diagnosis.interface.orders import tilt_terms
+from diagnosis.interface.readings import ALPHA
+from diagnosis.interface.windows import Windows
+
+FEWEST_PIECES = 8
+"""Pieces of flight below which flights are cut; Student's t of 4 is 12.9 at this level, of 8 5.4.
+What pieces of one flight share is then missing from the scatter; the limits leave room for it."""
+THRUST = (1 / 1.6, 1.6)
+"""Thrust over the force that the path needs [-]. Published vehicles of one type weigh 27 to 33 g
+and give 0.86 to 1.03 of their thrust, 1.4 together; the limit is a choice beyond that."""
+TURN = math.radians(5.0)
+"""Angle in yaw [rad]; a choice: markers are set by eye, real sets show 0 to 3 degrees."""
+HEADING = math.radians(30.0)
+"""Angle between the heading and its command [rad]: the largest that an effect describes."""
+LAG = (-0.02, 0.35)
+"""Time from a command to its attitude [s]. No vehicle acts before it is told, but for one period
+of its controller; the slowest published loop, rotor and radio make 0.3 s together."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Size:
+    """A size with its interval at the level of the test."""
+
+    value: float
+    """Most likely value."""
+    low: float
+    """Lower end."""
+    high: float
+    """Upper end."""
+
+    def beyond(self, low: float, high: float) -> bool:
+        """Whether the whole interval lies below `low`, or above `high`."""
+        return self.high < low or self.low > high
+
+
+def jackknife(n: int, estimate: Callable[[Sequence[int]], float]) -> Size | None:
+    """The estimate from pieces 0 to n - 1 with its interval; None with fewer than two pieces."""
+    if n < 2:
+        return None
+    every = list(range(n))
+    value = estimate(every)
+    without = np.asarray([estimate(every[:i] + every[i + 1 :]) for i in every])
+    spread = math.sqrt((n - 1) / n * float(np.sum((without - without.mean()) ** 2)))
+    reach = float(stats.t.isf(ALPHA / 2.0, n - 1)) * spread
+    return Size(value, value - reach, value + reach)
+
+
+def parts_of(n_flights: int) -> int:
+    """Parts into which each flight is cut."""
+    return -(-FEWEST_PIECES // max(n_flights, 1))
+
+
+def pieces(windows: Windows) -> Int[np.ndarray, " windows"]:
+    """Which piece each window belongs to: its flight, or a part of it where flights are few."""
+    found = np.unique(windows.flight)
+    parts = parts_of(len(found))
+    at = np.zeros(len(windows), int)
+    for k, flight in enumerate(found):
+        mine = np.flatnonzero(windows.flight == flight)
+        at[mine] = k * parts + np.arange(len(mine)) * parts // len(mine)
+    return np.unique(at, return_inverse=True)[1]
+
+
+def thrust_over_force(windows: Windows, mass: float) -> Size | None:
+    """Thrust that the inputs stand for, over the force that the path needs at that mass."""
+    if windows.thrust is None:
+        return None
+    given = windows.thrust * windows.rotation[:, 2, 2]
+    needed, piece = mass * windows.force[:, 2], pieces(windows)
+
+    def ratio(chosen: Bool[np.ndarray, " windows"]) -> float:
+        return float(np.sum(given[chosen]) / np.sum(needed[chosen]))
+
+    return _over(piece, ratio)
+
+
+def path_turn(windows: Windows) -> Size | None:
+    """Angle in yaw [rad] by which the path's frame is turned against the attitude's."""
+    terms, force = tilt_terms(windows, windows.rotation[:, :, 2])
+    twice = np.concatenate([pieces(windows)] * 2)
+
+    def turn(chosen: Bool[np.ndarray, " rows"]) -> float:
+        fit, *_ = np.linalg.lstsq(terms[chosen], force[chosen], rcond=None)
+        return math.atan2(fit[1], fit[0])
+
+    return _over(twice, turn)
+
+
+def lag(drones: Sequence[Following], matrix: Float[np.ndarray, "2 2"]) -> Size | None:
+    """Time from a command to its attitude [s]."""
+    return jackknife(len(drones), lambda some: together([drones[i] for i in some]).lag(matrix))
+
+
+def command_turn(drones: Sequence[Following]) -> Size | None:
+    """Angle in yaw [rad] by which measured tilts are turned against commanded ones."""
+    return jackknife(len(drones), lambda some: together([drones[i] for i in some]).turn())
+
+
+def heading(off: Sequence[float]) -> Size | None:
+    """Heading less its command [rad], from each drone's mean."""
+    turns = np.exp(1j * np.asarray(off))
+    return jackknife(len(turns), lambda some: float(np.angle(np.sum(turns[list(some)]))))
+
+
+def _over(piece: Int[np.ndarray, " rows"], estimate: Callable[[np.ndarray], float]) -> Size | None:
+    return jackknife(int(piece.max()) + 1, lambda some: estimate(np.isin(piece, list(some))))

@@ -1,0 +1,233 @@
+"""Interface faults: none in clean flights, and each that is written into them named."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnoses_for_tests import load, none
+from flights_for_tests import flight_set, point_mass_set
+from scipy.spatial.transform import Rotation
+
+from bench.diagnosis_report.page import diagnosis_page
+from bench.diagnosis_report.sentences import remarks
+from bench.diagnosis_report.text import diagnosis_text
+from blind.draw.faults import ALL
+from diagnosis.interface import scales
+from diagnosis.interface.fault import PARTS
+from diagnosis.interface.faults import interface_faults
+from diagnosis.interface.motors import MOMENTS, motor_order
+from diagnosis.interface.readings import Reading, choose, signed_orders
+from diagnosis.logs.flights import DroneLog, FlightLog, load_flights
+from diagnosis.result import Diagnosis
+
+REAL = Path(__file__).parents[2].parent / "shared" / "flights"
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Flights in which nothing is wrong."""
+    return point_mass_set(n_flights=6, seconds=6.0)
+
+
+def found(flights):
+    return interface_faults(flights.flights, flights.vehicle)
+
+
+def with_fault(flights, name, **parameters):
+    return ALL[name].apply(flights, parameters)
+
+
+def test_nothing_is_wrong_with_clean_flights(clean):
+    assert found(clean) == ()
+
+
+NAMED = {
+    "body_velocity": ("velocity", "the velocity in the body frame"),
+    "swapped_tilt": ("attitude command", "roll and pitch exchanged"),
+    "flipped_pitch": ("attitude command", "pitch with the opposite sign"),
+    "flipped_axis": ("attitude", "a path whose y axis points the other way"),
+    "swapped_axes": ("attitude", "a path with x and y exchanged"),
+    "inverse_attitude": ("attitude", "the attitude from world to body"),
+    "scalar_first": ("attitude", "quaternions with the scalar first"),
+}
+"""Faults of order and sign with the part that is blamed and its first reading."""
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_a_fault_of_order_or_sign_is_named_alone(clean, name):
+    (fault,) = found(with_fault(clean, name))
+    assert (fault.part, fault.readings[0]) == NAMED[name]
+    assert fault.part in PARTS
+    asked, explained = fault.evidence
+    assert asked.value < explained.value > 0.5
+    assert "\n" not in fault.advice
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "part", "value"),
+    [
+        ("path_turned_in_yaw", {"angle": 0.26}, "frame of the path", 15.0),
+        ("tilt_turned_in_yaw", {"angle": -0.26}, "frame of the commands", -15.0),
+        ("thrust_gain", {"e": 1.0}, "thrust", 0.5),
+        ("thrust_gain", {"e": -0.5}, "thrust", 2.0),
+    ],
+)
+def test_a_fault_of_size_is_measured(clean, name, parameters, part, value):
+    (fault,) = found(with_fault(clean, name, **parameters))
+    (evidence,) = fault.evidence
+    assert fault.part == part
+    assert evidence.low < value < evidence.high
+    assert evidence.value == pytest.approx(value, rel=0.15)
+
+
+@pytest.mark.parametrize(("seconds", "word"), [(-0.3, "late"), (0.35, "early")])
+def test_a_clock_that_is_off_is_named(clean, seconds, word):
+    shifted = with_fault(clean, "delay", seconds=seconds)
+    faults = {fault.part: fault for fault in found(shifted)}
+    assert faults["command clock"].readings == (f"commands stamped {word}",)
+
+
+def test_a_mass_in_pounds_is_told_from_a_wrong_thrust(clean):
+    pounds = dataclasses.replace(clean.vehicle, mass=2.2046 * clean.vehicle.mass)
+    (fault,) = interface_faults(clean.flights, pounds)
+    assert fault.readings == ("a mass in pounds",)
+    assert "is the mass in pounds?" in fault.advice
+
+
+def test_changes_of_the_vehicle_are_left_to_physics(clean):
+    for name, parameters in (
+        ("thrust_gain", {"e": -0.2}),
+        ("believed_mass", {"e": 0.25}),
+        ("attitude_gain", {"g": -0.2}),
+        ("trim", {"roll": 0.05, "pitch": -0.05}),
+        ("delay", {"seconds": 0.06}),
+        ("yaw_misalignment", {"angle": 0.25}),
+    ):
+        assert found(with_fault(clean, name, **parameters)) == (), name
+
+
+def turning(order=(0, 1, 2, 3), n=6, gyro="body", noise=1.0):
+    """Logs of a drone that is turned by its motors, which stand in columns by `order`."""
+    rng, flights, dt = np.random.default_rng(4), [], 0.01
+    for _ in range(n):
+        rows = 1000
+        t = dt * np.arange(rows)
+        k, phase = rng.uniform(2, 9, (2, 4)), rng.uniform(0, 6, (2, 4))
+        wave = np.sum(np.cos(k[..., None] * t + phase[..., None]), axis=1)
+        yaw = 0.8 * np.sin(0.7 * t + rng.uniform(0, 6))
+        rpy = np.stack([*(0.05 * wave), yaw], axis=1)
+        turns = Rotation.from_euler("xyz", rpy)
+        w = np.gradient(np.unwrap(rpy, axis=0), dt, axis=0)
+        body = (turns[:-1].inv() * turns[1:]).as_rotvec() / dt
+        body = np.concatenate([body, body[-1:]])
+        moment = np.gradient(w[:, :2], dt, axis=0)
+        motors = np.sqrt(0.4 + 0.0005 * moment @ MOMENTS)
+        acc = turns.as_matrix()[:, :, 2] * 9.81
+        vel = np.cumsum(acc - [0, 0, 9.81], axis=0) * dt
+        ang_vel = turns.apply(body) if gyro == "world" else body
+        flights.append(
+            DroneLog(
+                t=t,
+                pos=np.cumsum(vel, axis=0) * dt + [0, 0, 1] + rng.normal(0, 1e-3, (rows, 3)),
+                vel=vel,
+                quat=turns.as_quat(),
+                ang_vel=ang_vel + noise * rng.normal(0, 0.05, (rows, 3)),
+                acc=np.tile([0.0, 0.0, 9.81], (rows, 1)) + rng.normal(0, 0.1, (rows, 3)),
+                pwm=motors[:, list(order)],
+                battery=np.full(rows, 3.8),
+            )
+        )
+    return flights
+
+
+@pytest.mark.parametrize("order", [(3, 2, 1, 0), (1, 0, 2, 3), (2, 3, 0, 1)])
+def test_motors_in_another_order_are_named(order):
+    chosen = motor_order(turning(order, n=12))
+    assert chosen is not None
+    numbers = ", ".join(str(i + 1) for i in order)
+    assert chosen.names == (f"motors {numbers} in columns 1 to 4",)
+
+
+def test_motors_in_order_and_motors_that_tell_nothing_are_no_fault():
+    assert motor_order(turning(n=12)) is None
+    rng = np.random.default_rng(0)
+    logs = [
+        dataclasses.replace(log, pwm=rng.uniform(0.4, 0.6, (len(log.t), 4))) for log in turning()
+    ]
+    assert motor_order(logs) is None
+
+
+def parts(logs):
+    flights = flight_set([FlightLog(f"f{i}", (log,)) for i, log in enumerate(logs)])
+    return {fault.part: fault.readings for fault in found(flights) if fault.part != "thrust"}
+
+
+def test_gyroscope_and_accelerometer_are_checked_against_attitude_and_path():
+    assert parts(turning()) == {}
+    world = parts(turning(gyro="world"))
+    assert world == {"angular velocity": ("the angular velocity in the world frame",)}
+    flip = [
+        dataclasses.replace(log, ang_vel=log.ang_vel * np.asarray([1.0, -1.0, 1.0]))
+        for log in turning()
+    ]
+    assert parts(flip) == {"angular velocity": ("y with the opposite sign",)}
+
+
+def test_the_test_of_readings_keeps_its_level():
+    """Two readings with the same errors: the one asked for falls as rarely as it is said to."""
+    rng, alarms = np.random.default_rng(1), 0
+    for _ in range(2000):
+        errors = np.sum(rng.normal(size=(2, 40)) ** 2, axis=1)
+        chosen = choose([Reading("", errors[0]), Reading("x", errors[1], 1)], 1e3, 40)
+        assert chosen is not None
+        alarms += bool(chosen.names)
+    assert alarms <= 6  # 0.0005 of 2000 is 1; the chance of more than 6 is below 1e-4
+
+
+def test_readings_that_explain_nothing_say_nothing():
+    assert choose([Reading("", 100.0), Reading("x", 60.0, 1)], 100.0, 50) is None
+    assert choose([Reading("", 100.0), Reading("x", 1.0, 1)], 100.0, 4) is None
+
+
+def test_orders_are_all_there_once():
+    orders = signed_orders(3)
+    assert len(orders) == 48
+    assert len({words for words, _, _ in orders}) == 48
+    np.testing.assert_array_equal(orders[0][2], np.eye(3))
+
+
+def test_a_fault_stands_in_the_documents_before_physics(clean):
+    (fault,) = found(with_fault(clean, "thrust_gain", e=-0.5))
+    answer = dataclasses.replace(load(none()), interface=(fault,))
+    assert Diagnosis.of_json(answer.to_json()) == answer
+    text, page = diagnosis_text(answer), diagnosis_page(answer)
+    for document in (text, page):
+        assert "The simulator makes about 2 times the thrust that these flights show" in document
+        assert document.index("What the logs say wrongly") < document.index("What explains it")
+        assert "0.625 to 1.6" in document
+    assert remarks(answer)[0] == fault.advice
+    assert "What the logs say wrongly" not in diagnosis_text(load(none()))
+
+
+def test_the_jackknife_of_a_mean_is_students_interval():
+    x = np.asarray([1.0, 2.0, 4.0, 7.0])
+    size = scales.jackknife(4, lambda some: float(x[list(some)].mean()))
+    assert size is not None
+    reach = 12.924 * x.std(ddof=1) / 2.0  # Student's t of 3 at 0.0005
+    assert size.high - size.value == pytest.approx(reach, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("crazyflie_plain", []), ("crazyflie_changed", []), ("nanobench", ["thrust"])],
+)
+def test_real_flights_have_the_faults_that_they_have(name, expected):
+    """The map from duty to thrust is that of other motors: thrust comes out twice too large."""
+    if not (REAL / name).is_dir():
+        pytest.skip("The real flights are not beside the repository")
+    flights = load_flights(REAL / name)
+    faults = interface_faults(flights.flights[:8], flights.vehicle)
+    assert [fault.part for fault in faults] == expected
+    for fault in faults:
+        assert "times the thrust that these flights show" in fault.advice
