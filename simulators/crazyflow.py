@@ -292,7 +292,8 @@ class Crazyflow(AbstractSimulator):
         memory, vehicle = data.plugins["effects"]
         vehicle = self._vehicle() if vehicle is None else vehicle
         flight = self._now(data)
-        memory, force, torque = chain.wrench(self.effects, memory, flight, vehicle, 1.0 / self.freq)
+        dt = 1.0 / self.freq
+        memory, force, torque = chain.wrench(self.effects, memory, flight, vehicle, dt, 0.5 * dt)
         up = jnp.zeros_like(flight.pos).at[:, 2].set(flight.thrust)
         torque = torque + vehicle.at_center(flight.quat, rotate(flight.quat, up))
         states = data.states.replace(force=force[None], torque=torque[None])

@@ -7,6 +7,7 @@ no extra work.
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +20,7 @@ from simulators.effects.contract import (
     PlantEffect,
     ResponseEffect,
     StateEffect,
+    StiffEffect,
     WrenchEffect,
 )
 from simulators.flight import Flight
@@ -94,13 +96,24 @@ def at(effects: Effects, memories: Memories, rpy_thrust: Float[Array, "drones 4"
 
 
 def wrench(
-    effects: Effects, memories: Memories, flight: Flight, vehicle: Vehicle, dt: float
+    effects: Effects,
+    memories: Memories,
+    flight: Flight,
+    vehicle: Vehicle,
+    dt: float,
+    pos_age: float,
 ) -> tuple[Memories, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-    """Sum of all effects' forces [N] and torques [N m], world frame."""
+    """Sum of all effects' forces [N] and torques [N m], world frame.
+
+    `pos_age` says by how much the integrator's positions are older than its velocities [s]: half a
+    step in explicit Euler, minus half a step in semi-implicit Euler, 0 in Runge and Kutta's method.
+    """
     force, torque = jnp.zeros_like(flight.pos), jnp.zeros_like(flight.pos)
+    aligned = eqx.tree_at(lambda f: f.pos, flight, flight.pos + pos_age * flight.vel)
     for i, effect in enumerate(effects):
         if isinstance(effect, WrenchEffect):
-            memory, f, t = effect.wrench(memories[i], flight, vehicle, dt)
+            seen = aligned if isinstance(effect, StiffEffect) else flight
+            memory, f, t = effect.wrench(memories[i], seen, vehicle, dt)
             memories, force, torque = _put(memories, i, memory), force + f, torque + t
     return memories, force, torque
 
