@@ -53,6 +53,7 @@ from simulators.effects.contract import (
     AbstractEffect,
     AutopilotEffect,
     CommandEffect,
+    ListeningEffect,
     PlantEffect,
     StateEffect,
     WrenchEffect,
@@ -250,7 +251,7 @@ class Crazyflow(AbstractSimulator):
         pipeline = stages.copy()
         if self._other_range:  # the motor mixing limits thrust, this stage to the file's range
             del pipeline["clip_rotor_vel_cmd"]
-        if chain.has(self.effects, CommandEffect):
+        if chain.has(self.effects, CommandEffect, ListeningEffect):
             insert_fn_before(pipeline, "attitude_controller", self._command, "effects_command")
         if chain.has(self.effects, AutopilotEffect):
             insert_fn_before(pipeline, "attitude_controller", self._autopilot, "effects_autopilot")

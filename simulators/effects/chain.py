@@ -17,6 +17,7 @@ from simulators.effects.contract import (
     AbstractEffect,
     AutopilotEffect,
     CommandEffect,
+    ListeningEffect,
     PlantEffect,
     ResponseEffect,
     StateEffect,
@@ -42,11 +43,14 @@ def _put(memories: Memories, i: int, memory: Any) -> Memories:
 def command(
     effects: Effects, memories: Memories, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
 ) -> tuple[Memories, Float[Array, "drones 4"]]:
-    """The command after all command effects."""
+    """The command after all command effects, which the listening effects are told."""
     for i, effect in enumerate(effects):
         if isinstance(effect, CommandEffect):
             memory, cmd = effect.command(memories[i], flight, cmd, dt)
             memories = _put(memories, i, memory)
+    for i, effect in enumerate(effects):
+        if isinstance(effect, ListeningEffect):
+            memories = _put(memories, i, effect.hear(memories[i], cmd, dt))
     return memories, cmd
 
 
@@ -147,14 +151,14 @@ def warm_up(
         memories, cmds = jax.lax.scan(once, memories, None, length=repeats)
         return memories, cmds[-1]
 
-    if not any(isinstance(effect, CommandEffect) for effect in effects):
+    if not has(effects, CommandEffect, ListeningEffect):
         return memories, cmd_history
     return jax.lax.scan(held, memories, cmd_history)
 
 
-def has(effects: Effects, kind: type[AbstractEffect]) -> bool:
-    """Whether any effect acts through the door of `kind`."""
-    return any(isinstance(effect, kind) for effect in effects)
+def has(effects: Effects, *kinds: type[AbstractEffect]) -> bool:
+    """Whether any effect is of one of these kinds."""
+    return any(isinstance(effect, kinds) for effect in effects)
 
 
 def canonical(effects: Effects, digits: int = 12) -> str:

@@ -136,6 +136,14 @@ class StiffEffect(WrenchEffect):
     """
 
 
+class ListeningEffect(WrenchEffect):
+    """A wrench that depends on the commands, too: it is told each one before the step it rules."""
+
+    @abc.abstractmethod
+    def hear(self, memory: Any, cmd: Float[Array, "drones 4"], dt: float) -> Any:
+        """The memory with the command that takes effect: roll, pitch, yaw [rad], thrust [N]."""
+
+
 class FrozenEffect(WrenchEffect):
     """A wrench that nobody differentiates, and that is expensive: its memory tells what it did."""
 
