@@ -33,7 +33,7 @@ from methods.calibration.remainder import remaining_transitions
 from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import AbstractPolicy, make_policy
-from methods.residuals.contract import AbstractResidualModel
+from methods.residuals.contract import AbstractHistoryModel, AbstractResidualModel, inputs
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
 from methods.training.varied import vary_times
@@ -118,9 +118,21 @@ class Trusted(AbstractResidualModel):
         return self.share * self.model(features)
 
 
+class TrustedHistory(AbstractHistoryModel):
+    """The same of a residual that sees the last commands."""
+
+    model: AbstractHistoryModel
+    """The residual."""
+    share: Float[Array, ""]
+    """Share of it, from 0 to 1 [-]."""
+
+    def __call__(self, features: Float[Array, "drones features"]) -> Float[Array, "drones 3"]:
+        return self.share * self.model(features)
+
+
 def fit_residual(
     residual: str, corrected: AbstractSimulator, found: Identification, key: PRNGKeyArray
-) -> tuple[Trusted, dict[str, float]]:
+) -> tuple[Trusted | TrustedHistory, dict[str, float]]:
     """The residual on what the identified effects of `corrected` leave, and what its fit is worth.
 
     `residual_share` is the multiple of the correction, limited to [0, 1], that fits each flight
@@ -132,15 +144,18 @@ def fit_residual(
     )
     right, power = 0.0, 0.0
     for i, flight in enumerate(flights):
-        predicted = fit([*flights[:i], *flights[i + 1 :]])(flight.features)
+        model = fit([*flights[:i], *flights[i + 1 :]])
+        predicted = model(inputs(model, flight))
         right += float(jnp.sum(predicted * flight.target))
         power += float(jnp.sum(predicted**2))
     share = min(max(right / power, 0.0), 1.0) if power > 0.0 else 0.0
-    model = Trusted(fit(flights), jnp.asarray(share))
+    fitted, trust = fit(flights), jnp.asarray(share)
+    recalls = isinstance(fitted, AbstractHistoryModel)
+    model = TrustedHistory(fitted, trust) if recalls else Trusted(fitted, trust)
     notes = {
         "residual_share": share,
         "residual_target_rms": _rms([f.target for f in flights]),
-        "residual_error_rms": _rms([f.target - model(f.features) for f in flights]),
+        "residual_error_rms": _rms([f.target - model(inputs(model, f)) for f in flights]),
     }
     return model, notes
 

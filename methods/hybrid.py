@@ -17,7 +17,12 @@ from methods.calibration.remainder import calibrate_as_grey_box
 from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import AbstractPolicy, make_policy
-from methods.residuals.contract import AbstractResidual, AbstractResidualModel, Transitions
+from methods.residuals.contract import (
+    AbstractResidual,
+    AbstractResidualModel,
+    Transitions,
+    inputs,
+)
 from methods.residuals.mlp import MLPEnsemble
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
@@ -35,7 +40,7 @@ class Hybrid(AbstractMethod):
     """
 
     residual: str = eqx.field(static=True, default="mlp")
-    """Registered class of residual: `affine`, `sindy`, `mlp` or a plug-in's."""
+    """Registered class of residual: `affine`, `sindy`, `mlp`, `history` or a plug-in's."""
     attitude: Attitude = eqx.field(static=True, default="filtered")
     """Which attitude the residual is fitted on; `methods/calibration/pool.py` explains the two."""
     flights: int | None = eqx.field(static=True, default=None)
@@ -162,6 +167,6 @@ def _errors(
     transitions: Transitions, model: AbstractResidualModel
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """RMS [m/s^2] of the target, and of what the model leaves of it."""
-    left = transitions.target - model(transitions.features)
+    left = transitions.target - model(inputs(model, transitions))
     rms = lambda x: jnp.sqrt(jnp.mean(jnp.sum(x**2, axis=-1)))  # noqa: E731
     return rms(transitions.target), rms(left)

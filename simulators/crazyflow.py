@@ -53,6 +53,7 @@ from simulators.effects.contract import (
     AbstractEffect,
     AutopilotEffect,
     CommandEffect,
+    ListeningEffect,
     PlantEffect,
     StateEffect,
     WrenchEffect,
@@ -252,7 +253,7 @@ class Crazyflow(Replayable):
         pipeline = stages.copy()
         if self._other_range:  # the motor mixing limits thrust, this stage to the file's range
             del pipeline["clip_rotor_vel_cmd"]
-        if chain.has(self.effects, CommandEffect):
+        if chain.has(self.effects, CommandEffect, ListeningEffect):
             insert_fn_before(pipeline, "attitude_controller", self._command, "effects_command")
         if chain.has(self.effects, AutopilotEffect):
             insert_fn_before(pipeline, "attitude_controller", self._autopilot, "effects_autopilot")
@@ -294,7 +295,8 @@ class Crazyflow(Replayable):
         memory, vehicle = data.plugins["effects"]
         vehicle = self._vehicle() if vehicle is None else vehicle
         flight = self._now(data)
-        memory, force, torque = chain.wrench(self.effects, memory, flight, vehicle, 1.0 / self.freq)
+        dt = 1.0 / self.freq
+        memory, force, torque = chain.wrench(self.effects, memory, flight, vehicle, dt, 0.5 * dt)
         up = jnp.zeros_like(flight.pos).at[:, 2].set(flight.thrust)
         torque = torque + vehicle.at_center(flight.quat, rotate(flight.quat, up))
         states = data.states.replace(force=force[None], torque=torque[None])

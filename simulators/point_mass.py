@@ -215,7 +215,7 @@ class PointMass(Replayable):
         force = _thrust_vector(rpy, thrust)
         if effects:
             flight = eqx.tree_at(lambda f: (f.quat, f.thrust), flight, (rpy_to_quat(rpy), thrust))
-            memory, extra, _ = chain.wrench(effects, memory, flight, vehicle, h)
+            memory, extra, _ = chain.wrench(effects, memory, flight, vehicle, h, -0.5 * h)
             force = force + extra
         if chain.has(effects, PlantEffect):
             force = force - rotate(flight.quat, vehicle.drag * rotate_back(flight.quat, state.vel))

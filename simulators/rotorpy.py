@@ -219,7 +219,7 @@ class Rotorpy(Replayable):
         memory, cmd = chain.command(self.effects, state.memory, flight, cmd, dt)
         memory, vehicle = chain.plant(self.effects, memory, flight, nominal, dt)
         flight = self._seen(state, vehicle)
-        memory, force, torque = chain.wrench(self.effects, memory, flight, vehicle, dt)
+        memory, force, torque = chain.wrench(self.effects, memory, flight, vehicle, dt, 0.0)
         believed = make_multirotor(airframe_of(nominal))
         true = make_multirotor(airframe_of(vehicle))
         speeds = jax.vmap(lambda body, u: motor_speeds(believed, body, u))(state.body, cmd)

@@ -21,8 +21,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from simulators.algebra import sweep
 from simulators.vehicle import COLLISION_RADIUS
-from tasks import sweep
 
 CONTACT_DISTANCE = 2.0 * COLLISION_RADIUS
 """Distance between centres below which two drones are in contact [m]."""
@@ -31,8 +31,9 @@ GRACE = 0.5
 PENALTY = 1.0
 """Penalty per step and agent in contact, in units of reward; a choice, see above."""
 MANY = 40
-"""Team size from which on close pairs are found by sweeps (`tasks/sweep.py`): low-fidelity training
-costs 1.77 us a drone and step with all pairs, 1.88 with sweeps at N = 32, 2.05 and 1.84 at 48."""
+"""Team size from which on close pairs are found by sweeps (`simulators/algebra/sweep.py`):
+low-fidelity training costs 1.77 us a drone and step with all pairs, 1.88 with sweeps at N = 32,
+2.05 and 1.84 at 48."""
 _MARGIN = 0.2
 _REACH = CONTACT_DISTANCE + _MARGIN
 

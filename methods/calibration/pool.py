@@ -30,7 +30,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 from methods.calibration.reference_paths import ReferencePath, team_reference
 from methods.calibration.residual_effect import features
 from methods.policy import AbstractPolicy, PolicyController
-from methods.residuals.contract import Transitions
+from methods.residuals.contract import Transitions, command_history
 from methods.training.meter import billed
 from simulators.contract import AbstractSimulator
 from simulators.flight import Flight
@@ -54,21 +54,21 @@ def pool_size(n_drones: int) -> int:
 
 
 class TrackingFlight(eqx.Module):
-    """A flown reference, one isolated drone, one row a control step."""
+    """What was flown, one row a control step: a reference by one drone, or a task by its team."""
 
     before: Flight
     """The drone before the step."""
     after: Flight
     """The drone after the step."""
-    nominal_quat: Float[Array, "*time 1 4"]
+    nominal_quat: Float[Array, "*time drones 4"]
     """Attitude after one step of the nominal simulator."""
-    nominal_thrust: Float[Array, "*time 1"]
+    nominal_thrust: Float[Array, "*time drones"]
     """Thrust of that step [N]."""
-    action: Float[Array, "*time 1 3"]
+    action: Float[Array, "*time drones 3"]
     """What was flown, within [-1, 1]."""
-    clipped: Bool[Array, "*time 1"]
+    clipped: Bool[Array, "*time drones"]
     """Whether controller and dither asked for more than that."""
-    contact: Bool[Array, "*time 1"]
+    contact: Bool[Array, "*time drones"]
     """Whether the drone touched the floor."""
 
 
@@ -113,7 +113,26 @@ def calibrate(
     bare = billed(reality, n_flights * task.horizon)
     references, flights = _fly(task, nominal, bare, policy, attitude, excitation, keys, role)
     before, after = flights.before, flights.after
+    remainder = after.pos - before.pos - CONTROL_DT * after.vel
+    error = jnp.linalg.norm(before.pos[:, :, 0] - references.pos, axis=-1)
+    return Calibration(
+        transitions=transitions_of(flights, nominal, hover_weight),
+        flights=n_flights,
+        crashes=int(jnp.sum(onsets(flights.contact))),
+        clipped_share=float(jnp.mean(flights.clipped)),
+        tracking_error=float(jnp.mean(error)),
+        pos_remainder=float(np.sqrt(np.mean(np.sum(np.asarray(remainder) ** 2, axis=-1)))),
+    )
 
+
+def transitions_of(
+    flights: TrackingFlight, nominal: AbstractSimulator, hover_weight: float
+) -> Transitions:
+    """Rows of flights from a reset: flight by flight, step by step, drone by drone.
+
+    `hover_weight` as for `calibrate`.
+    """
+    before, after = flights.before, flights.after
     seen = eqx.tree_at(
         lambda f: (f.quat, f.thrust), before, (flights.nominal_quat, flights.nominal_thrust)
     )
@@ -122,16 +141,20 @@ def calibrate(
     change = (after.vel - before.vel).reshape(-1, 3) / CONTROL_DT
     speed = jnp.linalg.norm(before.vel.reshape(-1, 3), axis=-1)
     weight = 1.0 + hover_weight * jnp.exp(-0.5 * (speed / HOVER_SPEED) ** 2)
-    remainder = after.pos - before.pos - CONTROL_DT * after.vel
-    error = jnp.linalg.norm(before.pos[:, :, 0] - references.pos, axis=-1)
-    return Calibration(
-        transitions=Transitions(features=x, target=change - x[:, 9:], weight=weight),
-        flights=n_flights,
-        crashes=int(jnp.sum(onsets(flights.contact))),
-        clipped_share=float(jnp.mean(flights.clipped)),
-        tracking_error=float(jnp.mean(error)),
-        pos_remainder=float(np.sqrt(np.mean(np.sum(np.asarray(remainder) ** 2, axis=-1)))),
-    )
+    return Transitions(x, change - x[:, 9:], weight, _histories(flights, nominal))
+
+
+def _histories(
+    flights: TrackingFlight, nominal: AbstractSimulator
+) -> Float[Array, "samples steps 4"]:
+    """The last commands of each row."""
+
+    def one(action: Float[Array, "time drones 3"]) -> Float[Array, "time drones steps 4"]:
+        cmd = jax.vmap(nominal.action_space.to_cmd)(action)
+        return jax.vmap(command_history, in_axes=1, out_axes=1)(cmd)
+
+    found = jax.vmap(one)(flights.action)
+    return found.reshape(-1, *found.shape[3:])
 
 
 def _per_row(flight: Flight) -> Flight:

@@ -14,7 +14,7 @@ from jaxtyping import PRNGKeyArray
 from methods.calibration.identification import along, fly, standing
 from methods.calibration.pool import Calibration, TrackingFlight
 from methods.calibration.residual_effect import features
-from methods.residuals.contract import Transitions
+from methods.residuals.contract import Transitions, command_history
 from simulators.contract import AbstractSimulator
 from simulators.vehicle import CONTROL_DT
 from tasks.contact import onsets
@@ -40,7 +40,8 @@ def remaining_transitions(
         # On the floor the floor's law holds, which no force reproduces.
         flying = ~np.asarray(standing(flights))[i]
         weight = jnp.ones(int(flying.sum()))
-        transitions.append(Transitions(rows[flying], target[flying], weight))
+        cmds = command_history(corrected.action_space.to_cmd(flights.action[i, :, 0]))
+        transitions.append(Transitions(rows[flying], target[flying], weight, cmds[flying]))
     return transitions
 
 

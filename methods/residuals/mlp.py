@@ -28,10 +28,13 @@ class MLPModel(AbstractResidualModel):
     """The members, stacked along a leading axis."""
 
     def __call__(self, features: Float[Array, "drones 12"]) -> Float[Array, "drones 3"]:
-        return jnp.mean(_members(self.nets, self.scale(features)), axis=0)
+        return jnp.mean(members_of(self.nets, self.scale(features)), axis=0)
 
 
-def _members(nets: eqx.nn.MLP, z: Float[Array, "samples 12"]) -> Float[Array, "members samples 3"]:
+def members_of(
+    nets: eqx.nn.MLP, z: Float[Array, "samples features"]
+) -> Float[Array, "members samples 3"]:
+    """What each member of an ensemble makes of standardised features [m/s^2]."""
     return eqx.filter_vmap(lambda net: bounded(jax.vmap(net)(z)))(nets)
 
 
@@ -65,15 +68,19 @@ class MLPEnsemble(AbstractResidual):
         if isinstance(init, MLPModel):
             scale, nets = init.scale, init.nets
         else:
-            nets = _fresh(self.members, self.width, net_key)
+            nets = fresh_nets(self.members, 12, self.width, net_key)
         z = scale(transitions.features)[drawn]
-        nets = _fit(self, nets, z, transitions.target[drawn], transitions.weight[drawn])
+        nets = fit_nets(
+            nets, z, transitions.target[drawn], transitions.weight[drawn], self.lr, self.epochs
+        )
         return MLPModel(scale=scale, nets=nets)
 
 
-def _fresh(members: int, width: int, key: PRNGKeyArray) -> eqx.nn.MLP:
+def fresh_nets(members: int, n_features: int, width: int, key: PRNGKeyArray) -> eqx.nn.MLP:
+    """An ensemble that is not fitted yet, its members stacked."""
+
     def make(key: PRNGKeyArray) -> eqx.nn.MLP:
-        return eqx.nn.MLP(12, 3, width, 2, activation=jnp.tanh, key=key)
+        return eqx.nn.MLP(n_features, 3, width, 2, activation=jnp.tanh, key=key)
 
     return eqx.filter_vmap(make)(jax.random.split(key, members))
 
@@ -84,14 +91,16 @@ def _optimizer(lr: float, epochs: int) -> optax.GradientTransformation:
 
 
 @eqx.filter_jit
-def _fit(
-    settings: MLPEnsemble,
+def fit_nets(
     nets: eqx.nn.MLP,
-    z: Float[Array, "members samples 12"],
+    z: Float[Array, "members samples features"],
     target: Float[Array, "members samples 3"],
     weight: Float[Array, "members samples"],
+    lr: float,
+    epochs: int,
 ) -> eqx.nn.MLP:
-    optimizer = _optimizer(settings.lr, settings.epochs)
+    """The ensemble after so many full-batch updates, each member on rows of its own."""
+    optimizer = _optimizer(lr, epochs)
     params, static = eqx.partition(nets, eqx.is_inexact_array)
 
     def loss(params: eqx.nn.MLP) -> Float[Array, ""]:
@@ -107,5 +116,5 @@ def _fit(
         return (optax.apply_updates(params, updates), state), None
 
     start = (params, optimizer.init(params))
-    (params, _), _ = jax.lax.scan(update, start, None, length=settings.epochs)
+    (params, _), _ = jax.lax.scan(update, start, None, length=epochs)
     return eqx.combine(params, static)

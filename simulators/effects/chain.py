@@ -7,6 +7,7 @@ no extra work.
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,9 +17,11 @@ from simulators.effects.contract import (
     AbstractEffect,
     AutopilotEffect,
     CommandEffect,
+    ListeningEffect,
     PlantEffect,
     ResponseEffect,
     StateEffect,
+    StiffEffect,
     WrenchEffect,
 )
 from simulators.flight import Flight
@@ -40,11 +43,14 @@ def _put(memories: Memories, i: int, memory: Any) -> Memories:
 def command(
     effects: Effects, memories: Memories, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
 ) -> tuple[Memories, Float[Array, "drones 4"]]:
-    """The command after all command effects."""
+    """The command after all command effects, which the listening effects are told."""
     for i, effect in enumerate(effects):
         if isinstance(effect, CommandEffect):
             memory, cmd = effect.command(memories[i], flight, cmd, dt)
             memories = _put(memories, i, memory)
+    for i, effect in enumerate(effects):
+        if isinstance(effect, ListeningEffect):
+            memories = _put(memories, i, effect.hear(memories[i], cmd, dt))
     return memories, cmd
 
 
@@ -94,13 +100,24 @@ def at(effects: Effects, memories: Memories, rpy_thrust: Float[Array, "drones 4"
 
 
 def wrench(
-    effects: Effects, memories: Memories, flight: Flight, vehicle: Vehicle, dt: float
+    effects: Effects,
+    memories: Memories,
+    flight: Flight,
+    vehicle: Vehicle,
+    dt: float,
+    pos_age: float,
 ) -> tuple[Memories, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-    """Sum of all effects' forces [N] and torques [N m], world frame."""
+    """Sum of all effects' forces [N] and torques [N m], world frame.
+
+    `pos_age` says by how much the integrator's positions are older than its velocities [s]: half a
+    step in explicit Euler, minus half a step in semi-implicit Euler, 0 in Runge and Kutta's method.
+    """
     force, torque = jnp.zeros_like(flight.pos), jnp.zeros_like(flight.pos)
+    aligned = eqx.tree_at(lambda f: f.pos, flight, flight.pos + pos_age * flight.vel)
     for i, effect in enumerate(effects):
         if isinstance(effect, WrenchEffect):
-            memory, f, t = effect.wrench(memories[i], flight, vehicle, dt)
+            seen = aligned if isinstance(effect, StiffEffect) else flight
+            memory, f, t = effect.wrench(memories[i], seen, vehicle, dt)
             memories, force, torque = _put(memories, i, memory), force + f, torque + t
     return memories, force, torque
 
@@ -134,14 +151,14 @@ def warm_up(
         memories, cmds = jax.lax.scan(once, memories, None, length=repeats)
         return memories, cmds[-1]
 
-    if not any(isinstance(effect, CommandEffect) for effect in effects):
+    if not has(effects, CommandEffect, ListeningEffect):
         return memories, cmd_history
     return jax.lax.scan(held, memories, cmd_history)
 
 
-def has(effects: Effects, kind: type[AbstractEffect]) -> bool:
-    """Whether any effect acts through the door of `kind`."""
-    return any(isinstance(effect, kind) for effect in effects)
+def has(effects: Effects, *kinds: type[AbstractEffect]) -> bool:
+    """Whether any effect is of one of these kinds."""
+    return any(isinstance(effect, kinds) for effect in effects)
 
 
 def canonical(effects: Effects, digits: int = 12) -> str:

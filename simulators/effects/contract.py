@@ -127,6 +127,23 @@ class WrenchEffect(AbstractEffect):
         """Force [N] and torque [N m] at the centre of mass, world frame."""
 
 
+class StiffEffect(WrenchEffect):
+    """A wrench that changes much within one integration step, such as that of a contact.
+
+    Its hook sees positions of the same instant as the velocities. Those of explicit Euler, which
+    moves a drone along its old velocity, are half a step older, those of semi-implicit Euler half
+    a step younger: with them a spring would feed energy into the flight, or take it.
+    """
+
+
+class ListeningEffect(WrenchEffect):
+    """A wrench that depends on the commands, too: it is told each one before the step it rules."""
+
+    @abc.abstractmethod
+    def hear(self, memory: Any, cmd: Float[Array, "drones 4"], dt: float) -> Any:
+        """The memory with the command that takes effect: roll, pitch, yaw [rad], thrust [N]."""
+
+
 class FrozenEffect(WrenchEffect):
     """A wrench that nobody differentiates, and that is expensive: its memory tells what it did."""
 

@@ -97,7 +97,7 @@ def test_the_list_shows_plugins_with_their_package_and_broken_ones_with_the_reas
     assert "No module named 'fakes_that_do_not_exist'" in line("shattered")
     assert "fidelity-bench" in line("hybrid")
     assert "broken" not in line("hybrid")
-    assert "14 runs" in line("quick")
+    assert "16 runs" in line("quick")
     assert "884 runs" in line("paper")
 
 

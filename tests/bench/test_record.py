@@ -8,7 +8,7 @@ import numpy as np
 from outcomes import outcome, plan
 
 from bench.store.record import load_arrays, run_files
-from methods.residuals.contract import Transitions, blank
+from methods.residuals.contract import HISTORY, Transitions, blank, inputs
 from simulators import registry
 
 
@@ -19,6 +19,7 @@ def test_a_stored_residual_comes_back_as_the_model_it_was(tmp_path, plugins):
         features=jnp.asarray(rng.normal(size=(80, 12)), jnp.float32),
         target=jnp.asarray(rng.normal(size=(80, 3)), jnp.float32),
         weight=jnp.ones(80),
+        history=jnp.asarray(rng.normal(size=(80, HISTORY, 4)), jnp.float32),
     )
     for name, kind in registry.load_all("residual").items():
         model = kind().fit(rows, jax.random.key(1))
@@ -26,4 +27,4 @@ def test_a_stored_residual_comes_back_as_the_model_it_was(tmp_path, plugins):
         trained = dataclasses.replace(left.trained, residual=model)
         path.write_bytes(run_files(dataclasses.replace(left, trained=trained))["residual.npz"])
         restored = load_arrays(path, blank(kind()))
-        np.testing.assert_array_equal(restored(rows.features), model(rows.features))
+        np.testing.assert_array_equal(restored(inputs(model, rows)), model(inputs(model, rows)))

@@ -11,7 +11,12 @@ from cells import CLIMB, RESIDUALS, SPEC, Hold, climb_gradient, fresh, lift
 
 from methods.calibration.residual_effect import ResidualEffect, features
 from methods.policy import PolicyController
-from methods.residuals.contract import AbstractResidualModel, Transitions
+from methods.residuals.contract import (
+    HISTORY,
+    AbstractHistoryModel,
+    AbstractResidualModel,
+    Transitions,
+)
 from simulators.contract import with_effects
 from simulators.effects.contract import WrenchEffect
 from simulators.effects.mass import Mass
@@ -84,6 +89,7 @@ def model(request):
         features=jax.random.normal(x_key, (60, 12)),
         target=2.0 + jax.random.normal(y_key, (60, 3)),
         weight=jnp.ones(60),
+        history=jax.random.uniform(x_key, (60, HISTORY, 4)),
     )
     return RESIDUALS[request.param]().fit(transitions, fit_key)
 
@@ -149,3 +155,32 @@ def test_features_are_the_papers_twelve_numbers():
     np.testing.assert_allclose(x[3:6], state.vel[0])
     np.testing.assert_allclose(x[6:9], state.rpy[0], atol=1e-6)
     np.testing.assert_allclose(x[9:], (state.vel - before.vel)[0] / 0.02, atol=1e-3)
+
+
+class Echo(AbstractHistoryModel):
+    """The thrust commands of the last steps, weighted: 1, 10, 100 and so on, the newest first."""
+
+    def __call__(self, features):
+        thrust = features[:, 12:].reshape(len(features), HISTORY, 4)[:, ::-1, 3]
+        push = thrust @ (10.0 ** jnp.arange(HISTORY))
+        return jnp.zeros((len(features), 3)).at[:, 0].set(push)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.01])
+def test_a_rollout_carries_the_last_commands(dt):
+    """At each step the last five, whatever the integration step; restored flights know theirs."""
+    nominal, thrusts = PointMass(dt=dt), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+    simulator = with_effects(nominal, [ResidualEffect(Echo(), SPEC.mass)])
+    cmds = jnp.zeros((7, 1, 4)).at[:, 0, 3].set(jnp.asarray(thrusts))
+    state = simulator.reset(jnp.zeros((1, 3)), KEY)
+    pushed = []
+    for cmd in cmds:
+        before, state = state.vel, simulator.step_cmd(state, cmd, 0.02)
+        pushed.append(float(state.vel[0, 0] - before[0, 0]) / 0.02)
+    np.testing.assert_allclose(pushed[:2], [1.0, 12.0], rtol=1e-4)
+    np.testing.assert_allclose(pushed[6], 34567.0, rtol=1e-4)
+
+    flight = nominal.flight(nominal.reset(jnp.zeros((1, 3)), KEY))
+    warm = simulator.restore(flight, cmds[:6], KEY)
+    after = simulator.step_cmd(warm, cmds[6], 0.02)
+    np.testing.assert_allclose(after.vel[0, 0] / 0.02, 34567.0, rtol=1e-4)

@@ -8,7 +8,15 @@ import pytest
 from cells import RESIDUALS, same
 
 from methods.residuals.affine import Affine
-from methods.residuals.contract import BOUND, Transitions, make_scale
+from methods.residuals.contract import (
+    BOUND,
+    HISTORY,
+    Transitions,
+    command_history,
+    inputs,
+    make_scale,
+)
+from methods.residuals.history import History
 from methods.residuals.mlp import MLPEnsemble
 from methods.residuals.sindy import TERMS, Sindy
 from simulators.vehicle import GRAVITY
@@ -25,7 +33,13 @@ def sample(n, seed=0):
 
 def transitions(x, y, weight=None):
     weight = np.ones(len(x)) if weight is None else weight
-    return Transitions(x, jnp.asarray(y, jnp.float32), jnp.asarray(weight, jnp.float32))
+    history = jnp.zeros((len(x), HISTORY, 4))
+    return Transitions(x, jnp.asarray(y, jnp.float32), jnp.asarray(weight, jnp.float32), history)
+
+
+def of(model, x):
+    """What a model makes of features, after idle commands if it looks at them."""
+    return model(inputs(model, transitions(x, jnp.zeros((len(x), 3)))))
 
 
 def bound(y):
@@ -50,14 +64,14 @@ def fitted(name):
 
 def test_a_linear_law_is_learned(name, fitted):
     x = sample(200, seed=1)
-    error = fitted(x) - some_physics(x)
+    error = of(fitted, x) - some_physics(x)
     assert float(jnp.std(error)) < 0.25 * some_physics(x).std()
 
 
 @pytest.mark.parametrize("size", [1e2, 1e6, 1e30, np.inf])
 def test_corrections_stay_bounded_for_absurd_features(fitted, size):
     signs = np.sign(np.random.default_rng(2).uniform(-1, 1, (64, 12)))
-    y = np.asarray(fitted(jnp.asarray(size * signs, jnp.float32)))
+    y = np.asarray(of(fitted, jnp.asarray(size * signs, jnp.float32)))
     assert y.shape == (64, 3)
     assert (np.abs(y) <= BOUND).all()
 
@@ -65,16 +79,16 @@ def test_corrections_stay_bounded_for_absurd_features(fitted, size):
 def test_a_huge_target_cannot_exceed_the_bound(name):
     x = sample(150)
     model = RESIDUALS[name]().fit(transitions(x, 1e3 * some_physics(x)), KEY)
-    y = np.asarray(model(x))
+    y = np.asarray(of(model, x))
     assert (np.abs(y) <= BOUND).all()
     assert np.abs(y).max() > 0.5 * BOUND
 
 
 def test_each_drone_is_corrected_by_itself(fitted):
     x = sample(6, seed=3)
-    alone = jnp.concatenate([fitted(row[None]) for row in x])
-    np.testing.assert_allclose(fitted(x), alone, atol=1e-5)
-    np.testing.assert_allclose(fitted(x[::-1]), fitted(x)[::-1], atol=1e-5)
+    alone = jnp.concatenate([of(fitted, row[None]) for row in x])
+    np.testing.assert_allclose(of(fitted, x), alone, atol=1e-5)
+    np.testing.assert_allclose(of(fitted, x[::-1]), of(fitted, x)[::-1], atol=1e-5)
 
 
 def test_the_same_key_gives_the_same_fit(name, fitted):
@@ -85,7 +99,7 @@ def test_the_same_key_gives_the_same_fit(name, fitted):
 def test_a_fit_can_start_from_an_earlier_one(name, fitted):
     x = sample(150)
     model = RESIDUALS[name]().fit(transitions(x, some_physics(x)), KEY, init=fitted)
-    before, after = (np.mean((m(x) - some_physics(x)) ** 2) for m in (fitted, model))
+    before, after = (np.mean((of(m, x) - some_physics(x)) ** 2) for m in (fitted, model))
     assert after <= 1.05 * before
 
 
@@ -97,7 +111,7 @@ def test_heavier_rows_pull_the_fit_towards_them(name):
     means = []
     for weight in (1.0, 4.0):
         rows = transitions(places, y, np.where(sign > 0, weight, 1.0))
-        means.append(float(jnp.mean(RESIDUALS[name]().fit(rows, KEY)(places))))
+        means.append(float(jnp.mean(of(RESIDUALS[name]().fit(rows, KEY), places))))
     assert means == pytest.approx([0.0, 3.0 / 5.0], abs=0.1)
 
 
@@ -164,3 +178,33 @@ def test_a_residual_is_a_pytree_of_arrays(fitted):
     leaves = jax.tree.leaves(eqx.filter(fitted, eqx.is_inexact_array))
     assert all(np.isfinite(leaf).all() for leaf in leaves)
     assert sum(leaf.size for leaf in leaves) > 12
+
+
+def test_a_law_of_the_last_commands_is_learned_by_the_history_alone():
+    """The push of a rotor that lags by three steps, which no state tells."""
+    rng = np.random.default_rng(8)
+    cmd = jnp.asarray(rng.uniform(0.2, 0.6, (600, 4)), jnp.float32)
+    history, x = command_history(cmd), sample(600)
+    y = jnp.concatenate([jnp.zeros((600, 2)), 20.0 * (history[:, 1, 3:] - history[:, 4, 3:])], 1)
+    rows = Transitions(x, y, jnp.ones(600), history)
+    known, fresh = (jax.tree.map(lambda a, s=s: a[s], rows) for s in (slice(400), slice(400, 600)))
+    left = {}
+    for kind in (History, MLPEnsemble):
+        model = kind(members=2, width=64).fit(known, KEY)
+        error = model(inputs(model, fresh)) - fresh.target
+        left[kind] = float(jnp.sqrt(jnp.mean(error[:, 2] ** 2)) / jnp.std(fresh.target[:, 2]))
+    assert left[History] < 0.5
+    assert left[MLPEnsemble] > 0.8
+
+
+def test_a_history_starts_with_idle_commands_and_ends_with_that_of_the_step():
+    cmd = jnp.arange(28.0).reshape(7, 4)
+    history = np.asarray(command_history(cmd))
+    np.testing.assert_array_equal(history[0], [*np.zeros((HISTORY - 1, 4)), cmd[0]])
+    np.testing.assert_array_equal(history[6], cmd[2:7])
+
+
+def test_a_history_that_was_not_recorded_is_asked_for():
+    rows = Transitions(sample(20), jnp.zeros((20, 3)), jnp.ones(20))
+    with pytest.raises(ValueError, match="last 5 commands of each row, got None"):
+        History().fit(rows, KEY)

@@ -25,6 +25,7 @@ CONSTANTS = {
 """Constants of the plant and of its controller, which are no effects."""
 OTHER_MEANINGS = {
     "battery": "the column of the logs",
+    "collision": "the penalty of a task, and the radius that it goes by",
     "floor": "the smallest value of anything; rounding down",
     "trim_blocks": "an option of jinja",
 }

@@ -42,6 +42,10 @@ INTERIOR = {
     "rotor_drag": {"axial": 0.7, "lateral": 0.4},
     "battery": {"rate": 0.008},
     "center_of_mass": {"x": 0.002, "y": -0.001},
+    "collision": {
+        **{"radius": 0.08, "clearance": 0.08, "stiffness": 500.0},
+        **{"restitution": 0.6, "friction": 0.2},
+    },
     "delay": {"seconds": 0.033},
     "downwash": {"strength": 3.0, "width": 0.12},
     "drag": {"c": 1.3},
@@ -71,9 +75,11 @@ INTERIOR = {
 # torque of four rotors that turn in pairs against each other nearly cancels.
 SLOW = {("yaw_gains", "integral"): 1e-3, ("gyro_compensation", "share"): 1e-1}
 # Without effect at the neutral value by nature: while a gust has no force, its onset does not
-# matter, and so on; the loop's neutral frequency is infinite (see the test of 1 / frequency).
+# matter, and so on; drones without a radius do not touch; the loop's neutral frequency is infinite
+# (see the test of 1 / frequency).
 SILENT = {
     "attitude_loop": {"natural_freq", "damping"},
+    "collision": {"radius", "clearance", "stiffness", "restitution", "friction"},
     "downwash": {"width"},
     "floor": {"height"},
     "gust": {"onset"},

@@ -59,9 +59,16 @@ def pulled(
 
 def nearest(pos: Float[Array, "drones 3"], k: int) -> Int[Array, "drones k"]:
     """Indices of the `k` nearest others of each drone, the nearest first; no gradient."""
+    return within(pos, jnp.asarray(jnp.inf, pos.dtype), k)
+
+
+def within(
+    pos: Float[Array, "drones 3"], reach: Float[Array, ""], k: int
+) -> Int[Array, "drones k"]:
+    """The same of the others closer than `reach` [m]; a drone's own index where there are fewer."""
 
     @jax.custom_batching.sequential_vmap
-    def search(pos: Float[Array, "drones 3"]) -> Int[Array, "drones k"]:
+    def search(pos: Float[Array, "drones 3"], reach: Float[Array, ""]) -> Int[Array, "drones k"]:
         n, order = len(pos), jnp.argsort(pos[:, 0])
         here, nobody = pos[order].T, jnp.full((3, len(pos)), jnp.inf, pos.dtype)
         line = jnp.concatenate([nobody, here, nobody], axis=1)
@@ -81,12 +88,12 @@ def nearest(pos: Float[Array, "drones 3"], k: int) -> Int[Array, "drones k"]:
                 best = _inserted(best, jnp.sum(to(shift) ** 2, axis=0), own + shift)
             return s + 1, best
 
-        begin = [jnp.full(n, jnp.inf, pos.dtype)] * k, [own] * k
+        begin = [jnp.full(n, reach**2, pos.dtype)] * k, [own] * k
         _, (_, places) = jax.lax.while_loop(unsettled, step, (jnp.asarray(1), begin))
         found = order[jnp.stack(places, axis=1).astype(int)]
         return jnp.zeros_like(found).at[order].set(found)
 
-    return search(pos)
+    return search(pos, reach)
 
 
 def _inserted(best: _Best, squared: Array, place: Array) -> _Best:
