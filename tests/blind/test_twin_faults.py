@@ -17,18 +17,24 @@ def log(**columns):
     return FlightLog("one", (drone,))
 
 
+def commands(flight):
+    cmd = flight.drones[0].cmd
+    assert cmd is not None
+    return cmd
+
+
 @pytest.mark.parametrize("name", sorted(FAULTS))
 def test_a_fault_of_opposite_size_takes_the_first_one_back(name):
     """Linear ones to first order; a delay but for its ends."""
     size = FAULTS[name].aim * 0.1
     back = disturbed(disturbed(log(), name, size), name, -size)
-    was = log().drones[0].cmd
-    np.testing.assert_allclose(back.drones[0].cmd[5:-5], was[5:-5], rtol=2e-4, atol=1e-5)
+    was = commands(log())
+    np.testing.assert_allclose(commands(back)[5:-5], was[5:-5], rtol=2e-4, atol=1e-5)
 
 
 def test_each_fault_changes_what_it_says():
-    cmd, t = log().drones[0].cmd, log().drones[0].t
-    changed = {n: disturbed(log(), n, f.aim).drones[0].cmd for n, f in FAULTS.items()}
+    cmd, t = commands(log()), log().drones[0].t
+    changed = {n: commands(disturbed(log(), n, f.aim)) for n, f in FAULTS.items()}
     np.testing.assert_allclose(changed["thrust"][:, 3] * 1.05, cmd[:, 3])
     np.testing.assert_allclose(
         changed["delay"][:-5, 0], 0.1 * np.sin(3 * (t[:-5] + 0.02)), atol=1e-4
@@ -42,7 +48,9 @@ def test_each_fault_changes_what_it_says():
 def test_pwm_flights_take_thrust_faults_only():
     pwm = log(cmd=None, pwm=np.full((200, 4), 0.8), battery=np.full(200, 3.8))
     assert [name for name in FAULTS if applies(name, pwm)] == ["thrust"]
-    assert disturbed(pwm, "thrust", 0.05).drones[0].pwm[0, 0] == pytest.approx(0.8 / 1.05)
+    changed = disturbed(pwm, "thrust", 0.05).drones[0].pwm
+    assert changed is not None
+    assert changed[0, 0] == pytest.approx(0.8 / 1.05)
 
 
 def test_intervals_of_shares_are_those_of_clopper_and_pearson():
