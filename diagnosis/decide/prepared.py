@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -233,5 +234,7 @@ def nominal_simulator(name: str, flights: FlightSet, limited: bool = True) -> Ab
     if not limited:
         spec = dataclasses.replace(spec, thrust_min=0.0, thrust_max=MEASURED * spec.thrust_max)
     # Buffers of effects are as fine as the simulator's own step, so that is the replay's.
-    own = {"dt": kind.replay_dt} if "dt" in {f.name for f in dataclasses.fields(kind)} else {}
-    return kind(spec=spec, **own)
+    given: dict[str, Any] = {"spec": spec}
+    if "dt" in {field.name for field in dataclasses.fields(kind)}:
+        given["dt"] = kind.replay_dt
+    return kind(**given)

@@ -183,6 +183,7 @@ def make_library(
     voltage: bool = False,
     produced: bool = False,
     mapped: bool = False,
+    twin: bool = False,
 ) -> Library:
     """Every registered effect that `simulator` has the doors for, without those excluded.
 
@@ -193,6 +194,7 @@ def make_library(
     `voltage`: every flight is of one drone that logged its battery's voltage.
     `produced`: the rotors' speeds are measured, so that how they lag cannot be seen.
     `mapped`: thrust is known by a map from PWM and voltage alone, whose scale may be far off.
+    `twin`: a twin of the reference flights stands between them and the effects.
 
     Raises:
         TypeError: `simulator` is not `Replayable`.
@@ -202,6 +204,7 @@ def make_library(
         Input.ATTITUDE_CMD: not prescribed,
         Input.THRUST_CMD: not produced,
         Input.VOLTAGE: voltage,
+        Input.TWIN: twin,
     }
     absent = frozenset(which for which, there in offered.items() if not there)
     effects, slots, withheld = {}, [], set()

@@ -304,6 +304,10 @@ def test_attitude_lag_is_warmed_up_by_the_commands_before():
     np.testing.assert_allclose(rest.pos, whole.pos[cut:], atol=5e-5)
 
 
+TURN = jnp.asarray([[jnp.cos(0.3), jnp.sin(0.3)], [-jnp.sin(0.3), jnp.cos(0.3)]])
+"""Roll and pitch, as a row, turned by 0.3 rad."""
+
+
 @both
 @pytest.mark.parametrize(
     ("effect", "parameters", "change"),
@@ -313,6 +317,11 @@ def test_attitude_lag_is_warmed_up_by_the_commands_before():
             "trim",
             {"roll": 0.03, "pitch": -0.02},
             lambda cmd: cmd + jnp.asarray([0.03, -0.02, 0, 0]),
+        ),
+        (
+            "frame_misalignment",
+            {"angle": 0.3},
+            lambda cmd: cmd @ jax.scipy.linalg.block_diag(TURN, jnp.eye(2)),
         ),
         ("yaw_misalignment", {"angle": 0.2}, lambda cmd: cmd + jnp.asarray([0, 0, 0.2, 0])),
     ],

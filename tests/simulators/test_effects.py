@@ -69,6 +69,7 @@ INTERIOR = {
     "voltage_sag": {"k": 0.3},
     "wind": {"x": 1.1, "y": -0.7, "z": 0.4},
     "yaw_gains": {"stiffness": 0.3, "integral": 0.5, "damping": 0.2},
+    "frame_misalignment": {"angle": 0.2},
     "yaw_misalignment": {"angle": 0.2},
 }
 # Weights an integral that takes minutes to fill, far longer than these flights last; the gyroscopic

@@ -1,0 +1,178 @@
+"""Power, coverage and false alarms of the twin, by faults put into halves of real flights.
+
+    python -m blind.twin.power FLIGHTS --splits 200 --fault-splits 40 --reference 9 --target 9
+
+Flights are split at random into a reference and a target. Undisturbed targets count false alarms;
+targets with a fault in their commands count how often it is named, or stands among the aliases of
+what is named, and how often its interval holds its true size. Splits of one set share flights, so
+that Clopper-Pearson intervals, which stand for independent splits, are too narrow.
+"""
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import beta
+
+from blind.twin.faults import FAULTS, Fault, applies, disturbed
+from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.logs.inputs import choose_inputs
+from diagnosis.twin.answer import Change, ChangedParameter, TwinAnswer
+from diagnosis.twin.channels import Channels
+from diagnosis.twin.diagnose_change import answer, flown, seen, twin_replay
+from diagnosis.twin.twin import make_twin
+
+Case = tuple[str, float]
+"""A fault's name and size; the empty name stands for undisturbed flights."""
+CLEAN: Case = ("", 0.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Tally:
+    """The answers to one case."""
+
+    case: Case
+    """What was put into the logs."""
+    answers: tuple[TwinAnswer, ...]
+    """One a split."""
+
+    @property
+    def alarms(self) -> int:
+        """Answers that say that something changed."""
+        quiet = (Change.NONE, Change.TOO_FEW)
+        return sum(a.change not in quiet for a in self.answers)
+
+    @property
+    def named(self) -> int:
+        """Answers that name the fault or hold it in their class."""
+        effect = FAULTS[self.case[0]].effect
+        return sum(effect in (*a.effects, *a.aliases) for a in self.answers)
+
+    @property
+    def first(self) -> int:
+        """Answers that name the fault first."""
+        effect = FAULTS[self.case[0]].effect
+        return sum(bool(a.effects) and a.effects[0] == effect for a in self.answers)
+
+    def estimates(self) -> list[ChangedParameter]:
+        """The fault's parameter as each split estimates it, whether it was named or not."""
+        fault = FAULTS[self.case[0]]
+        return [
+            p
+            for a in self.answers
+            for c in a.candidates
+            if c.effect == fault.effect
+            for p in c.parameters
+            if p.parameter == fault.parameter
+        ]
+
+
+def fly(flights: FlightSet, scales: Sequence[float]) -> tuple[Mapping[Case, tuple], Callable]:
+    """The channels of every case, and what makes a twin of some of them."""
+    replay = twin_replay(flights, choose_inputs(flights), "crazyflow")
+    cases = [CLEAN]
+    for name, fault in FAULTS.items():
+        if all(applies(name, f) for f in flights.flights):
+            cases += [(name, fault.aim * scale) for scale in scales]
+    made = {}
+    for name, size in cases:
+        logs = [disturbed(f, name, size) if name else f for f in flights.flights]
+        inputs = choose_inputs(dataclasses.replace(flights, flights=tuple(logs)))
+        made[name, size] = flown(replay, inputs.flights, replay.library.neutral)
+        sys.stderr.write(f"flown: {name or 'undisturbed'} {size:g}\n")
+
+    def twin_of(chosen: Sequence[Channels]) -> object:
+        return make_twin(chosen, replay.library, seen(replay))
+
+    return made, twin_of
+
+
+def measure(
+    channels: Mapping[Case, Sequence[Channels]],
+    twin_of: Callable,
+    splits: int,
+    fault_splits: int,
+    sizes: tuple[int, int],
+    seed: int,
+) -> list[Tally]:
+    """The answers to every case over random splits; faults in the first `fault_splits` of them."""
+    rng, names = np.random.default_rng(seed), [c.name for c in channels[CLEAN]]
+    found: dict[Case, list[TwinAnswer]] = {case: [] for case in channels}
+    for k in range(splits):
+        order = [names[i] for i in rng.permutation(len(names))]
+        before, after = order[: sizes[0]], order[sizes[0] : sum(sizes)]
+        twin = twin_of([c for c in channels[CLEAN] if c.name in before])
+        for case, flights in channels.items():
+            if case == CLEAN or k < fault_splits:
+                found[case].append(answer(twin, [c for c in flights if c.name in after]))
+    return [Tally(case, tuple(answers)) for case, answers in found.items()]
+
+
+def interval(k: int, n: int) -> tuple[float, float]:
+    """Clopper-Pearson interval of a share, 95 %."""
+    low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
+    high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
+    return low, high
+
+
+def _share(k: int, n: int) -> str:
+    low, high = interval(k, n)
+    return f"{k}/{n} ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def write_table(tallies: Sequence[Tally]) -> str:
+    """The table of all cases, in Markdown."""
+    lines = [
+        "| fault | named or alias | named first | mean estimate | coverage | limit | drift left |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for tally in tallies:
+        n = len(tally.answers)
+        if tally.case == CLEAN:
+            aside = np.mean([len(a.set_aside) for a in tally.answers])
+            lines.append(
+                f"| none: alarms | {_share(tally.alarms, n)} | | | | | {aside:.2f} aside |"
+            )
+            continue
+        (name, size), fault = tally.case, FAULTS[tally.case[0]]
+        lines.append(_line(tally, name, size, fault, n))
+    return "\n".join(lines)
+
+
+def _line(tally: Tally, name: str, size: float, fault: Fault, n: int) -> str:
+    shown = tally.estimates()
+    held = sum(p.low <= size <= p.high for p in shown)
+    drifts = [a.drift for a in tally.answers if a.drift]
+    left = np.mean([d.after / d.before for d in drifts]) if drifts else np.nan
+    mean = np.mean([p.value for p in shown]) if shown else np.nan
+    limit = np.median([p.limit for p in shown]) if shown else np.nan
+    return (
+        f"| {name} {size:+.4g} {fault.unit} | {_share(tally.named, n)} | {tally.first}/{n} | "
+        f"{mean:+.4f} | {held}/{len(shown)} | {limit:.4f} | {left:.2f} |"
+    )
+
+
+def main() -> None:
+    """Prints the table of a flight set."""
+    parser = argparse.ArgumentParser(prog="python -m blind.twin.power", description=__doc__)
+    parser.add_argument("flights", type=Path, help="folder of logs of one undisturbed vehicle")
+    parser.add_argument("--splits", type=int, default=200, help="undisturbed splits")
+    parser.add_argument("--fault-splits", type=int, default=40, help="splits of every fault")
+    parser.add_argument("--reference", type=int, default=9, help="reference flights of a split")
+    parser.add_argument("--target", type=int, default=9, help="target flights of a split")
+    parser.add_argument(
+        "--scales", type=float, nargs="*", default=[1.0, -1.0], help="sizes over those aimed at"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the splits")
+    given = parser.parse_args()
+    channels, twin_of = fly(load_flights(given.flights), given.scales)
+    sizes = given.reference, given.target
+    tallies = measure(channels, twin_of, given.splits, given.fault_splits, sizes, given.seed)
+    sys.stdout.write(write_table(tallies) + "\n")
+
+
+if __name__ == "__main__":
+    main()

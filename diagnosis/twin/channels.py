@@ -1,0 +1,147 @@
+"""Flights as evenly sampled channels: measured, simulated, and the simulation's slopes.
+
+A channel is an angle, or the mean acceleration between two nodes (`NODE_DT` apart). Accelerations
+and velocities are turned into the heading frame, by the measured yaw, so that a flight north and a
+flight east look alike.
+
+| channel | | unit |
+|---|---|---|
+| 0, 1, 2 | roll, pitch, yaw | rad |
+| 3, 4, 5 | acceleration forward, left (heading frame), up | m/s^2 |
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from diagnosis.logs.flights import FlightLog, LogError
+from diagnosis.logs.segments import NODE_DT, WINDOW, Segments
+from diagnosis.replay.replay import Replay
+
+CHANNELS = ("roll", "pitch", "yaw", "acc forward", "acc left", "acc up")
+"""What a sample holds."""
+N = len(CHANNELS)
+"""Number of channels."""
+ANGLES = 3
+"""Leading channels that are angles."""
+FEWEST_SAMPLES = 50
+"""Samples that a flight must have to say anything: one second; a choice."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Channels:
+    """One flight of one drone at `1 / NODE_DT` Hz."""
+
+    name: str
+    """The flight's name."""
+    measured: Float[np.ndarray, "time 6"]
+    """What the log says."""
+    simulated: Float[np.ndarray, "time 6"]
+    """What the simulator says under the logged commands."""
+    slopes: Float[np.ndarray, "params time 6"]
+    """Derivatives of `simulated` by the parameters of all effects."""
+    vel: Float[np.ndarray, "time 3"]
+    """Measured velocity, heading frame [m/s]."""
+    valid: Bool[np.ndarray, " time"]
+    """Samples that count."""
+
+    @property
+    def gap(self) -> Float[np.ndarray, "time 6"]:
+        """Measured minus simulated."""
+        return self.measured - self.simulated
+
+
+def make_channels(
+    replay: Replay,
+    logs: Sequence[FlightLog],
+    segments: Segments,
+    vector: Float[np.ndarray, " params"],
+) -> tuple[Channels, ...]:
+    """The channels of every flight that has `FEWEST_SAMPLES`, simulated at `vector`.
+
+    Raises:
+        LogError: A flight has several drones.
+    """
+    several = [log.name for log in logs if len(log.drones) > 1]
+    if several:
+        raise LogError(f"flights/{several[0]}: a twin takes flights of one drone, got several.")
+    vectors = np.repeat(vector[None], len(logs), axis=0)
+    parts = [p for _, p in replay(segments, vectors, np.eye(len(vector)), turns=False)]
+    value = np.concatenate([part.value for part in parts])[:, :, 0]
+    slope = np.concatenate([part.slope for part in parts], axis=1)[:, :, :, 0]
+    made = [
+        _of_flight(replay, segments, log.name, segments.flight == i, value, slope)
+        for i, log in enumerate(logs)
+    ]
+    return tuple(one for one in made if one.valid.sum() >= FEWEST_SAMPLES)
+
+
+def _of_flight(
+    replay: Replay,
+    segments: Segments,
+    name: str,
+    mine: Bool[np.ndarray, " segments"],
+    value: Float[np.ndarray, "segments windows nodes 9"],
+    slope: Float[np.ndarray, "params segments windows nodes 9"],
+) -> Channels:
+    row = segments.row[mine][:, 1:, 0]
+    n_nodes = row.shape[2]
+    place = segments.place[mine][:, 1:, 0].reshape(-1, n_nodes) * replay.dt
+    start = segments.vel[mine][:, 1:, 0].reshape(-1, 3)
+    row, flown = row.reshape(-1, 9), value[mine].reshape(-1, n_nodes, 9)
+    pushed = slope[:, mine].reshape(len(slope), -1, n_nodes, 9)
+    t = (np.arange(len(place))[:, None] * WINDOW + place).ravel()
+    measured_acc, even = _measured_acc(t, row[:, 3:6])
+    valid = segments.valid[mine][:, 1:, 0].ravel()
+    valid &= even & np.concatenate([[False], valid[:-1]])
+    yaw = row[:, 8]
+    simulated = _acc(flown[..., 3:6], start, place)
+    slopes = np.stack([_acc(one[..., 3:6], np.zeros_like(start), place) for one in pushed])
+    end = int(np.flatnonzero(valid)[-1]) + 1 if valid.any() else 0
+    angles, lean = flown[..., 6:].reshape(-1, 3), pushed[..., 6:].reshape(len(slope), -1, 3)
+    return Channels(
+        name=name,
+        measured=np.concatenate([row[:, 6:], headed(measured_acc, yaw)], axis=1)[:end],
+        simulated=np.concatenate([_near(angles, row[:, 6:]), headed(simulated, yaw)], axis=1)[:end],
+        slopes=np.concatenate([lean, headed(slopes, yaw)], axis=2)[:, :end],
+        vel=headed(row[:, 3:6], yaw)[:end],
+        valid=valid[:end],
+    )
+
+
+def _near(angles: Float[np.ndarray, "time 3"], to: Float[np.ndarray, "time 3"]) -> np.ndarray:
+    """`angles` with the whole turns that bring the yaw next to that of `to`."""
+    turns = np.round((to - angles) / (2.0 * np.pi)) * np.asarray([0.0, 0.0, 1.0])
+    return angles + 2.0 * np.pi * turns
+
+
+def _measured_acc(
+    t: Float[np.ndarray, " time"], vel: Float[np.ndarray, "time 3"]
+) -> tuple[np.ndarray, Bool[np.ndarray, " time"]]:
+    """Acceleration since the row before [m/s^2], and where the two are one node apart."""
+    step = np.diff(t, prepend=t[0])
+    even = np.abs(step - NODE_DT) < 0.5 * NODE_DT
+    change = np.diff(vel, axis=0, prepend=vel[:1])
+    return change / np.where(even, step, NODE_DT)[:, None], even
+
+
+def _acc(
+    vel: Float[np.ndarray, "windows nodes 3"],
+    start: Float[np.ndarray, "windows 3"],
+    place: Float[np.ndarray, "windows nodes"],
+) -> Float[np.ndarray, "time 3"]:
+    """Mean acceleration up to each node since the node before, or since its window's start."""
+    before = np.concatenate([start[:, None], vel[:, :-1]], axis=1)
+    step = np.maximum(np.diff(place, axis=1, prepend=0.0), 0.25 * NODE_DT)
+    return ((vel - before) / step[..., None]).reshape(-1, 3)
+
+
+def headed(
+    vector: Float[np.ndarray, "*n time 3"], yaw: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, "*n time 3"]:
+    """World vectors in the frame that is level and turned by `yaw` [rad]."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y = vector[..., 0], vector[..., 1]
+    return np.stack([c * x + s * y, c * y - s * x, vector[..., 2]], axis=-1)

@@ -1,0 +1,153 @@
+r"""Two groups of flights compared, with flights as the unit of replication.
+
+Each flight's score h_i and information H_i (`Score`) give, for a group of flights,
+
+    theta = (sum H_i)^-1 sum h_i,      u_i = h_i - H_i theta.
+
+The scatter of u_i between flights, not the noise within them, makes the covariance:
+
+    cov(theta) = (sum H_i)^-1 (sum q_i) Omega (sum H_i)^-1
+    Omega      = (d0 phi Hbar + dof * sum u_i u_i' / q_i / dof) / (d0 + dof)
+
+| symbol | name |
+|---|---|
+| q_i | (m_i + m_i^2) / 2, m_i = the flight's information over the mean: half noise, half its own |
+| Hbar | mean information of a flight |
+| phi | median over parameters of the scatter over Hbar: how far flights differ beyond noise |
+| d0 | flights that the common phi counts for; moderated variance (Smyth 2004, Sec. 3) |
+
+Parameters are in units of their range, with a prior of that width in every direction.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import f as fisher
+
+from diagnosis.twin.twin import Score
+
+PRIOR_FLIGHTS = 4.0
+"""d0. Logarithms of single scatters over phi have a standard deviation of 0.8 on
+`crazyflie_plain`, as with 4 degrees of freedom."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Group:
+    """The scores of some flights, parameters in units of their range."""
+
+    H: Float[np.ndarray, "flights params params"]
+    """Information."""
+    h: Float[np.ndarray, "flights params"]
+    """Scores."""
+
+    def __len__(self) -> int:
+        return len(self.h)
+
+    def without(self, i: int) -> "Group":
+        """All flights but one."""
+        return Group(np.delete(self.H, i, axis=0), np.delete(self.h, i, axis=0))
+
+
+def make_group(scores: Sequence[Score], width: Float[np.ndarray, " params"]) -> Group:
+    """Scores with parameters in units of `width`."""
+    H = np.stack([s.H for s in scores]) * width[:, None] * width
+    return Group(H, np.stack([s.h for s in scores]) * width)
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """Change of some parameters between two groups, in units of their range."""
+
+    value: Float[np.ndarray, " k"]
+    """Target minus reference."""
+    cov: Float[np.ndarray, "k k"]
+    """Covariance."""
+    dof: float
+    """Degrees of freedom of the covariance."""
+
+    def p(self, columns: Sequence[int] | None = None) -> float:
+        """Probability of values so far from zero, by Hotelling's test, of all or some of them."""
+        at = list(range(len(self.value))) if columns is None else list(columns)
+        value, cov = self.value[at], self.cov[np.ix_(at, at)]
+        return hotelling(float(value @ np.linalg.solve(cov, value)), len(at), self.dof)
+
+    @property
+    def error(self) -> Float[np.ndarray, " k"]:
+        """Standard errors."""
+        return np.sqrt(np.diag(self.cov))
+
+
+def hotelling(t2: float, k: int, dof: float) -> float:
+    """Probability of a larger T^2 in `k` dimensions."""
+    left = max(dof - k + 1.0, 1.0)
+    return float(fisher.sf(t2 * left / (dof * k), k, left))
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Reference flights, left out in turn, beside target flights."""
+
+    reference: Group
+    """Undisturbed."""
+    target: Group
+    """Perhaps changed."""
+    phi: float
+    """How far flights differ beyond noise, common to all parameters."""
+
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom of every scatter."""
+        return len(self.reference) + len(self.target) - 2.0 + PRIOR_FLIGHTS
+
+    def estimate(self, columns: Sequence[int]) -> Estimate:
+        """The change of the parameters at `columns`, estimated together."""
+        at = list(columns)
+        groups = [_part(g, at) for g in (self.reference, self.target)]
+        ridge = self.phi * np.eye(len(at))
+        inverse = [np.linalg.inv(g.H.sum(axis=0) + ridge) for g in groups]
+        theta = [i @ g.h.sum(axis=0) for i, g in zip(inverse, groups, strict=True)]
+        scatter, dof, mean = _scatter(groups, theta)
+        moderated = (PRIOR_FLIGHTS * self.phi * mean + scatter) / (PRIOR_FLIGHTS + dof)
+        cov = sum(
+            i @ moderated @ i * _weights(g, mean).sum()
+            for i, g in zip(inverse, groups, strict=True)
+        )
+        return Estimate(theta[1] - theta[0], np.asarray(cov), self.dof)
+
+
+def compare(reference: Group, target: Group, columns: Sequence[int]) -> Comparison:
+    """Both groups with the common phi of the parameters at `columns`."""
+    ratios = []
+    for k in columns:
+        groups = [_part(g, [k]) for g in (reference, target)]
+        if min(g.H.sum() for g in groups) <= 0.0:
+            continue
+        theta = [g.h.sum(axis=0) / (g.H.sum(axis=(0, 1)) + 1.0) for g in groups]
+        scatter, dof, mean = _scatter(groups, theta)
+        ratios.append(float(scatter[0, 0] / max(dof, 1.0) / mean[0, 0]))
+    return Comparison(reference, target, max(1.0, float(np.median(ratios or [1.0]))))
+
+
+def _part(group: Group, at: Sequence[int]) -> Group:
+    return Group(group.H[:, at][:, :, at], group.h[:, at])
+
+
+def _weights(group: Group, mean: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " flights"]:
+    """q_i."""
+    scale = np.maximum(np.diag(mean), 1e-300)
+    m = np.mean(np.diagonal(group.H, axis1=1, axis2=2) / scale, axis=1)
+    return np.maximum((m + m * m) / 2.0, 1e-12)
+
+
+def _scatter(
+    groups: Sequence[Group], theta: Sequence[Float[np.ndarray, " k"]]
+) -> tuple[Float[np.ndarray, "k k"], float, Float[np.ndarray, "k k"]]:
+    """Sum of u u' / q within both groups, its degrees of freedom, and the mean information."""
+    mean = np.concatenate([g.H for g in groups]).mean(axis=0)
+    total = np.zeros_like(mean)
+    for group, at in zip(groups, theta, strict=True):
+        u = (group.h - group.H @ at) / np.sqrt(_weights(group, mean))[:, None]
+        total += u.T @ u
+    return total, float(sum(len(g) - 1 for g in groups)), mean

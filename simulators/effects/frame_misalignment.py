@@ -1,0 +1,51 @@
+"""Frame misalignment: roll and pitch commands are meant for a frame that is turned in yaw."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.card import DEGREES, EffectCard, Input, Shown
+from simulators.effects.contract import CommandEffect, Parameter
+from simulators.flight import Flight
+
+
+class FrameMisalignment(CommandEffect):
+    """Roll and pitch turned by an angle, the heading held as commanded.
+
+    A body frame, an autopilot's board or a position controller whose forward is not the drone's.
+    Source: a rotation of the horizontal command, exact for small tilts.
+    """
+
+    angle: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Turn of the commanded tilt, counter-clockwise seen from above [rad]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "angle": Parameter(unit="rad", low=-0.5, high=0.5, neutral=0.0, source="a guess")
+    }
+    door: ClassVar[str] = "command"
+    needs: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 0
+    version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="frame misalignment",
+        noun="a frame misalignment",
+        physics="The drone tilts in a direction that is turned against the commanded one.",
+        more="a frame misalignment of {}",
+        less="a frame misalignment of -{}",
+        shown={"angle": Shown("angle", DEGREES, "°")},
+        inputs=frozenset({Input.ATTITUDE_CMD, Input.TWIN}),
+        flight="back and forth along one axis, without turning",
+    )
+
+    def init(self, n_drones: int, dt: float) -> None:
+        return None
+
+    def command(
+        self, memory: None, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
+    ) -> tuple[None, Float[Array, "drones 4"]]:
+        cos, sin = jnp.cos(self.angle), jnp.sin(self.angle)
+        roll, pitch = cmd[:, 0], cmd[:, 1]
+        tilt = jnp.stack([cos * roll - sin * pitch, sin * roll + cos * pitch], axis=-1)
+        return None, jnp.concatenate([tilt, cmd[:, 2:]], axis=-1)

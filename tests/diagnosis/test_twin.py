@@ -1,0 +1,174 @@
+"""The twin of reference flights: what its memory learns, and what it says of changed flights."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from diagnosis.logs.flights import LogError
+from diagnosis.replay.library import make_library
+from diagnosis.twin.answer import Change
+from diagnosis.twin.channels import Channels, headed
+from diagnosis.twin.colour import fit_colour
+from diagnosis.twin.diagnose_change import answer, drift_of
+from diagnosis.twin.memory import fit_memories, gram, lagged, scale_of
+from diagnosis.twin.twin import Score, make_twin, standing_out
+from diagnosis.twin.units import compare, make_group
+from simulators.point_mass import PointMass
+
+LIBRARY = make_library(PointMass(), referenced=True, twin=True)
+N_PARAMS = len(LIBRARY.slots)
+EVERY = tuple(range(6))
+
+
+def column(effect, parameter):
+    return next(
+        i for i, s in enumerate(LIBRARY.slots) if (s.effect, s.parameter) == (effect, parameter)
+    )
+
+
+def smooth(rng, n, width):
+    kernel = np.hanning(width) / np.sqrt(np.sum(np.hanning(width) ** 2))
+    return np.convolve(rng.normal(size=n + width), kernel, mode="same")[:n]
+
+
+def flight(seed, change=(), response=(0.3, 0.15, 0.05), noise=0.02):
+    """A flight whose vehicle follows its simulator with a memory of three samples.
+
+    Every parameter moves the channels in a way of its own; `change` moves some parameters.
+    """
+    rng, n = np.random.default_rng(seed), 300
+    simulated = np.stack([smooth(rng, n, 25) for _ in range(6)], axis=1)
+    ways = np.random.default_rng(99)
+    slopes = np.zeros((N_PARAMS, n, 6))
+    for i, slot in enumerate(LIBRARY.slots):
+        mixed = simulated @ ways.normal(size=(6, 6)) + ways.normal(size=6)
+        slopes[i] = mixed / (slot.high - slot.low)
+    moved = simulated + sum(value * slopes[i] for i, value in change)
+    measured = moved.copy()
+    for k, g in enumerate(response):
+        later = np.concatenate([np.repeat(moved[:1], k, axis=0), moved[: n - k]])
+        measured[:, :5] += g * later[:, :5]
+    measured += noise * np.stack([smooth(rng, n, 5) for _ in range(6)], axis=1)
+    valid = np.ones(n, bool)
+    valid[100:110] = False
+    return Channels(f"flight {seed}", measured, simulated, slopes, np.zeros((n, 3)), valid)
+
+
+def test_lagged_holds_the_past_of_each_sample():
+    past = lagged(np.arange(50.0))
+    assert past[45, :4].tolist() == [45.0, 44.0, 43.0, 42.0]
+    assert past[1, :4].tolist() == [1.0, 0.0, 0.0, 0.0]
+
+
+def test_vectors_in_the_heading_frame_point_forward_along_the_yaw():
+    turned = headed(np.asarray([[0.0, 2.0, 3.0]]), np.asarray([np.pi / 2]))
+    np.testing.assert_allclose(turned, [[2.0, 0.0, 3.0]], atol=1e-12)
+
+
+def test_the_memory_learns_the_response_and_predicts_flights_that_it_has_not_seen():
+    flights = [flight(i) for i in range(5)]
+    scale = scale_of(flights)
+    memory, _ = fit_memories([gram(f, scale) for f in flights], scale)
+    np.testing.assert_allclose(memory.weights[0][:3], [0.3, 0.15, 0.05], atol=0.03)
+    new = flight(77)
+    left = np.std((new.gap - memory.predict(new))[new.valid], axis=0)
+    assert np.all(left < 0.3 * np.std(new.gap[new.valid], axis=0)[:5].min())
+
+
+def test_the_vertical_memory_keeps_the_static_gain_of_the_simulator():
+    """A controller that holds height makes thrust look as if it moved nothing."""
+    flights = [
+        dataclasses.replace(f, measured=f.measured * np.asarray([1, 1, 1, 1, 1, 0.0]))
+        for f in (flight(i) for i in range(4))
+    ]
+    scale = scale_of(flights)
+    memory, _ = fit_memories([gram(f, scale) for f in flights], scale)
+    assert abs(memory.weights[3][:40].sum()) < 0.01
+    assert abs(memory.weights[0][:40].sum()) > 0.3
+
+
+def test_slopes_pass_through_the_memory_as_a_change_of_the_vehicle_does():
+    flights = [flight(i, noise=0.0) for i in range(4)]
+    twin = make_twin(flights, LIBRARY, EVERY)
+    at, size = column("attitude_gain", "g"), 0.05
+    errors = twin.errors(flight(50, [(at, size)], noise=0.0)) - twin.errors(flight(50, noise=0.0))
+    expected = size * twin.memory.respond(flight(50))[at]
+    assert np.std((errors - expected)[:, :5]) < 0.02 * np.std(expected[:, :5])
+
+
+def test_whitened_errors_of_a_coloured_noise_are_white():
+    rng, errors = np.random.default_rng(0), []
+    for _ in range(6):
+        e = np.zeros((400, 6))
+        for t in range(1, 400):
+            e[t] = 0.9 * e[t - 1] + rng.normal(size=6)
+        errors.append(e)
+    valid = [np.ones(400, bool)] * 6
+    colour = fit_colour(errors, valid, 1, EVERY)
+    white = colour.whiten(errors[0], valid[0]).reshape(-1, 6)
+    np.testing.assert_allclose(colour.a[0], 0.9, atol=0.05)
+    assert abs(np.mean(white[1:] * white[:-1])) < 0.1
+    assert abs(np.std(white) - 1.0) < 0.1
+
+
+def test_a_change_is_named_with_an_interval_that_holds_it():
+    twin = make_twin([flight(i) for i in range(8)], LIBRARY, EVERY)
+    at, size = column("attitude_gain", "g"), 0.06
+    found = answer(twin, [flight(100 + i, [(at, size)]) for i in range(8)])
+    assert found.change is Change.EFFECT
+    assert found.effects == ("attitude_gain",)
+    named = found.parameters[0]
+    assert named.low < size < named.high
+    assert named.low > 0.0
+    assert found.drift is not None
+    assert found.drift.after < 0.5 * found.drift.before
+
+
+@pytest.mark.parametrize(("n", "change"), [(8, Change.NONE), (2, Change.TOO_FEW)])
+def test_undisturbed_flights_name_nothing(n, change):
+    twin = make_twin([flight(i) for i in range(8)], LIBRARY, EVERY)
+    found = answer(twin, [flight(200 + i) for i in range(n)])
+    assert found.change is change
+    assert found.effects == ()
+
+
+def test_a_flight_that_no_twin_follows_is_set_aside_by_name():
+    flights = [flight(i) for i in range(8)]
+    upset = dataclasses.replace(flights[3], measured=flights[3].measured * 2.0)
+    twin = make_twin([*flights[:3], upset, *flights[4:]], LIBRARY, EVERY)
+    assert twin.set_aside == ("flight 3",)
+
+
+def test_standing_out_takes_four_flights_to_judge():
+    assert not standing_out([1.0, 1.0, 100.0]).any()
+    assert standing_out([1.0, 1.2, 0.9, 100.0]).tolist() == [False, False, False, True]
+
+
+def test_intervals_cover_no_change_as_often_as_they_say():
+    """Over many pairs of groups whose flights differ by more than their noise."""
+    rng, held = np.random.default_rng(5), 0
+    for _ in range(300):
+        truth = 0.3 * rng.normal(size=12)
+        scores = [_score(theta + 0.1 * rng.normal()) for theta in truth]
+        group = make_group(scores, np.ones(1))
+        both = type(group)(group.H[:6], group.h[:6]), type(group)(group.H[6:], group.h[6:])
+        estimate = compare(*both, [0]).estimate([0])
+        held += abs(estimate.value[0]) < 2.14 * estimate.error[0]
+    assert 0.91 < held / 300 < 0.99
+
+
+def _score(theta):
+    return Score("", np.asarray([[100.0]]), np.asarray([100.0 * theta]), 1.0)
+
+
+def test_one_reference_flight_is_refused():
+    with pytest.raises(LogError, match="2 or more are expected"):
+        make_twin([flight(0)], LIBRARY, EVERY)
+
+
+def test_drift_of_a_constant_acceleration_is_half_of_it_by_time_squared():
+    one = dataclasses.replace(flight(0), valid=np.ones(300, bool))
+    errors = np.zeros((300, 6))
+    errors[:, 5] = 0.8
+    assert drift_of(errors, one) == pytest.approx(0.5 * 0.8 * 0.5**2, rel=1e-6)
