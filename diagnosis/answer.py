@@ -14,7 +14,7 @@ from diagnosis.decide.advice import next_flight
 from diagnosis.decide.prepared import Prepared, Question
 from diagnosis.decide.study import Study
 from diagnosis.decide.verdict import Verdict, at_bounds, intervals, limits, sizes
-from diagnosis.decision import DECISION
+from diagnosis.decision import Decision
 from diagnosis.fit import gap, shrinkage
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.outliers import standing_out
@@ -48,6 +48,7 @@ from diagnosis.result_parts import (
     NotObservable,
     NotUsed,
     SetAside,
+    Shrink,
     Windows,
 )
 from diagnosis.statements import (
@@ -87,15 +88,17 @@ def answer(question: Question, study: Study) -> Diagnosis:
         effects=effects,
         remainder=remainder,
         doubt=_doubt(judged) if verdict == "effect" else None,
-        where=gap.where(study.every.tracks(evidence.base), *_noise(study)),
+        where=_where(study, evidence.base),
         candidates=_candidates(fits, judged, named),
         support=support,
-        shrink=shrinkage.shrink(study.drift, study.every.sigma, prepared.in_turn),
+        shrink=shrinkage.shrink(
+            study.drift, study.every.sigma, prepared.in_turn, question.decision
+        ),
         next_flight=next_flight(
             judged_of(verdict),
             {effect.name: list(effect.aliases) for effect in effects} if named else {},
             _largest_regime(remainder.where),
-            _blind_to(evidence.library, seen),
+            _blind_to(evidence.library, seen, question.decision),
         ),
         flights=_flights(question.flights, prepared.inputs, lambda i: _use(prepared, i)),
         reference=None
@@ -105,7 +108,7 @@ def answer(question: Question, study: Study) -> Diagnosis:
             simulator=question.simulator,
             exclude=tuple(question.exclude),
             withheld=withheld,
-            decision=DECISION.values(),
+            decision=question.decision.values(),
         ),
         program=Program(version=version(), digest=sources_digest(diagnosis, simulators)),
         details=_details(study, seen, withheld),
@@ -113,8 +116,16 @@ def answer(question: Question, study: Study) -> Diagnosis:
     )
 
 
-def _noise(study: Study) -> tuple[Float[np.ndarray, " 9"], float]:
-    return study.every.sigma, study.every.shake
+def _where(study: Study, vector: Float[np.ndarray, " params"]) -> tuple[ChannelGap, ...]:
+    """Where the gap lies at a vector."""
+    every, decision = study.every, study.prepared.decision
+    return gap.where(every.tracks(vector), every.sigma, every.shake, decision=decision)
+
+
+def _shrink(study: Study) -> Shrink:
+    """How far the gap shrinks on flights that were left out."""
+    prepared = study.prepared
+    return shrinkage.shrink(study.drift, study.every.sigma, prepared.in_turn, prepared.decision)
 
 
 def _named(judged: Verdict) -> list[str]:
@@ -209,15 +220,15 @@ def _parameters(
 
 
 def _remainder(study: Study) -> Remainder:
-    judged = study.verdict
+    judged, decision = study.verdict, study.prepared.decision
     share = 0.0 if judged.kind == "none" else judged.unexplained_share
     return Remainder(
         share=share,
-        noteworthy=noteworthy(share),
-        mostly_explained=mostly_explained(share),
+        noteworthy=noteworthy(share, decision),
+        mostly_explained=mostly_explained(share, decision),
         structure_before=_known(judged.found.value),
         structure=_known(judged.structure.value),
-        where=gap.where(study.every.tracks(judged.chosen.fit.total), *_noise(study)),
+        where=_where(study, judged.chosen.fit.total),
     )
 
 
@@ -272,9 +283,9 @@ def _largest_regime(where: Sequence[ChannelGap]) -> str | None:
     return text
 
 
-def _blind_to(library: Library, seen: Sequence[tuple[int, float]]) -> list[str]:
+def _blind_to(library: Library, seen: Sequence[tuple[int, float]], decision: Decision) -> list[str]:
     """Effects whose smallest visible size is `blind_share` of the allowed range or more."""
-    slots, share = library.slots, DECISION.blind_share
+    slots, share = library.slots, decision.blind_share
     return [slots[i].effect for i, size in seen if size > share * (slots[i].high - slots[i].low)]
 
 
@@ -302,7 +313,7 @@ def _details(study: Study, seen: Sequence[tuple[int, float]], withheld: Collecti
             for i, size in seen
         ),
         not_observable=_not_observable(study, withheld),
-        shared=prepared.base.shared(evidence.library) if prepared.base else (),
+        shared=prepared.base.shared(evidence.library, prepared.decision) if prepared.base else (),
         before_after=_along(study.drift, scored) if len(logs) > 1 else (),
         gap_in_time=gap.in_time(every.tracks(evidence.base), every.sigma),
     )
@@ -323,7 +334,7 @@ def _channel_noise(study: Study) -> tuple[ChannelNoise, ...]:
 
 def _set_aside(study: Study) -> tuple[SetAside, ...]:
     """Windows that stand out and did not count, alone or soon after an unknown command."""
-    out = standing_out(study.every.aside, study.every.typical)
+    out = standing_out(study.every.aside, study.every.typical, study.prepared.decision)
     if out is None:
         return ()
     lines = zip(out.flight, out.t, out.misfit, out.doubtful, strict=True)

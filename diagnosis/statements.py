@@ -13,7 +13,7 @@ Under `partly`, the confirmed effects are blamed; whatever else acts may bias th
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
-from diagnosis.decision import DECISION, Decision
+from diagnosis.decision import Decision
 
 Judged = Literal["effect", "none", "unexplained"]
 """What the likeliest set is judged to be by the structure that it leaves."""
@@ -54,17 +54,17 @@ def answer_probability(posterior: float | None, effects: Iterable[float | None])
     return min(known, default=None)
 
 
-def noteworthy(share: float | None, decision: Decision = DECISION) -> bool:
+def noteworthy(share: float | None, decision: Decision = Decision()) -> bool:
     """Whether the unexplained share of the gap is said beside an effect."""
     return share is not None and share >= decision.noteworthy_share
 
 
-def mostly_explained(share: float | None, decision: Decision = DECISION) -> bool:
+def mostly_explained(share: float | None, decision: Decision = Decision()) -> bool:
     """Whether most of the gap is explained where that share is left."""
     return share is not None and share < decision.mostly_share
 
 
-def main_channels(shares: Sequence[float], decision: Decision = DECISION) -> list[bool]:
+def main_channels(shares: Sequence[float], decision: Decision = Decision()) -> list[bool]:
     """Which channels hold most of the gap between them: the largest, until they hold enough."""
     order = sorted(range(len(shares)), key=lambda i: -shares[i])[: int(decision.main_channels)]
     chosen, total = set(), 0.0

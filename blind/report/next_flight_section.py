@@ -11,8 +11,10 @@ from bench.text import markdown
 from blind.report.canvas import OUR_COLOR, saved
 from blind.report.sections import measured_by
 from blind.report.tables import Tables
-from diagnosis.decide.decidable import DECIDABLE
+from diagnosis.decision import Decision
 
+LEAST_MARGIN = Decision().decidable_chi2
+"""Margin from which two effects are told apart."""
 NAME = "next_flight"
 """File name of the table."""
 CAPTION = (
@@ -28,15 +30,15 @@ def section(tables: Tables, picture: list[str]) -> list[str]:
         return []
     rows = records(tables.studies[NAME])
     told, before = (
-        sum(row[column] >= DECIDABLE for row in rows) for column in ("advised", "bland")
+        sum(row[column] >= LEAST_MARGIN for row in rows) for column in ("advised", "bland")
     )
-    lost = [f"{row['truth']} from {row['rival']}" for row in rows if row["advised"] < DECIDABLE]
+    lost = [f"{row['truth']} from {row['rival']}" for row in rows if row["advised"] < LEAST_MARGIN]
     flat = [f"{row['truth']} from {row['rival']}" for row in rows if row["advised"] <= row["bland"]]
     text = (
         "Manoeuvres that the diagnosis advises for a pair were flown in simulation with either "
         "effect of the pair being true, beside bland flights as long. The margin is the "
         "chi-square of the best fit of the other effect alone beyond that of the truth, in flights "
-        f"without noise at the noise that is logged; at {DECIDABLE:.0f} the two are 5 standard "
+        f"without noise at the noise that is logged; at {LEAST_MARGIN:.0f} the two are 5 standard "
         "deviations apart. The advised "
         f"flights separate {told} of {len(rows)} directions, bland ones {before}. Advice for pairs "
         "that are not in the table was not flown."
@@ -76,7 +78,7 @@ def draw(tables: Tables, path: Path) -> bool:
     axes.hlines(y, bland, advised, color="#c5ccd4", lw=2, zorder=1)
     axes.scatter(bland, y, s=26, marker="s", color=COLORS[1], label="bland", zorder=2)
     axes.scatter(advised, y, s=30, color=OUR_COLOR, label="advised", zorder=3)
-    axes.axvline(DECIDABLE, color="black", lw=1, ls=":")
+    axes.axvline(LEAST_MARGIN, color="black", lw=1, ls=":")
     names = [f"{truth}, not {rival}" for truth, rival in table[["truth", "rival"]].to_numpy()]
     axes.set(xscale="log", yticks=y, yticklabels=names, xlabel="margin of the truth (chi-square)")
     axes.invert_yaxis()

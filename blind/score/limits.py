@@ -32,8 +32,7 @@ from blind.fly.references import N_KINDS
 from blind.score.identifiable import NEUTRAL, SECONDARY
 from diagnosis.decide import verdict
 from diagnosis.decide.decidable import with_truth
-from diagnosis.decision import DECISION
-from diagnosis.fit.evidence import QUIET, Evidence
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Set
 from diagnosis.fit.search import Fits
 from diagnosis.fit.shrinkage import split
@@ -248,7 +247,7 @@ class _Weighed:
             for s in slots
         ]
         cost = evidence.occam(H, [int(self.index[i]) for i in at])
-        cost += DECISION.effect_cost * len(names)
+        cost += evidence.decision.effect_cost * len(names)
         return _Set(names, white @ signal[at], noise[:, at] @ white.T, np.asarray(signs), cost)
 
 
@@ -277,7 +276,7 @@ def _with_onsets(
     n = len(library.slots)
     axes = [i for i in library.indices("gust") if library.slots[i].parameter != "onset"]
     scanned = len(axes) == 3 and linear.effect.name != "gust"
-    times = np.unique(normal.t)[QUIET:-1] if scanned else np.zeros(0)
+    times = np.unique(normal.t)[evidence.decision.quiet_windows : -1] if scanned else np.zeros(0)
     index = np.concatenate([np.arange(n), np.tile(axes, len(times))]).astype(int)
     on = np.ones((len(normal.t), len(index)))
     for k, time in enumerate(times):

@@ -22,8 +22,9 @@ from blind.fly import flying, paths
 from blind.fly.realities import DT
 from blind.fly.references import TrackedPath
 from blind.score.measures import OWN
-from diagnosis.decide.decidable import DECIDABLE, with_truth
+from diagnosis.decide.decidable import with_truth
 from diagnosis.decide.prepared import make_likelihood, nominal_simulator
+from diagnosis.decision import Decision
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Set
 from diagnosis.fit.search import Fits, refit
@@ -88,7 +89,7 @@ class Margins:
     @property
     def separated(self) -> bool:
         """Whether the advised flights decide between the two."""
-        return self.advised >= DECIDABLE
+        return self.advised >= Decision().decidable_chi2
 
 
 _VERTICAL: Mapping[str, Parameters] = {

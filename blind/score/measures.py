@@ -29,7 +29,6 @@ from diagnosis.decide.decidable import (
 )
 from diagnosis.decide.prepared import make_likelihood, nominal_simulator, reference_of
 from diagnosis.decide.reference import Reference, beside, fit_reference
-from diagnosis.decision import DECISION
 from diagnosis.fit import shrinkage
 from diagnosis.fit.equations import dispersion
 from diagnosis.fit.evidence import Evidence
@@ -155,7 +154,9 @@ def _with_noise(desk: Workbench, case: Case, truth: Parameters) -> dict[str, Any
     """Held-out shrink under the true set and under the single wrong effect that looks best."""
     evidence, n = desk.logged(case)
     fits = with_truth(Fits.of(evidence), truth)
-    fits = fits.settled(fits[Set(truth)].total, beyond(DECISION.distrust_sigmas))
+    fits = fits.settled(
+        fits[Set(truth)].total, beyond(evidence.decision.distrust_sigmas, evidence.decision)
+    )
     fits = with_truth(fits, truth)
     fit = fits[Set(truth)]
     fits = fits.weighed(dispersion(fit.normal, n))

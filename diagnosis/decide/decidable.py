@@ -7,8 +7,8 @@ effects,
     margin = min_R min_theta chi2(R, theta) - min_theta chi2(truth, theta),
 
 the nominal simulator (R empty) among the rivals. A case is decidable if the margin is at least
-`DECIDABLE`, where the log likelihood ratio of the two has means five standard deviations apart. A
-set that contains the truth, also as a special case of one of its effects, is no rival. The
+`decidable_chi2`, where the log likelihood ratio of the two has means five standard deviations
+apart. A set that contains the truth, also as a special case of one of its effects, is no rival. The
 Cramer-Rao bound is the inverse of the normal equations at the truth.
 
 Rivals are screened by what the linearised simulator promises, at nominal and at the truth, and
@@ -28,12 +28,6 @@ from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.search import Fits, refit
 from simulators.effects.card import load_card
 
-DECIDABLE = 25.0
-"""Smallest chi-square between the truth and its best rival; from the issue of this capability."""
-CLOSE = 0.03
-"""Share of the gap by which a screened rival may be worse and still be refitted; a choice."""
-REFITS = 4
-"""Most rivals that are refitted, the most promising first; a choice."""
 Parameters = Mapping[str, Mapping[str, float]]
 """Values by effect and parameter."""
 
@@ -43,7 +37,7 @@ class Decidability:
     """How far a case is from its best rival."""
 
     decidable: bool
-    """Whether `margin` is at least `DECIDABLE`."""
+    """Whether `margin` is at least `decidable_chi2`."""
     margin: float
     """Chi-square of the best rival beyond that of the truth."""
     rival: tuple[str, ...]
@@ -82,13 +76,14 @@ def with_truth(fits: Fits, truth: Parameters) -> Fits:
 def decidability(fits: Fits, truth: Parameters) -> Decidability:
     """Whether the true set can be told from every other one of at most as many effects."""
     fits = with_truth(fits, truth)
-    true = fits[Set(truth)]
+    true, decision = fits[Set(truth)], fits.evidence.decision
+    least = decision.decidable_chi2
     gap = fits.nominal.objective - true.objective
     best, found = Set(), gap
     refitted = True
     screened = sorted(_screened(fits, true), key=lambda item: item[1])
-    for rival, excess in screened[:REFITS]:
-        if found < DECIDABLE or excess > DECIDABLE + CLOSE * gap:
+    for rival, excess in screened[: decision.rivals]:
+        if found < least or excess > least + decision.close_share * gap:
             break
         fits = refit(fits, rival, _near(fits, rival))
         if fits[rival].objective - true.objective < found:
@@ -96,7 +91,7 @@ def decidability(fits: Fits, truth: Parameters) -> Decidability:
     if screened and screened[0][1] < found and screened[0][0] not in fits.by_set:
         best, found, refitted = *screened[0], False
     left = true.objective
-    return Decidability(found >= DECIDABLE, found, tuple(sorted(best)), refitted, gap, left)
+    return Decidability(found >= least, found, tuple(sorted(best)), refitted, gap, left)
 
 
 def unexplained(
@@ -110,7 +105,7 @@ def unexplained(
         left: Chi-square that the truth would leave.
         largest: Number of effects in the largest sets.
     """
-    front, best = [fits.nominal], fits.nominal
+    front, best, decision = [fits.nominal], fits.nominal, fits.evidence.decision
     for _ in range(largest):
         grown = {
             fit.effects | {name}: fit
@@ -119,14 +114,15 @@ def unexplained(
             if name not in fit.effects
         }
         promised = {s: fits.evidence.promised(near, s) for s, near in grown.items()}
-        chosen = sorted(promised, key=lambda s: -promised[s])[: REFITS - 1]
+        chosen = sorted(promised, key=lambda s: -promised[s])[: decision.rivals - 1]
         for effects in chosen:
             fits = refit(fits, effects, grown[effects])
         front = sorted((fits[effects] for effects in chosen), key=lambda f: f.objective)[:2]
         best = min([best, *front], key=lambda f: f.objective)
     margin = best.objective - left
     gap = fits.nominal.objective - left
-    return Decidability(margin >= DECIDABLE, margin, tuple(sorted(best.effects)), True, gap, left)
+    clear = margin >= decision.decidable_chi2
+    return Decidability(clear, margin, tuple(sorted(best.effects)), True, gap, left)
 
 
 def cramer_rao(evidence: Evidence, fit: Fit) -> Parameters:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from diagnosis.decide.reference import Reference, fit_reference
+from diagnosis.decision import Decision
 from diagnosis.fit import shrinkage
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.logs.flights import FlightLog, FlightSet, LogError
@@ -44,6 +45,8 @@ class Question:
     """Flights of the same vehicle before something changed."""
     exclude: Collection[str] = ()
     """Effects that may not be blamed; with each, those that look like it."""
+    decision: Decision = Decision()
+    """What decides."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +67,8 @@ class Prepared:
     """Flights that are fitted."""
     held: list[int]
     """Flights that are scored; all of them, one left out in turn, where they are few."""
+    decision: Decision
+    """What decides."""
 
     @property
     def in_turn(self) -> bool:
@@ -93,10 +98,12 @@ def prepare(question: Question, prescribe: bool = False, progress: Progress = si
     sigma = noise_of(replay, logs)
     fitted = ", fitting it to the reference flights" if compared is not None else ""
     progress(f"compiling the simulator{fitted}", 0.05)
-    base = reference_of(replay, compared.flights) if compared is not None else None
+    decision, base = question.decision, None
+    if compared is not None:
+        base = reference_of(replay, compared.flights, decision)
     every = make_likelihood(replay, logs, base.enlarged * sigma if base else sigma)
-    fit_ids, held = shrinkage.split(len(logs))
-    return Prepared(inputs, compared, base, every, sigma, fit_ids, held)
+    fit_ids, held = shrinkage.split(len(logs), decision)
+    return Prepared(inputs, compared, base, every, sigma, fit_ids, held, decision)
 
 
 def _driven(question: Question, prescribe: bool) -> tuple[Inputs, Inputs | None]:
@@ -202,16 +209,19 @@ def noise_of(replay: Replay, logs: Sequence[FlightLog]) -> Float[np.ndarray, " 9
     return sigma
 
 
-def reference_of(replay: Replay, logs: Sequence[FlightLog]) -> Reference:
+def reference_of(
+    replay: Replay, logs: Sequence[FlightLog], decision: Decision = Decision()
+) -> Reference:
     """What reference flights say; remembered where compiled programs are."""
 
     def fit() -> dict[str, np.ndarray]:
-        return fit_reference(make_likelihood(replay, logs, noise_of(replay, logs))).to_arrays()
+        likelihood = make_likelihood(replay, logs, noise_of(replay, logs))
+        return fit_reference(likelihood, decision).to_arrays()
 
     rows = [vars(drone).items() for log in logs for drone in log.drones]
     inputs = [x for columns in rows for _, x in columns if x is not None]
     given = [[name for name, x in columns if x is not None] for columns in rows]
-    settings = f"dt={replay.dt} measured={replay.measured} {given}"
+    settings = f"dt={replay.dt} measured={replay.measured} {given} {decision}"
     settings += f" drones={[len(log.drones) for log in logs]}"
     return Reference.of(remembered("reference", fit, replay.library, settings, inputs))
 

@@ -1,7 +1,10 @@
 r"""What separates the nominal simulator from reference flights, as knowledge for the next set.
 
 The whole library is fitted to the reference flights with a Gaussian prior on every parameter
-(`PRIOR`, `LOOSE`, `EffectCard.prior`), so that what these flights cannot tell stays near neutral.
+(`prior_share`, `unbelieved_share`, `EffectCard.prior`), so that what these flights cannot tell
+stays near neutral. How a drone turns tells gains, arms and inertia up to one common scale, which is
+set by what is believed of the airframe (`EffectCard.prior`).
+
 Three things carry over to the target flights: the vector itself, its precision, and the noise,
 which is enlarged per channel until the reference flights agree with their own fit. What no effect
 explains on both sets is thereby noise and not a finding. And parameters in which reference flights
@@ -16,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from diagnosis.decide.verdict import Floor, floor_of
-from diagnosis.decision import DECISION
+from diagnosis.decision import Decision
 from diagnosis.fit.descent import polished
 from diagnosis.fit.equations import dispersion, loosened, spread_between
 from diagnosis.fit.evidence import Evidence
@@ -26,15 +29,6 @@ from diagnosis.fit.outliers import beyond
 from diagnosis.replay.library import Library
 from diagnosis.result_parts import SharedParameter
 
-PRIOR = 0.1
-"""Standard deviation of the prior over the allowed range; a choice."""
-LOOSE = 0.5
-"""The same for what nobody believes to know (`EffectCard.unbelieved`): to keep it near neutral
-moves others away from it. With 0.1, a share of gyro compensation of 1 that RotorPy has was found as
-0.86. How a drone turns tells gains, arms and inertia up to one common scale, which should be set by
-what is believed of the airframe (`EffectCard.prior`): RotorPy's gains are a fifth of crazyflow's,
-and with a pull on them its flights said arms of -19.7 % and an inertia of +9.8 %; without it they
-say -14.4 % and +17.4 %, true are -14.1 % and +20 to 32 %."""
 UNSEEN = 1e12
 """Times as precise as the prior is what is not fitted to the reference, or is not seen in it, such
 as the downwash among drones that flew alone: what later flights show of it is a change."""
@@ -78,8 +72,10 @@ class Reference:
         values: dict[str, Any] = {n: x if x.ndim else float(x) for n, x in arrays.items()}
         return cls(**values)
 
-    def shared(self, library: Library) -> tuple[SharedParameter, ...]:
-        """The vector where it differs from neutral by more than two standard errors."""
+    def shared(
+        self, library: Library, decision: Decision = Decision()
+    ) -> tuple[SharedParameter, ...]:
+        """The vector where it differs from neutral by more than `shared_sigmas`."""
         error = np.sqrt(np.diag(np.linalg.inv(self.precision / self.phi)))
         return tuple(
             SharedParameter(
@@ -89,42 +85,43 @@ class Reference:
                 unit=slot.unit,
             )
             for i, slot in enumerate(library.slots)
-            if abs(self.vector[i] - slot.neutral) > 2.0 * error[i]
+            if abs(self.vector[i] - slot.neutral) > decision.shared_sigmas * error[i]
         )
 
 
-def fit_reference(likelihood: Likelihood) -> Reference:
+def fit_reference(likelihood: Likelihood, decision: Decision = Decision()) -> Reference:
     """The library fitted to the reference flights of `likelihood`, whose noise is enlarged."""
     library = likelihood.replay.library
     n_flights = len({flight for group in likelihood.groups for flight in group.flight})
-    vector = _descended(likelihood, library)
-    likelihood = likelihood.settled(vector, beyond(DECISION.reference_distrust_sigmas))
-    vector = _descended(likelihood, library, vector)
+    vector = _descended(likelihood, library, decision)
+    spoiled = beyond(decision.reference_distrust_sigmas, decision)
+    likelihood = likelihood.settled(vector, spoiled)
+    vector = _descended(likelihood, library, decision, vector)
     normal = likelihood.normal(vector)
     per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / likelihood.n_channels)
     # A channel that these flights hardly excited would be believed too much: both horizontal
     # directions, and roll and pitch, take the larger of their two.
     per_channel = np.maximum(per_channel, per_channel[[1, 0, 2, 4, 3, 5, 7, 6, 8]])
     enlarged = np.sqrt(np.maximum(per_channel, 1.0))
-    likelihood = likelihood.noisier(enlarged).settled(
-        vector, beyond(DECISION.reference_distrust_sigmas)
-    )
+    likelihood = likelihood.noisier(enlarged).settled(vector, spoiled)
     normal = likelihood.normal(vector)
-    floor, prior = floor_of(library, normal), _prior(library)
-    spread = spread_between(normal, _shared(library))
+    floor, prior = floor_of(library, normal), _prior(library, decision)
+    spread = spread_between(normal, _shared(library), decision)
     normal = loosened(normal, spread)
     phi = dispersion(normal, n_flights)
     H = normal.H.sum(axis=0)
-    precision = H + phi * np.diag(_prior(library, np.diag(H) < phi * prior))
+    precision = H + phi * np.diag(_prior(library, decision, np.diag(H) < phi * prior))
     return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread)
 
 
-def beside(likelihood: Likelihood, base: Reference | None) -> Evidence:
+def beside(
+    likelihood: Likelihood, base: Reference | None, decision: Decision = Decision()
+) -> Evidence:
     """What flights hold against their reference, or, without one, against the simulator."""
     if base is None:
-        return Evidence.of(likelihood)
+        return Evidence.of(likelihood, decision=decision)
     precision = pinned(likelihood.library, base.precision)
-    return Evidence.of(likelihood, base.vector, precision, base.spread)
+    return Evidence.of(likelihood, base.vector, precision, base.spread, decision)
 
 
 def pinned(
@@ -153,11 +150,14 @@ def _shared(library: Library) -> Bool[np.ndarray, " params"]:
 
 
 def _prior(
-    library: Library, unseen: Bool[np.ndarray, " params"] | bool = False
+    library: Library,
+    decision: Decision = Decision(),
+    unseen: Bool[np.ndarray, " params"] | bool = False,
 ) -> Float[np.ndarray, " params"]:
     """Prior precision of every parameter; very large where it is not shared or `unseen`."""
     cards = [library.card(slot.effect) for slot in library.slots]
-    width = np.where([card.unbelieved for card in cards], LOOSE, PRIOR)
+    unbelieved = [card.unbelieved for card in cards]
+    width = np.where(unbelieved, decision.unbelieved_share, decision.prior_share)
     width = width * (library.high - library.low)
     believed = [
         w if card.prior is None else card.prior for card, w in zip(cards, width, strict=True)
@@ -168,10 +168,13 @@ def _prior(
 
 
 def _descended(
-    likelihood: Likelihood, library: Library, start: Float[np.ndarray, " params"] | None = None
+    likelihood: Likelihood,
+    library: Library,
+    decision: Decision,
+    start: Float[np.ndarray, " params"] | None = None,
 ) -> Float[np.ndarray, " params"]:
     """The whole library fitted from `start`, as a shift of its neutral vector."""
-    evidence = Evidence.of(likelihood, library.neutral, np.diag(_prior(library)))
+    evidence = Evidence.of(likelihood, library.neutral, np.diag(_prior(library, decision)))
     vector = library.neutral if start is None else start
     fit = evidence.made(Set(), vector, vector - library.neutral)
     # Gains count in units of the misfit, by which the noise is enlarged in the end.

@@ -9,7 +9,6 @@ from diagnosis.decide.prepared import Prepared, Progress, Question, prepare, sil
 from diagnosis.decide.reference import beside
 from diagnosis.decide.support import Support, judge_supported
 from diagnosis.decide.verdict import FOLLOWED, Verdict
-from diagnosis.decision import DECISION
 from diagnosis.fit import shrinkage
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.outliers import beyond
@@ -38,29 +37,28 @@ class Study:
 
         Beside reference flights whose own attitude nothing explains, no change is clear either.
         """
+        base, decision = self.prepared.base, self.prepared.decision
         if self.prepared.inputs.prescribed:
             return False
-        if (
-            self.prepared.base is not None
-            and np.max(self.prepared.base.enlarged[6:]) ** 2 > DECISION.attitude_lost
-        ):
+        if base is not None and np.max(base.enlarged[6:]) ** 2 > decision.attitude_lost:
             return True
         if self.verdict.kind != "unexplained":
             return False
         normal = self.verdict.chosen.fit.normal
         chi2 = normal.kind.sum(axis=0)[6:] / (normal.dof.sum() / self.every.n_channels)
         enlarged = (self.every.sigma / self.prepared.noise)[6:] ** 2
-        return bool(np.max(chi2 * enlarged) > DECISION.attitude_lost)
+        return bool(np.max(chi2 * enlarged) > decision.attitude_lost)
 
     def convinces(self) -> bool:
         """Whether forces, judged under the measured attitude, have a gap with a clear cause.
 
         The noise of the measured attitude enters the forces, which a small effect could explain.
         """
-        floor = self.prepared.base.floor if self.prepared.base else FOLLOWED
-        found = self.verdict.found.exceeds(DECISION.slight_structure, floor)
+        base, decision = self.prepared.base, self.prepared.decision
+        floor = base.floor if base else FOLLOWED
+        found = self.verdict.found.exceeds(decision.slight_structure, floor, decision)
         share = self.verdict.unexplained_share
-        return found and self.verdict.kind == "effect" and share < DECISION.forces_explained
+        return found and self.verdict.kind == "effect" and share < decision.forces_explained
 
 
 def study(question: Question, progress: Progress = silent) -> Study:
@@ -82,14 +80,16 @@ def study(question: Question, progress: Progress = silent) -> Study:
 def conclude(prepared: Prepared, progress: Progress = silent) -> Study:
     """The fits of prepared flights, the verdict on them, and how far the gap shrinks."""
     base, fit_ids, in_turn = prepared.base, prepared.fit_ids, prepared.in_turn
-    evidence = beside(prepared.every if in_turn else prepared.part(fit_ids), base)
+    evidence = beside(
+        prepared.every if in_turn else prepared.part(fit_ids), base, prepared.decision
+    )
     fits = attribute(evidence, len(fit_ids), base.phi if base else 1.0, progress)
     found = judge_supported(fits, base.floor if base else FOLLOWED)
     progress("scoring held-out flights", 0.9)
     fit, fits = found.verdict.chosen.fit, found.fits
     every = scored = fits.evidence.likelihood
     if not in_turn:
-        spoiled = beyond(DECISION.distrust_sigmas)
+        spoiled = beyond(prepared.decision.distrust_sigmas, prepared.decision)
         every = prepared.every.settled(fit.total, spoiled)
         scored = prepared.part(prepared.held).settled(fit.total, spoiled)
     n_flights = len(prepared.inputs.flights)

@@ -12,10 +12,9 @@ import numpy as np
 from scipy import stats
 
 from diagnosis.decide.verdict import Floor, Verdict, judge
-from diagnosis.decision import DECISION
 from diagnosis.fit.fit import Fit
 from diagnosis.fit.search import Fits, polish, without
-from diagnosis.fit.shrinkage import FEW, misfits
+from diagnosis.fit.shrinkage import misfits
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,11 +74,11 @@ def judge_supported(fits: Fits, floor: Floor) -> Judgement:
     not confirm: there, evidence would name a small second one for what is only the simulator's.
     Those stand last.
     """
-    verdict, dropped = judge(fits, floor), []
-    while verdict.kind == "unexplained" or floor.unlike > 0.0:
+    verdict, dropped, decision = judge(fits, floor), [], fits.evidence.decision
+    while verdict.kind == "unexplained" or floor.unlike(decision) > 0.0:
         fits, lines = support(fits, verdict.chosen.fit)
         idle = [one for one in lines if one.idle]
-        if not idle or verdict.kind != "effect" or floor.value <= DECISION.structure:
+        if not idle or verdict.kind != "effect" or floor.value <= decision.structure:
             return Judgement(fits, verdict, (*lines, *dropped))
         dropped.append(idle[-1])
         verdict = judge(fits, floor, {one.effect for one in dropped})
@@ -88,7 +87,7 @@ def judge_supported(fits: Fits, floor: Floor) -> Judgement:
 
 def _of(fits: Fits, fit: Fit, name: str) -> tuple[Fits, Support]:
     n = len(np.unique(fit.normal.flight))
-    if n < FEW:
+    if n < fits.evidence.decision.fewest_flights:
         return fits, Support(name, None, None, None, n)
     # A flight is left out to first order, which needs fits that have ended, the worse one too.
     fits = polish(fits, fit.effects, hopeless=np.inf)

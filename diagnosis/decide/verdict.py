@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.decision import DECISION
+from diagnosis.decision import Decision
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.search import Fits
@@ -36,14 +36,13 @@ class Floor:
     scatter: float = 0.0
     """Standard deviation between reference flights, beyond noise."""
 
-    @property
-    def unlike(self) -> float:
+    def unlike(self, decision: Decision = Decision()) -> float:
         """How far undisturbed flights are from being followed: 0 if they are, 1 at the most.
 
         It is 1 from a structure of `slight_structure` on.
         What a change does to such a reality is known no better than the reality itself.
         """
-        return float(np.clip((self.value - 1.0) / (DECISION.slight_structure - 1.0), 0.0, 1.0))
+        return float(np.clip((self.value - 1.0) / (decision.slight_structure - 1.0), 0.0, 1.0))
 
 
 FOLLOWED = Floor()
@@ -61,10 +60,12 @@ class Structure:
     flights: int
     """Flights that they come from."""
 
-    def exceeds(self, threshold: float, floor: Floor) -> bool:
+    def exceeds(self, threshold: float, floor: Floor, decision: Decision = Decision()) -> bool:
         """Whether it is above `threshold` floors and not by chance, nor as flights differ."""
-        differing = floor.value + DECISION.chance_sigmas * floor.scatter / math.sqrt(self.flights)
-        return self.value > max(beyond_chance(threshold, self.count) * floor.value, differing)
+        differing = floor.value + decision.chance_sigmas * floor.scatter / math.sqrt(self.flights)
+        return self.value > max(
+            beyond_chance(threshold, self.count, decision) * floor.value, differing
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Verdict:
 
 def judge(fits: Fits, floor: Floor = FOLLOWED, dropped: Collection[str] = ()) -> Verdict:
     """The verdict on the fits that hold no `dropped` effect; `floor` is of reference flights."""
-    evidence = fits.evidence
+    evidence, decision = fits.evidence, fits.evidence.decision
     among = [fit for fit in fits.ranked() if not fit.effects & set(dropped)]
     ranked = _posterior(fits, among, _cost(fits, among, floor))
     chosen = ranked[0]
@@ -116,13 +117,13 @@ def judge(fits: Fits, floor: Floor = FOLLOWED, dropped: Collection[str] = ()) ->
     share = (left.value - floor.value) / max(found.value - floor.value, 1e-9)
     share = float(np.clip(share, 0.0, 1.0)) if found.value > floor.value else 0.0
     kind: Judged = "effect" if chosen.effects else "none"
-    least, most = DECISION.unexplained_share, DECISION.unfollowed_share
-    tolerated = least + floor.unlike * (most - least)
-    if unexplained(share, lambda threshold: left.exceeds(threshold, floor), tolerated):
+    least, most = decision.unexplained_share, decision.unfollowed_share
+    tolerated = least + floor.unlike(decision) * (most - least)
+    if unexplained(share, lambda x: left.exceeds(x, floor, decision), tolerated, decision):
         kind = "unexplained"
     # Not beside the reference: how often names are true was counted where it is followed.
-    doubted = left.exceeds(DECISION.slight_structure, FOLLOWED)
-    true = DECISION.doubted_share if doubted else DECISION.true_share
+    doubted = left.exceeds(decision.slight_structure, FOLLOWED, decision)
+    true = decision.doubted_share if doubted else decision.true_share
     return Verdict(
         kind=kind,
         chosen=chosen,
@@ -141,22 +142,27 @@ def judge(fits: Fits, floor: Floor = FOLLOWED, dropped: Collection[str] = ()) ->
 
 
 def unexplained(
-    share: Any, exceeds: Callable[[float], Any], tolerated: float = DECISION.unexplained_share
+    share: Any,
+    exceeds: Callable[[float], Any],
+    tolerated: float | None = None,
+    decision: Decision = Decision(),
 ) -> Any:
     """Whether what is left, and its share of the gap, say that no candidate is right.
 
     Of one answer, or of an array of them: `exceeds` says which leave more structure than given.
     """
-    clear = exceeds(DECISION.structure) & (share > tolerated)
-    return clear | exceeds(DECISION.slight_structure) & (share > DECISION.much_share)
+    tolerated = decision.unexplained_share if tolerated is None else tolerated
+    clear = exceeds(decision.structure) & (share > tolerated)
+    return clear | exceeds(decision.slight_structure) & (share > decision.much_share)
 
 
 def _cost(fits: Fits, among: Sequence[Fit], floor: Floor) -> float:
     """What an effect costs [nats]."""
     gap = fits.nominal.objective - min(fit.objective for fit in among)
-    least = 0.0 if fits.evidence.precision is None else DECISION.least_share
-    share = max(least, floor.unlike * DECISION.worthy_share)
-    return DECISION.effect_cost + share * 0.5 * max(gap, 0.0) / fits.evidence.phi
+    decision = fits.evidence.decision
+    least = 0.0 if fits.evidence.precision is None else decision.least_share
+    share = max(least, floor.unlike(decision) * decision.worthy_share)
+    return decision.effect_cost + share * 0.5 * max(gap, 0.0) / fits.evidence.phi
 
 
 def _posterior(fits: Fits, among: Sequence[Fit], cost: float) -> list[Ranked]:
@@ -183,14 +189,14 @@ def _aliases(evidence: Evidence, ranked: Sequence[Ranked], name: str) -> list[st
     for other in ranked:
         new = other.effects - rest
         exchanged = rest < other.effects and len(new) == 1 and name not in other.effects
-        if exchanged and best - evidence.log_evidence(other.fit) < DECISION.alias_nats:
+        if exchanged and best - evidence.log_evidence(other.fit) < evidence.decision.alias_nats:
             found.extend(sorted(new))
     return found
 
 
-def beyond_chance(threshold: float, count: float | int) -> float:
+def beyond_chance(threshold: float, count: float | int, decision: Decision = Decision()) -> float:
     """`threshold`, raised where the mean of `count` squares exceeds it by chance."""
-    return max(threshold, 1.0 + DECISION.chance_sigmas * math.sqrt(2.0 / max(count, 1.0)))
+    return max(threshold, 1.0 + decision.chance_sigmas * math.sqrt(2.0 / max(count, 1.0)))
 
 
 def structure(library: Library, normal: Normal) -> Structure:
@@ -230,7 +236,7 @@ def intervals(
     free = evidence.free(fit.effects)
     phi = evidence.phi * max(1.0, structure(evidence.library, fit.normal).value)
     value, error = sizes(evidence, fit)
-    width = 1.96 * DECISION.interval_widening * np.sqrt(phi) * error
+    width = 1.96 * evidence.decision.interval_widening * np.sqrt(phi) * error
     return free, value - width, value + width
 
 
@@ -268,14 +274,12 @@ def at_bounds(evidence: Evidence, fit: Fit) -> list[AtBound]:
     return found
 
 
-def limits(
-    evidence: Evidence, fit: Fit, sigmas: float = DECISION.limit_sigmas
-) -> list[tuple[int, float]]:
+def limits(evidence: Evidence, fit: Fit) -> list[tuple[int, float]]:
     """Smallest size of each parameter that these flights would have shown, by Fisher information.
 
     The parameters of the best set are estimated along; other effects are taken as absent.
     """
-    chosen = evidence.free(fit.effects)
+    chosen, sigmas = evidence.free(fit.effects), evidence.decision.limit_sigmas
     found = []
     for i in range(len(fit.vector)):
         hidden = evidence.library.slots[i].effect in evidence.library.withheld

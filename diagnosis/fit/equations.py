@@ -7,15 +7,12 @@ from jaxtyping import Bool, Float
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2
 
+from diagnosis.decision import Decision
 from diagnosis.fit.windows import Normal
 from diagnosis.logs.segments import WINDOW
 
-BY_CHANCE = 0.001
-"""Probability that the scores of like flights differ more than what sets a parameter loose."""
 ROUNDS = 5
 """Rounds in which variances and dispersion settle together."""
-FEWEST_FLIGHTS = 4
-"""Flights below which it cannot be seen whether they draw parameters of their own; a choice."""
 
 
 def moved(normal: Normal, by: Float[np.ndarray, " params"]) -> Normal:
@@ -135,17 +132,17 @@ def loosened(normal: Normal, spread: Float[np.ndarray, " params"]) -> Normal:
 
 
 def spread_between(
-    normal: Normal, allowed: Bool[np.ndarray, " params"]
+    normal: Normal, allowed: Bool[np.ndarray, " params"], decision: Decision = Decision()
 ) -> Float[np.ndarray, " params"]:
     """Variance of the parameters that flights draw for themselves, in units of the dispersion.
 
     One after another, the allowed parameter whose scores differ most between flights is set loose,
-    until none differs more than the dispersion of the others gives by chance (`BY_CHANCE`).
+    until none differs more than the dispersion of the others gives by chance (`loose_chance`).
     """
     variance, n_flights = np.zeros(normal.H.shape[1]), len(np.unique(normal.flight))
-    if n_flights < FEWEST_FLIGHTS:
+    if n_flights < decision.loose_flights:
         return variance
-    limit = chi2.ppf(1.0 - BY_CHANCE, n_flights - 1) / (n_flights - 1)
+    limit = chi2.ppf(1.0 - decision.loose_chance, n_flights - 1) / (n_flights - 1)
     phi = dispersion(normal, n_flights)
     while True:
         differ, H = _scores(loosened(normal, variance / phi))

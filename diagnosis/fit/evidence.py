@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from diagnosis.decision import Decision
 from diagnosis.fit.equations import (
     Switched,
     bounded_step,
@@ -26,9 +27,6 @@ from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.windows import Normal
 from diagnosis.logs.segments import WINDOW
 from diagnosis.replay.library import Library, Slot
-
-QUIET = 3
-"""Windows before the earliest onset: what acts from the start is another effect."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +43,8 @@ class Evidence:
     """Variance of what flights have of their own, in units of the dispersion."""
     phi: float = 1.0
     """Dispersion between flights."""
+    decision: Decision = Decision()
+    """What decides of it."""
 
     @classmethod
     def of(
@@ -53,11 +53,12 @@ class Evidence:
         base: Float[np.ndarray, " params"] | None = None,
         precision: Float[np.ndarray, "params params"] | None = None,
         spread: Float[np.ndarray, " params"] | None = None,
+        decision: Decision = Decision(),
     ) -> "Evidence":
         """That of flights, as far as nothing else is known beside the nominal simulator."""
         base = likelihood.library.neutral if base is None else base
         spread = np.zeros(len(base)) if spread is None else spread
-        return cls(likelihood, base, precision, spread)
+        return cls(likelihood, base, precision, spread, decision=decision)
 
     @property
     def library(self) -> Library:
@@ -82,7 +83,10 @@ class Evidence:
     @functools.cached_property
     def earliest(self) -> float:
         """The earliest onset that is tried [s]."""
-        return min(group.start.min() for group in self.likelihood.groups) + QUIET * WINDOW
+        return (
+            min(group.start.min() for group in self.likelihood.groups)
+            + self.decision.quiet_windows * WINDOW
+        )
 
     def free(self, effects: Iterable[str]) -> list[int]:
         """Entries of the vector that a set sets free."""
@@ -254,7 +258,7 @@ class Evidence:
             switched = self._switched(near.normal, name, found)
             later = self.silent(effects, near).keys() - found.keys() - {name}
             free = self.felt(effects - later, near)
-            times = np.unique(near.normal.t)[QUIET:]
+            times = np.unique(near.normal.t)[self.decision.quiet_windows :]
             gains = [self.solve(switched(t), near, free)[1] for t in times[:-1]]
             found[name] = float(times[int(np.argmax(gains))]) if gains else 0.0
             normal = switched(found[name])

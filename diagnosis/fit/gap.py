@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from diagnosis.decision import Decision
 from diagnosis.fit.windows import Tracks
 from diagnosis.logs.noise import UNSEEN
 from diagnosis.logs.segments import WINDOW
@@ -167,6 +168,7 @@ def where(
     sigma: Float[np.ndarray, " 9"],
     shake: float = 0.0,
     seed: int = 0,
+    decision: Decision = Decision(),
 ) -> tuple[ChannelGap, ...]:
     """The diagnosis' `where`: one entry a channel; `shake` as in `channels`."""
     found = channels(tracks, sigma, shake)
@@ -176,7 +178,7 @@ def where(
     shares = [part / total if total else 0.0 for part in excess]
     draws = _flight_draws(tracks, seed)
     lines = []
-    for channel, share, main in zip(found, shares, main_channels(shares), strict=True):
+    for channel, share, main in zip(found, shares, main_channels(shares, decision), strict=True):
         size, floor = rms(channel.value), float(channel.noise)
         low, high = _interval(channel.value, tracks, draws)
         lines.append(

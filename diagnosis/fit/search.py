@@ -31,24 +31,6 @@ from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.windows import Spoiled
 
-LARGEST = 3
-"""Most effects of a set."""
-REFITS = 4
-"""Most sets of one size that are refitted."""
-NEAR = 0.2
-"""Share of the best linear gain from which a set is worth refitting: far from neutral a linear gain
-says little, and from a wrong effect the search does not come back."""
-FRONT = 3
-"""Sets of one size from which larger ones are grown."""
-NEEDED = 500.0
-"""Log evidence [nats] that an effect must bring, to first order, not to be tried without."""
-AGAIN = 100.0
-"""Log evidence [nats] below the best at which a set is fitted again where others count."""
-HOPELESS = 50.0
-"""Log evidence [nats] below that of another set at which a refit ends early."""
-WORTH = 3.0
-"""Gain [nats] that another effect must promise to be tried; a choice below every threshold."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Fits:
@@ -109,25 +91,26 @@ class Fits:
         return dataclasses.replace(anew, known=known)
 
 
-def search(fits: Fits, largest: int = LARGEST) -> Fits:
-    """Fits of every set that came near the top.
+def search(fits: Fits, largest: int | None = None) -> Fits:
+    """Fits of every set that came near the top, of `largest_set` effects or at most `largest`.
 
     Sets that were near the top before the likelihood was settled anew are fitted again, and grown
     from there.
     """
-    value = fits.evidence.log_evidence
+    value, decision = fits.evidence.log_evidence, fits.evidence.decision
+    largest = decision.largest_set if largest is None else largest
     before = sorted(fits.known.values(), key=value, reverse=True)
     for fit in before:
-        if value(fit) > value(before[0]) - AGAIN:
+        if value(fit) > value(before[0]) - decision.again_nats:
             fits = refit(fits, fit.effects, fits.nominal)
-    front = fits.ranked()[:FRONT]
+    front = fits.ranked()[: decision.front]
     while front := [fit for fit in front if len(fit.effects) < largest]:
         best = fits.best
         fits, grown = _grow(fits, front)
-        front = sorted(grown, key=value, reverse=True)[:FRONT]
+        front = sorted(grown, key=value, reverse=True)[: decision.front]
         if fits.best is best:
             break
-    return _prune(fits)
+    return _prune(fits, decision.again_nats)
 
 
 def search_firmly(evidence: Evidence) -> Fits:
@@ -144,14 +127,16 @@ def refit(fits: Fits, effects: Set, near: Fit) -> Fits:
     if effects in fits.by_set:
         return fits
     near = fits.known.get(effects, near)
-    return fits.plus(fitted(fits.evidence, effects, near, fits.below_best(HOPELESS)))
+    goal = fits.below_best(fits.evidence.decision.hopeless_nats)
+    return fits.plus(fitted(fits.evidence, effects, near, goal))
 
 
-def polish(fits: Fits, effects: Set, steps: int = 2 * STEPS, hopeless: float = HOPELESS) -> Fits:
+def polish(fits: Fits, effects: Set, steps: int = 2 * STEPS, hopeless: float | None = None) -> Fits:
     """These with the whole shared shift of a set flown, not taken to first order.
 
     Its steps end early where it will stay `hopeless` nats below another fit.
     """
+    hopeless = fits.evidence.decision.hopeless_nats if hopeless is None else hopeless
     goal = fits.below_best(hopeless, but=effects)
     return fits.plus(polished(fits.evidence, fits[effects], goal, steps))
 
@@ -165,14 +150,15 @@ def polish_best(fits: Fits) -> Fits:
     from there.
     """
     done: set[Set] = set()
-    value = fits.evidence.log_evidence
+    value, decision = fits.evidence.log_evidence, fits.evidence.decision
     while (best := fits.best).effects not in done:
         done.add(best.effects)
         fits = polish(fits, best.effects)
         fit = fits[best.effects]
-        if value(fit) - value(best) > AGAIN and len(fit.effects) < LARGEST:
+        gained = value(fit) - value(best)
+        if gained > decision.again_nats and len(fit.effects) < decision.largest_set:
             fits = outgrow(fits, fit)
-        fits = _prune(fits, WORTH, polished=True)
+        fits = _prune(fits, decision.worth_nats, polished=True)
     return fits
 
 
@@ -191,12 +177,13 @@ def outgrow(fits: Fits, fit: Fit) -> Fits:
     return found
 
 
-def without(fits: Fits, best: Fit, name: str, hopeless: float = HOPELESS) -> Fits:
+def without(fits: Fits, best: Fit, name: str, hopeless: float | None = None) -> Fits:
     """These with the other effects of a set, fitted from there or kept where that was better.
 
-    Its steps end early `hopeless` nats below another fit.
+    Its steps end early `hopeless` nats below another fit (`hopeless_nats` if None).
     """
-    evidence, goal = fits.evidence, fits.below_best(hopeless)
+    evidence = fits.evidence
+    goal = fits.below_best(evidence.decision.hopeless_nats if hopeless is None else hopeless)
     less, vector, gone = best.effects - {name}, best.vector.copy(), evidence.library.indices(name)
     vector[gone] = evidence.base[gone] + best.shared[gone]
     fit = descended(evidence, evidence.made(less, vector, best.shared), goal)
@@ -204,7 +191,7 @@ def without(fits: Fits, best: Fit, name: str, hopeless: float = HOPELESS) -> Fit
     return fits.plus(max(fits.by_set.get(less, fit), fit, key=evidence.log_evidence))
 
 
-def _prune(fits: Fits, within: float = AGAIN, polished: bool = False) -> Fits:
+def _prune(fits: Fits, within: float, polished: bool = False) -> Fits:
     """These with the best set refitted without each of its effects, as long as that is better.
 
     Growing one by one may pass through an effect that the last one made needless.
@@ -225,15 +212,15 @@ def _spare(fits: Fits, best: Fit, name: str, within: float, polished: bool) -> F
     value, old = fits.evidence.log_evidence, fits.by_set.get(best.effects - {name})
     worth = fits.evidence.worth(best, name)
     near = value(best) - worth - within
-    if worth < NEEDED and (old is None or value(old) < near):
-        fits = without(fits, best, name, np.inf if polished else HOPELESS)
+    if worth < fits.evidence.decision.needed_nats and (old is None or value(old) < near):
+        fits = without(fits, best, name, np.inf if polished else None)
         return polish(fits, best.effects - {name}) if polished else fits
     return fits
 
 
 def _grow(fits: Fits, front: list[Fit]) -> tuple[Fits, list[Fit]]:
     """These with sets of one effect more than those of the front, and the fits of such sets."""
-    evidence, found = fits.evidence, []
+    evidence, decision, found = fits.evidence, fits.evidence.decision, []
     promised: dict[Set, tuple[float, Fit]] = {}
     for near, name in itertools.product(front, evidence.library.candidates):
         effects = near.effects | {name}
@@ -249,8 +236,9 @@ def _grow(fits: Fits, front: list[Fit]) -> tuple[Fits, list[Fit]]:
         declared = any(evidence.library.card(name).start for name in effects - near.effects)
         # What the others must come near to: a promise, until it turns out to be too large.
         goal = min(top, kept)
-        close = value - base > max(WORTH, NEAR * goal) or value - base > goal - 30.0
-        if declared or (count < REFITS and value - base > WORTH and close):
+        gain, least = value - base, decision.worth_nats
+        close = gain > max(least, decision.near_share * goal) or gain > goal - decision.near_nats
+        if declared or (count < decision.refits and gain > least and close):
             fits = refit(fits, effects, near)
             kept = max(kept, evidence.log_evidence(fits[effects]) - base)
             found.append(fits[effects])

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
+from diagnosis.decision import Decision
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit
 from diagnosis.fit.gap import channels, drifts, rms
@@ -29,16 +30,11 @@ from diagnosis.fit.windows import Tracks
 from diagnosis.logs.segments import WINDOW
 from diagnosis.result_parts import ChannelShrink, Shrink
 
-MANY = 10
-"""Flights from which some are held out of everything."""
-FEW = 3
-"""Flights below which nothing is said."""
 
-
-def split(n_flights: int) -> tuple[list[int], list[int]]:
+def split(n_flights: int, decision: Decision = Decision()) -> tuple[list[int], list[int]]:
     """Flights to fit and flights to hold out; the same ones twice where there are too few."""
     every = list(range(n_flights))
-    if n_flights < MANY:
+    if n_flights < decision.held_out_flights:
         return every, every
     held = every[1::3]
     return [i for i in every if i not in held], held
@@ -79,7 +75,12 @@ def score(evidence: Evidence, fit: Fit, scored: Likelihood, n_flights: int, lofo
     return Drift(before, scored.tracks(vectors))
 
 
-def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> Shrink:
+def shrink(
+    drift: Drift,
+    sigma: Float[np.ndarray, " 9"],
+    lofo: bool,
+    decision: Decision = Decision(),
+) -> Shrink:
     """The diagnosis' `shrink`."""
     before, after = (np.linalg.norm(drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after))
     seen = np.isfinite(before)
@@ -87,8 +88,9 @@ def shrink(drift: Drift, sigma: Float[np.ndarray, " 9"], lofo: bool) -> Shrink:
     sizes = {f: (rms(before[flown == f]), rms(after[flown == f])) for f in np.unique(flown)}
     flights = [f for f, pair in sizes.items() if min(pair) > 0.0]
     n, lost = len(flights), int(np.sum(~np.isfinite(after)))
-    if lost or n < FEW:
-        few = f"{n} flight{'s' if n != 1 else ''} with windows; at least {FEW} are needed"
+    fewest = decision.fewest_flights
+    if lost or n < fewest:
+        few = f"{n} flight{'s' if n != 1 else ''} with windows; at least {fewest} are needed"
         cannot = f"with the chosen effects the simulator cannot be flown in {lost} windows"
         return unknown_shrink(n, cannot if lost else few)
 

@@ -10,7 +10,7 @@ from toy_library import toy_library
 from blind.draw.catalogue import LIBRARY, Withheld
 from blind.score.limit_checks import CHECKED, REPEATS, checks
 from blind.score.limits import DRAWS, Linear, drawn, noise_scores, size_of, sized
-from diagnosis.decision import DECISION
+from diagnosis.decision import Decision
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.search import Fits
@@ -54,7 +54,7 @@ def linear(angle=np.pi / 2, sigma=1e-3):
 
 def test_without_rivals_the_limit_is_that_of_a_noncentral_chi_square():
     found = linear().limit(8, 1.0)
-    cost = np.log(2.0 / np.sqrt(2 * np.pi)) + 0.5 * np.log(1e6) + DECISION.effect_cost
+    cost = np.log(2.0 / np.sqrt(2 * np.pi)) + 0.5 * np.log(1e6) + Decision().effect_cost
     # Named from a score beyond sqrt(2 cost) standard deviations on.
     expected = 1e-3 * (np.sqrt(2 * cost) + stats.norm.ppf(0.9))
     assert found.size == pytest.approx(expected, rel=0.05)

@@ -6,7 +6,7 @@ import pytest
 from blind.fly import paths
 from blind.fly.realities import DT
 from blind.score.manoeuvres import TRIALS, Range, directions
-from diagnosis.decide.decidable import DECIDABLE
+from diagnosis.decision import Decision
 from simulators import registry
 from simulators.effects.card import load_cards
 
@@ -65,7 +65,7 @@ def test_speeds_heights_and_turns_are_as_advised():
 def test_fast_lines_tell_mass_from_thrust_where_hover_does_not():
     others = set(registry.load_all("effect")) - {"mass", "thrust_gain"}
     found = Range(exclude=others).margins("mass", "thrust_gain")
-    assert found.bland < DECIDABLE < found.advised
+    assert found.bland < Decision().decidable_chi2 < found.advised
     assert found.separated
     assert found.seconds == 10.0
 
@@ -74,7 +74,7 @@ def test_fast_lines_tell_mass_from_thrust_where_hover_does_not():
 def test_tumbling_tells_drag_of_the_rotors_from_drag_of_the_body(truth, rival):
     others = set(registry.load_all("effect")) - {truth, rival}
     found = Range(exclude=others).margins(truth, rival)
-    assert found.bland < DECIDABLE < found.advised
+    assert found.bland < Decision().decidable_chi2 < found.advised
     assert found.separated
 
 

@@ -16,7 +16,7 @@ from diagnosis.decide.verdict import (
     limits,
     structure,
 )
-from diagnosis.decision import DECISION
+from diagnosis.decision import Decision
 from diagnosis.diagnose import diagnose
 from diagnosis.fit.equations import dispersion
 from diagnosis.fit.evidence import Evidence
@@ -125,7 +125,7 @@ def test_two_withheld_effects_are_both_named(replay):
     assert verdict.kind == "effect"
     assert verdict.chosen.effects == {"wind", "attitude_gain"}
     assert min(verdict.probability.values()) > 0.9
-    assert max(verdict.probability.values()) <= DECISION.true_share
+    assert max(verdict.probability.values()) <= Decision().true_share
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -173,12 +173,12 @@ class Trembling(Shaking):
 def test_what_leaves_structure_is_doubted_also_where_the_reference_leaves_as_much(replay):
     fits, verdict = judged(replay, Wind(x=1.5), Trembling(), seed=5)
     left = verdict.structure
-    assert left.exceeds(DECISION.slight_structure, Floor())
+    assert left.exceeds(Decision().slight_structure, Floor())
     beside = judge(fits, Floor(left.value))
-    assert not left.exceeds(DECISION.slight_structure, Floor(left.value))
+    assert not left.exceeds(Decision().slight_structure, Floor(left.value))
     assert beside.kind == "effect"
     assert beside.chosen.effects == {"wind"}
-    assert 0.9 * DECISION.doubted_share < beside.probability["wind"] <= DECISION.doubted_share
+    assert 0.9 * Decision().doubted_share < beside.probability["wind"] <= Decision().doubted_share
 
 
 def test_an_excluded_effect_and_its_aliases_are_no_candidates():
@@ -293,10 +293,10 @@ def test_beside_a_reference_that_is_not_followed_a_second_effect_must_be_worth_i
     fits = attribute(evidence, len(flights))
     by_set = {fit.effects: fit.objective for fit in fits.ranked()}
     both, one = by_set[frozenset({"drag", "wind"})], by_set[frozenset({"drag"})]
-    assert (one - both) / (fits.nominal.objective - both) < DECISION.worthy_share
+    assert (one - both) / (fits.nominal.objective - both) < Decision().worthy_share
     assert judge(fits).chosen.effects == {"drag", "wind"}
     assert judge(fits, Floor(1.3)).chosen.effects == {"drag"}
-    assert [Floor(x).unlike for x in (1.0, 1.3)] == [0.0, 1.0]
+    assert [Floor(x).unlike() for x in (1.0, 1.3)] == [0.0, 1.0]
 
 
 def test_windows_after_gaps_that_all_fit_badly_are_a_finding(replay):

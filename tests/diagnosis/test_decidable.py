@@ -10,7 +10,6 @@ from toy_library import NAMES, toy_library
 from blind.draw.catalogue import Withheld
 from blind.score.efficiency import over_bound
 from blind.score.identifiable import compare
-from diagnosis.decide import decidable
 from diagnosis.decide.decidable import (
     contains,
     cramer_rao,
@@ -19,6 +18,7 @@ from diagnosis.decide.decidable import (
     unexplained,
     with_truth,
 )
+from diagnosis.decision import Decision
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.search import Fits
@@ -71,7 +71,7 @@ def test_the_margin_is_the_squared_distance_to_the_nearest_rival(angle):
     expected = (99.0 * np.sin(angle)) ** 2
     assert found.rival == ("mass",)
     assert found.margin == pytest.approx(expected, rel=1e-3)
-    assert found.decidable == (expected >= decidable.DECIDABLE)
+    assert found.decidable == (expected >= Decision().decidable_chi2)
     assert found.gap == pytest.approx(99.0**2)
     assert found.left == pytest.approx(0.0, abs=1e-9)
 

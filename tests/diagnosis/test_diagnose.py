@@ -10,7 +10,7 @@ import pytest
 from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
 from diagnosis.decide.prepared import make_likelihood
-from diagnosis.decision import DECISION
+from diagnosis.decision import Decision
 from diagnosis.diagnose import diagnose
 from diagnosis.fit import gap, shrinkage
 from diagnosis.logs.flights import LeftOut, LogError
@@ -52,7 +52,7 @@ def test_inputs_settings_and_program_are_recorded(windy):
     assert len(digests) == len(found.flights.used) == 6
     assert all(len(digest) == 64 for digest in (*digests, found.program.digest))
     assert found.settings.simulator == "point_mass"
-    assert found.settings.decision == DECISION.values()
+    assert found.settings.decision == Decision().values()
     assert found.flights.mass == point_mass_set(n_flights=1).vehicle.mass
 
 

@@ -12,6 +12,7 @@ from flights_for_tests import flight_set, point_mass_set
 from diagnosis.decide.prepared import nominal_simulator, reference_of
 from diagnosis.decide.study import Study
 from diagnosis.decide.verdict import Structure
+from diagnosis.decision import Decision
 from diagnosis.diagnose import diagnose
 from diagnosis.logs.inputs import PRESCRIBED, choose_inputs
 from diagnosis.replay.library import make_library
@@ -36,7 +37,9 @@ def test_forces_convince_only_with_a_gap_and_a_clear_cause(found, kind, share, c
         found=Structure(found, 700, 8), kind=kind, unexplained_share=share
     )
     study = object.__new__(Study)  # without flights: the answer alone is asked
-    study.__dict__.update(prepared=types.SimpleNamespace(base=None), verdict=verdict)
+    study.__dict__.update(
+        prepared=types.SimpleNamespace(base=None, decision=Decision()), verdict=verdict
+    )
     assert study.convinces() is convinces
 
 
@@ -46,6 +49,7 @@ def test_beside_a_reference_whose_attitude_nothing_explains_none_is_believed(enl
     study = object.__new__(Study)
     prepared = types.SimpleNamespace(
         inputs=types.SimpleNamespace(prescribed=False),
+        decision=Decision(),
         base=types.SimpleNamespace(enlarged=np.r_[np.ones(6), enlarged, 1.0, 1.0]),
     )
     study.__dict__.update(prepared=prepared, verdict=types.SimpleNamespace(kind="effect"))

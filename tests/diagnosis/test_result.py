@@ -10,7 +10,7 @@ from diagnoses_for_tests import ALL, load
 
 from blind.score.answers import scored_form
 from diagnosis import statements
-from diagnosis.decision import DECISION, Decision
+from diagnosis.decision import Decision
 from diagnosis.result import Diagnosis, json_schema
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "diagnosis.schema.json"
@@ -188,13 +188,14 @@ def test_partly_counts_as_unexplained_in_the_scores():
 def test_every_threshold_has_a_unit_and_says_where_it_comes_from():
     for field in dataclasses.fields(Decision):
         assert field.metadata["unit"]
+        assert field.metadata["source"] in {"guess", "statistics", "cases", "convention"}
         assert field.metadata["evidence"]
     with pytest.raises(dataclasses.FrozenInstanceError):
-        DECISION.effect_cost = 0.0
+        Decision().effect_cost = 0.0
 
 
 def test_another_decision_says_something_else():
-    strict = dataclasses.replace(DECISION, noteworthy_share=0.001, mostly_share=0.002)
+    strict = dataclasses.replace(Decision(), noteworthy_share=0.001, mostly_share=0.002)
     assert not statements.noteworthy(0.01)
     assert statements.noteworthy(0.01, strict)
     assert statements.mostly_explained(0.01)

@@ -12,7 +12,7 @@ from diagnosis.decide.attribution import attribute
 from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decide.reference import pinned
 from diagnosis.decide.verdict import Floor, Structure, intervals, judge, structure
-from diagnosis.decision import DECISION
+from diagnosis.decision import Decision
 from diagnosis.fit import search
 from diagnosis.fit.equations import bounded_step
 from diagnosis.fit.evidence import Evidence, bounds
@@ -109,11 +109,11 @@ def test_a_fresh_start_shows_in_three_windows():
 
 def test_structure_counts_only_beyond_what_so_few_numbers_show_by_chance():
     long, short = Structure(1.3, 800, 16), Structure(1.3, 100, 2)
-    assert long.exceeds(DECISION.slight_structure, Floor())
-    assert not short.exceeds(DECISION.slight_structure, Floor())
-    assert not long.exceeds(DECISION.slight_structure, Floor(1.2))
-    assert long.exceeds(DECISION.slight_structure, Floor(1.05, 0.2))
-    assert not long.exceeds(DECISION.slight_structure, Floor(1.05, 0.4))
+    assert long.exceeds(Decision().slight_structure, Floor())
+    assert not short.exceeds(Decision().slight_structure, Floor())
+    assert not long.exceeds(Decision().slight_structure, Floor(1.2))
+    assert long.exceeds(Decision().slight_structure, Floor(1.05, 0.2))
+    assert not long.exceeds(Decision().slight_structure, Floor(1.05, 0.4))
 
 
 def test_short_clean_logs_raise_no_alarm(replay):
@@ -123,8 +123,8 @@ def test_short_clean_logs_raise_no_alarm(replay):
         flights = point_mass_set(n_flights=1, seed=100 + seed).flights
         fits = Fits.of(Evidence.of(make_likelihood(replay, flights, SIGMA)))
         found.append(structure(replay.library, fits.nominal.normal))
-    assert any(one.value > DECISION.slight_structure for one in found)
-    assert sum(one.exceeds(DECISION.slight_structure, Floor()) for one in found) <= 1
+    assert any(one.value > Decision().slight_structure for one in found)
+    assert sum(one.exceeds(Decision().slight_structure, Floor()) for one in found) <= 1
 
 
 def test_a_start_that_is_turned_costs_little_and_one_that_is_not_measured_would(replay):

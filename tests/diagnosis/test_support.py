@@ -9,7 +9,7 @@ from flights_for_tests import SIGMA, flight_set, point_mass_set
 from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decide.support import judge_supported, support
 from diagnosis.decide.verdict import Floor, intervals
-from diagnosis.decision import DECISION
+from diagnosis.decision import Decision
 from diagnosis.diagnose import diagnose
 from diagnosis.fit import shrinkage
 from diagnosis.fit.evidence import Evidence
@@ -154,5 +154,5 @@ def test_it_is_told_where_the_simulator_does_not_follow():
     assert lines["wind"].n == 4
     (wind,) = [effect for effect in found.blamed if effect.name == "wind"]
     assert wind.parameter("x").use == "descriptive"
-    assert wind.probability <= DECISION.doubted_share
+    assert wind.probability <= Decision().doubted_share
     assert found.probability is None
