@@ -36,9 +36,9 @@ PLAIN = {*CONSTANTS, *OTHER_MEANINGS}
 LOG_COLUMN = {"battery": "a column of the logs"}
 BELIEVED_MASS = {"mass": "a key of vehicle.toml"}
 ALLOWED = {
-    "diagnosis/diagnose.py": BELIEVED_MASS,
+    "diagnosis/decide/prepared.py": BELIEVED_MASS,
     "diagnosis/fit/gap.py": LOG_COLUMN,
-    "diagnosis/fit/likelihood.py": LOG_COLUMN,
+    "diagnosis/fit/windows.py": LOG_COLUMN,
     "diagnosis/logs/columns.py": LOG_COLUMN,
     "diagnosis/logs/flights.py": LOG_COLUMN | BELIEVED_MASS,
     "diagnosis/logs/units.py": LOG_COLUMN,
