@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from diagnosis.decide.prepared import nominal_simulator
+from diagnosis.decision import Decision
 from diagnosis.logs.flights import FlightLog, FlightSet, LogError
 from diagnosis.logs.inputs import Inputs, choose_inputs, on_ground
 from diagnosis.logs.segments import NODE_DT, WINDOW, cut
@@ -21,7 +22,11 @@ from simulators.contract import replayable_class
 
 
 def diagnose_change(
-    flights: FlightSet, reference: FlightSet, *, simulator: str = "crazyflow"
+    flights: FlightSet,
+    reference: FlightSet,
+    *,
+    simulator: str = "crazyflow",
+    decision: Decision = Decision(),
 ) -> TwinAnswer:
     """What changed between `reference` and `flights`, both flown by one airframe.
 
@@ -38,7 +43,7 @@ def diagnose_change(
     replay = twin_replay(flights, inputs, simulator)
     neutral = replay.library.neutral
     twin = make_twin(flown(replay, before.flights, neutral), replay.library, seen(replay))
-    return answer(twin, flown(replay, inputs.flights, neutral))
+    return answer(twin, flown(replay, inputs.flights, neutral), decision)
 
 
 def seen(replay: Replay) -> tuple[int, ...]:
@@ -84,7 +89,7 @@ def flown(
     return tuple(made)
 
 
-def answer(twin: Twin, flights: Sequence[Channels]) -> TwinAnswer:
+def answer(twin: Twin, flights: Sequence[Channels], decision: Decision = Decision()) -> TwinAnswer:
     """What changed, by the target flights' channels at the library's neutral vector."""
     scores = [twin.score(f) for f in flights]
     odd = standing_out([s.misfit for s in scores])
@@ -93,7 +98,7 @@ def answer(twin: Twin, flights: Sequence[Channels]) -> TwinAnswer:
     scores = [s for s, out in zip(scores, odd, strict=True) if not out]
     width = twin.library.high - twin.library.low
     reference, target = make_group(twin.scores, width), make_group(scores, width)
-    named = name_change(twin.library, reference, target)
+    named = name_change(twin.library, reference, target, decision)
     return TwinAnswer(
         **vars(named),
         followed=followed(twin.gap, twin.error, twin.colour.seen),

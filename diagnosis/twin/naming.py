@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import t as student
 
-from diagnosis.decision import DECISION
+from diagnosis.decision import Decision
 from diagnosis.replay.library import Library
 from diagnosis.twin.answer import Candidate, Change, ChangedParameter
 from diagnosis.twin.evidence import Evidence, weigh
@@ -50,7 +50,9 @@ class Named:
     """The same after the named effects."""
 
 
-def name_change(library: Library, reference: Group, target: Group) -> Named:
+def name_change(
+    library: Library, reference: Group, target: Group, decision: Decision = Decision()
+) -> Named:
     """What changed between two groups of scores in units of the library's ranges."""
     effects = [e for e in library.candidates if _free(library, e)]
     every = [i for e in effects for i in library.indices(e)]
@@ -59,18 +61,20 @@ def name_change(library: Library, reference: Group, target: Group) -> Named:
     shown = {e: comparison.estimate(library.indices(e)) for e in effects}
     seen = [e for e in effects if np.any(shown[e].error * _limit(shown[e].dof, 1) < 1.0)]
     unseen = tuple(sorted(set(library.candidates) - set(seen)))
-    candidates = _candidates(library, seen, shown, evidence)
+    candidates = _candidates(library, seen, shown, evidence, decision)
     alpha = ALPHA / max(len(seen), 1)
     sure = [c for c in candidates if c.p < alpha]
     p_none = evidence.p([])
     rest = {"candidates": candidates, "unseen": unseen, "p_none": p_none}
-    share, aliases = _class_of(sure, candidates)
+    share, aliases = _class_of(sure, candidates, decision)
     if not sure or share < LEAST_SHARE:
         change = Change.UNEXPLAINED if sure or p_none < ALPHA else Change.NONE
         if change is Change.NONE and min(len(reference), len(target)) < FEW:
             change = Change.TOO_FEW
         return Named(change, (), (), share, (), p_left=p_none, **rest)
-    named = _further(library, comparison, evidence, (sure[0].effect,), sure, alpha, aliases)
+    named = _further(
+        library, comparison, evidence, (sure[0].effect,), sure, alpha, aliases, decision
+    )
     columns = [i for e in named for i in library.indices(e)]
     parameters = changed(library, named, comparison.estimate(columns), len(seen))
     p_left = evidence.p(columns)
@@ -116,10 +120,14 @@ def changed(
 
 
 def _candidates(
-    library: Library, seen: Sequence[str], shown: dict[str, Estimate], evidence: Evidence
+    library: Library,
+    seen: Sequence[str],
+    shown: dict[str, Estimate],
+    evidence: Evidence,
+    decision: Decision,
 ) -> tuple[Candidate, ...]:
     log = {e: evidence.log_evidence(library.indices(e)) for e in seen}
-    odds = np.asarray([0.0, *(x - DECISION.effect_cost for x in log.values())])
+    odds = np.asarray([0.0, *(x - decision.effect_cost for x in log.values())])
     shares = np.exp(odds - odds.max()) / np.exp(odds - odds.max()).sum()
     made = [
         Candidate(
@@ -135,7 +143,7 @@ def _candidates(
 
 
 def _class_of(
-    sure: Sequence[Candidate], candidates: Sequence[Candidate]
+    sure: Sequence[Candidate], candidates: Sequence[Candidate], decision: Decision
 ) -> tuple[float, tuple[str, ...]]:
     """The share of the best sure candidate with its aliases, and these aliases."""
     if not sure:
@@ -144,7 +152,7 @@ def _class_of(
     near = [
         c
         for c in candidates
-        if c is not best and best.log_evidence - c.log_evidence < DECISION.alias_nats
+        if c is not best and best.log_evidence - c.log_evidence < decision.alias_nats
     ]
     return best.share + sum(c.share for c in near), tuple(c.effect for c in near)
 
@@ -157,6 +165,7 @@ def _further(
     sure: Sequence[Candidate],
     alpha: float,
     aliases: Sequence[str],
+    decision: Decision,
 ) -> tuple[str, ...]:
     """`named` with the effects that its flights show beside it, one after another."""
     while len(named) < MOST_EFFECTS:
@@ -165,7 +174,7 @@ def _further(
         gains = []
         for other in (c.effect for c in sure if c.effect not in (*named, *aliases)):
             more = library.indices(other)
-            gain = evidence.log_evidence([*columns, *more]) - so_far - DECISION.effect_cost
+            gain = evidence.log_evidence([*columns, *more]) - so_far - decision.effect_cost
             together = comparison.estimate([*columns, *more])
             p = together.p(range(len(columns), len(columns) + len(more)))
             if gain > 0.0 and p < alpha:
