@@ -79,14 +79,14 @@ class Replayable(AbstractSimulator):
     airframes: eqx.AbstractClassVar[Mapping[str, VehicleSpec]]
     """What it knows of the airframes that a log may name."""
 
-    def placed(
+    def with_motion(
         self, state: Any, pos: Float[Array, "drones 3"], vel: Float[Array, "drones 3"]
     ) -> Any:
         """The state with the drones at `pos` [m] and `vel` [m/s], everything else kept."""
         return eqx.tree_at(lambda s: (s.pos, s.vel), state, (pos, vel))
 
     @abc.abstractmethod
-    def turned(
+    def with_attitude(
         self,
         state: Any,
         quat: Float[Array, "drones 4"],
@@ -96,13 +96,13 @@ class Replayable(AbstractSimulator):
         """The state with the chosen drones at `quat` and `ang_vel` [rad/s, body]."""
 
     @abc.abstractmethod
-    def spun(
+    def with_faster_rotors(
         self, state: Any, faster: Float[Array, "drones 4"], chosen: Bool[Array, " drones"]
     ) -> Any:
         """The state with the chosen drones' rotors, if any, faster by those shares."""
 
     @abc.abstractmethod
-    def producing(self, state: Any, thrust: Float[Array, " drones"]) -> Any:
+    def with_thrust(self, state: Any, thrust: Float[Array, " drones"]) -> Any:
         """The state with every drone's rotors, if any, at the speeds of a nominal thrust [N]."""
 
     @abc.abstractmethod

@@ -174,7 +174,7 @@ class Crazyflow(Replayable):
         state, _ = jax.lax.scan(physics_step, state, None, length=n_steps)
         return state
 
-    def turned(
+    def with_attitude(
         self,
         state: CrazyflowState,
         quat: Float[Array, "drones 4"],
@@ -193,11 +193,11 @@ class Crazyflow(Replayable):
             ),
         )
 
-    def spun(self, state: Any, faster: Array, chosen: Array) -> CrazyflowState:
+    def with_faster_rotors(self, state: Any, faster: Array, chosen: Array) -> CrazyflowState:
         speeds = state.rotor_vel * (1.0 + jnp.where(chosen[:, None], faster, 0.0))
         return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
 
-    def producing(self, state: Any, thrust: Array) -> CrazyflowState:
+    def with_thrust(self, state: Any, thrust: Array) -> CrazyflowState:
         speeds = hover_rotor_vel(self._constants(), thrust[None])[0]
         return eqx.tree_at(
             lambda s: s.rotor_vel, state, jnp.broadcast_to(speeds, state.rotor_vel.shape)

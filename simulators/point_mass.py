@@ -128,7 +128,7 @@ class PointMass(Replayable):
             state = self._integrate(state, cmd, duration / n_steps)
         return state
 
-    def turned(
+    def with_attitude(
         self,
         state: PointMassState,
         quat: Float[Array, "drones 4"],
@@ -153,7 +153,7 @@ class PointMass(Replayable):
             is_leaf=lambda x: x is state.memory,
         )
 
-    def spun(
+    def with_faster_rotors(
         self,
         state: PointMassState,
         faster: Float[Array, "drones 4"],
@@ -162,7 +162,7 @@ class PointMass(Replayable):
         """As it is: a point mass has no rotors."""
         return state
 
-    def producing(self, state: PointMassState, thrust: Float[Array, " drones"]) -> PointMassState:
+    def with_thrust(self, state: PointMassState, thrust: Float[Array, " drones"]) -> PointMassState:
         """As it is: thrust follows its command at once."""
         return state
 

@@ -161,7 +161,7 @@ class Rotorpy(Replayable):
         state, _ = jax.lax.scan(physics_step, state, None, length=n_steps)
         return state
 
-    def turned(
+    def with_attitude(
         self,
         state: RotorpyState,
         quat: Float[Array, "drones 4"],
@@ -176,11 +176,11 @@ class Rotorpy(Replayable):
             (where(quat, state.quat), where(ang_vel, state.ang_vel)),
         )
 
-    def spun(self, state: Any, faster: Array, chosen: Array) -> RotorpyState:
+    def with_faster_rotors(self, state: Any, faster: Array, chosen: Array) -> RotorpyState:
         speeds = state.rotor_vel * (1.0 + jnp.where(chosen[:, None], faster, 0.0))
         return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
 
-    def producing(self, state: Any, thrust: Array) -> RotorpyState:
+    def with_thrust(self, state: Any, thrust: Array) -> RotorpyState:
         speeds = jnp.broadcast_to(hover_speed(thrust)[:, None], state.rotor_vel.shape)
         return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
 

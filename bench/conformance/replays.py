@@ -23,10 +23,10 @@ FASTER = 0.1
 def behaviour(cls: type[Any]) -> list[Check]:
     """Checks of the methods of `Replayable`."""
     sentences = {
-        "a team can be placed without changing anything else": _placed,
-        "chosen drones can be turned": _turned,
-        "rotors of chosen drones can be made faster": _spun,
-        "rotors can be set to a thrust": _producing,
+        "a team can be placed without changing anything else": _with_motion,
+        "chosen drones can be turned": _with_attitude,
+        "rotors of chosen drones can be made faster": _with_faster_rotors,
+        "rotors can be set to a thrust": _with_thrust,
         "a repeated step is the step": _repeating,
     }
     return [Check(text, functools.partial(check, cls())) for text, check in sentences.items()]
@@ -54,68 +54,70 @@ def _stay(name: str, before: Float[Array, "..."], after: Float[Array, "..."]) ->
     )
 
 
-def _placed(simulator: Replayable) -> None:
+def _with_motion(simulator: Replayable) -> None:
     state = _begun(simulator)
     pos, vel = flights.apart() + 0.5, jnp.asarray([[0.3, -0.2, 0.1]] * flights.N_DRONES)
-    set_state = simulator.placed(state, pos, vel)
-    _same_structure("placed", state, set_state)
+    set_state = simulator.with_motion(state, pos, vel)
+    _same_structure("with_motion", state, set_state)
     before, after = simulator.flight(state), simulator.flight(set_state)
     demand(
         close((after.pos, after.vel), (pos, vel)),
-        "after `placed` the team is not at the position and velocity that were asked for",
+        "after `with_motion` the team is not at the position and velocity that were asked for",
     )
     kept, rest = ((f.quat, f.ang_vel, f.thrust) for f in (before, after))
-    demand(close(kept, rest), "`placed` changes attitude, angular velocity or thrust; keep them")
+    demand(
+        close(kept, rest), "`with_motion` changes attitude, angular velocity or thrust; keep them"
+    )
 
 
-def _turned(simulator: Replayable) -> None:
+def _with_attitude(simulator: Replayable) -> None:
     state = _begun(simulator)
     quat = rpy_to_quat(jnp.asarray([[0.2, -0.1, 0.3]] * flights.N_DRONES))
     ang_vel = jnp.asarray([[0.5, -0.4, 0.3]] * flights.N_DRONES)
-    set_state = simulator.turned(state, quat, ang_vel, CHOSEN)
-    _same_structure("turned", state, set_state)
+    set_state = simulator.with_attitude(state, quat, ang_vel, CHOSEN)
+    _same_structure("with_attitude", state, set_state)
     before, after = simulator.flight(state), simulator.flight(set_state)
     demand(
         close(after.quat[CHOSEN], quat[CHOSEN]),
-        "after `turned` the chosen drones have not the attitude that was asked for",
+        "after `with_attitude` the chosen drones have not the attitude that was asked for",
     )
     if "rotation" in simulator.doors:
         demand(
             close(after.ang_vel[CHOSEN], ang_vel[CHOSEN]),
-            "after `turned` the chosen drones have not the angular velocity that was asked for",
+            "after `with_attitude` the chosen drones do not turn at the angular velocity asked for",
         )
-    _stay("turned", before.quat, after.quat)
-    _stay("turned", before.ang_vel, after.ang_vel)
+    _stay("with_attitude", before.quat, after.quat)
+    _stay("with_attitude", before.ang_vel, after.ang_vel)
 
 
-def _spun(simulator: Replayable) -> None:
+def _with_faster_rotors(simulator: Replayable) -> None:
     state = _begun(simulator)
     faster = jnp.full((flights.N_DRONES, 4), FASTER)
-    set_state = simulator.spun(state, faster, CHOSEN)
-    _same_structure("spun", state, set_state)
+    set_state = simulator.with_faster_rotors(state, faster, CHOSEN)
+    _same_structure("with_faster_rotors", state, set_state)
     if equal(state, set_state):
         return  # no rotors
     before, after = simulator.flight(state).thrust, simulator.flight(set_state).thrust
-    _stay("spun", before, after)
+    _stay("with_faster_rotors", before, after)
     grown = np.asarray(after / before)[np.asarray(CHOSEN)]
     demand(
         bool((abs(grown - (1.0 + FASTER) ** 2) < 0.05).all()),
-        f"rotors that `spun` makes {100 * FASTER:g} % faster must give about 21 % more thrust, got "
-        f"{100 * (grown - 1.0).min():.0f} to {100 * (grown - 1.0).max():.0f} %",
+        f"rotors that `with_faster_rotors` makes {100 * FASTER:g} % faster must give about 21 % "
+        f"more thrust, got {100 * (grown - 1.0).min():.0f} to {100 * (grown - 1.0).max():.0f} %",
     )
 
 
-def _producing(simulator: Replayable) -> None:
+def _with_thrust(simulator: Replayable) -> None:
     state, hover = _begun(simulator), flights.hover_thrust(simulator)
     thrust = hover * jnp.linspace(0.8, 1.2, flights.N_DRONES)
-    set_state = simulator.producing(state, thrust)
-    _same_structure("producing", state, set_state)
+    set_state = simulator.with_thrust(state, thrust)
+    _same_structure("with_thrust", state, set_state)
     if equal(state, set_state):
         return  # no rotors
     found = simulator.flight(set_state).thrust
     demand(
         close(found, thrust, 0.01, 0.0),
-        f"after `producing` the thrust must be {np.asarray(thrust)} N, got {np.asarray(found)} N",
+        f"after `with_thrust` the thrust must be {np.asarray(thrust)} N, got {np.asarray(found)} N",
     )
 
 

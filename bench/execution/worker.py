@@ -104,13 +104,13 @@ def do_runs(runs: Sequence[Run], directory: Path, report: Report) -> list[Done]:
     team, going = Team(len(runs)) if len(runs) > 1 else None, set(range(len(runs)))
 
     def one(place: int) -> Done:
-        def told(*content: Any) -> None:
+        def notify(*content: Any) -> None:
             if place == min(going):
                 report(*content)
 
         try:
             with team.member() if team else contextlib.nullcontext():
-                return Done(*do_run(runs[place], directory, told, team))
+                return Done(*do_run(runs[place], directory, notify, team))
         except Exception as error:
             return Done("", "", one_line(error))
         finally:

@@ -176,10 +176,10 @@ def _segment(
         def fly(moving: eqx.Module, theta: Array, turn: Array) -> tuple[tuple, eqx.Module]:
             simulator = library.attach(theta)
             state = eqx.combine(moving, still)
-            state = simulator.placed(state, inputs["pos"], inputs["vel"])
+            state = simulator.with_motion(state, inputs["pos"], inputs["vel"])
             quat, ang_vel = _turned(inputs["quat"], turn[:, :3]), inputs["ang_vel"] + turn[:, 3:6]
-            state = simulator.turned(state, quat, ang_vel, inputs["fresh"] > 0)
-            state = simulator.spun(state, turn[:, 6:], inputs["fresh"] > 0)
+            state = simulator.with_attitude(state, quat, ang_vel, inputs["fresh"] > 0)
+            state = simulator.with_faster_rotors(state, turn[:, 6:], inputs["fresh"] > 0)
             state, track = _fly(replay, simulator, state, inputs["cmd"], inputs["voltage"])
             moving, kept = eqx.partition(state, eqx.is_inexact_array)
             return (moving, _at(track, inputs["place"])), kept
@@ -223,9 +223,9 @@ def _fly(
         if replay.prescribed:
             everyone = jnp.ones(len(cmd), bool)
             still = jnp.zeros_like(cmd[:, :3])
-            state = simulator.turned(state, rpy_to_quat(cmd[:, :3]), still, everyone)
+            state = simulator.with_attitude(state, rpy_to_quat(cmd[:, :3]), still, everyone)
         if replay.measured == 4:
-            state = simulator.producing(state, cmd[:, 3])
+            state = simulator.with_thrust(state, cmd[:, 3])
         state = simulator.step_cmd(state, cmd, replay.dt)
         return state, _measured(simulator.flight(state))
 

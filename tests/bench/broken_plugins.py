@@ -206,7 +206,7 @@ class Drifting(PointMass):
 
     name: ClassVar[str] = "drifting"
 
-    def placed(self, state, pos, vel):
+    def with_motion(self, state, pos, vel):
         return dataclasses.replace(state, pos=pos)
 
 
@@ -215,7 +215,7 @@ class Stubborn(PointMass):
 
     name: ClassVar[str] = "stubborn"
 
-    def turned(self, state, quat, ang_vel, chosen):
+    def with_attitude(self, state, quat, ang_vel, chosen):
         return state
 
 
@@ -224,7 +224,7 @@ class Whirling(PointMass):
 
     name: ClassVar[str] = "whirling"
 
-    def spun(self, state, faster, chosen):
+    def with_faster_rotors(self, state, faster, chosen):
         return dataclasses.replace(state, thrust=state.thrust * (1.0 + faster[:, 0]) ** 2)
 
 
@@ -233,7 +233,7 @@ class Lazy(PointMass):
 
     name: ClassVar[str] = "lazy"
 
-    def spun(self, state, faster, chosen):
+    def with_faster_rotors(self, state, faster, chosen):
         return dataclasses.replace(state, thrust=jnp.where(chosen, 1.01, 1.0) * state.thrust)
 
 
@@ -242,7 +242,7 @@ class Weak(PointMass):
 
     name: ClassVar[str] = "weak"
 
-    def producing(self, state, thrust):
+    def with_thrust(self, state, thrust):
         return dataclasses.replace(state, thrust=0.5 * thrust)
 
 

@@ -110,7 +110,7 @@ def test_the_whole_point_mass_passes_and_broken_ones_do_not():
         (broken.Stubborn, "can be turned", "have not the attitude"),
         (broken.Whirling, "made faster", "changes drones that were not chosen"),
         (broken.Lazy, "made faster", "about 21 % more thrust, got 1 to 1 %"),
-        (broken.Weak, "set to a thrust", "after `producing` the thrust must be"),
+        (broken.Weak, "set to a thrust", "after `with_thrust` the thrust must be"),
         (broken.Absent, "a repeated step", "does not end in `after`"),
     ],
 )

@@ -93,7 +93,7 @@ def drift(simulator, flown, seconds=0.5):
 
         def step(state, row):
             k, pos, vel, action, after = row
-            placed = simulator.placed(state, pos, vel)
+            placed = simulator.with_motion(state, pos, vel)
             pick = lambda new, old: jnp.where(k % n == 0, new, old)  # noqa: E731
             state = simulator.step(jax.tree.map(pick, placed, state), action)
             return state, simulator.flight(state).pos - after

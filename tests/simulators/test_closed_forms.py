@@ -186,7 +186,7 @@ def test_the_range_of_thrust_is_that_of_the_spec(asked):
     made = SIMULATORS["crazyflow"](spec=spec)
     thrust = hovering_flight(made, cmds=hold([0.0, 0.0, 0.0, asked], STEPS, N)).thrust[-1]
     np.testing.assert_allclose(thrust, np.clip(asked, 0.01, 1.5), rtol=5e-3)
-    state = made.producing(hovering(made, positions(N)), jnp.full(N, asked))
+    state = made.with_thrust(hovering(made, positions(N)), jnp.full(N, asked))
     np.testing.assert_allclose(made.flight(state).thrust, np.clip(asked, 0.01, 1.5), rtol=1e-3)
 
 

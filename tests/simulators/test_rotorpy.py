@@ -124,7 +124,7 @@ def test_drones_stand_on_the_floor_until_the_rotors_carry_them():
 def test_a_drone_that_slides_on_the_floor_is_level_and_slows():
     state = state_of(random_body(0))
     low = jnp.asarray([[0.0, 0.0, -0.1]])
-    state = Rotorpy().placed(state, low, jnp.asarray([[1.0, 0.0, -1.0]]))
+    state = Rotorpy().with_motion(state, low, jnp.asarray([[1.0, 0.0, -1.0]]))
     after = Rotorpy().step_cmd(state, jnp.zeros((1, 4)), 0.005)
     np.testing.assert_allclose(after.vel[0, 2], 0.0)
     assert 0.5 < float(after.vel[0, 0]) < 1.0 - FRICTION + 0.1

@@ -129,12 +129,12 @@ def test_only_the_chosen_drones_rotors_are_faster():
     made = SIMULATORS["crazyflow"]()
     state = hovering(made, positions(2))
     faster = jnp.asarray([[0.1, 0.0, -0.1, 0.2]] * 2)
-    spun = made.spun(state, faster, jnp.asarray([False, True]))
+    spun = made.with_faster_rotors(state, faster, jnp.asarray([False, True]))
     np.testing.assert_allclose(spun.rotor_vel[0], state.rotor_vel[0])
     np.testing.assert_allclose(spun.rotor_vel[1] / state.rotor_vel[1], 1.0 + faster[1], rtol=1e-6)
     point = SIMULATORS["point_mass"]()
     still = hovering(point, positions(2))
-    assert eqx.tree_equal(point.spun(still, faster, jnp.asarray([True, True])), still)
+    assert eqx.tree_equal(point.with_faster_rotors(still, faster, jnp.asarray([True, True])), still)
 
 
 @pytest.mark.parametrize("e", [-0.5, 0.0, 2.0])
@@ -160,7 +160,7 @@ def test_a_prescribed_attitude_leaves_a_weaker_thrust_and_its_lag_alone():
     for simulator in (made, weaker):
         state = hovering(simulator, positions(1))
         for _ in range(40):
-            state = simulator.turned(state, level, still, jnp.ones(1, bool))
+            state = simulator.with_attitude(state, level, still, jnp.ones(1, bool))
             state = simulator.step_cmd(state, cmd, 0.005)
         found.append(float(state.thrust[0]) / HOVER)
     risen = 0.2 * (1.0 - 1.05**-40)
