@@ -312,7 +312,7 @@ def along(simulator: AbstractSimulator, flights: TrackingFlight) -> Flight:
     Raises:
         TypeError: `simulator` is not `Replayable`.
     """
-    placed = replayable(simulator).placed
+    placed = replayable(simulator).with_motion
 
     def one(flight: TrackingFlight) -> Flight:
         def step(state: Any, row: TrackingFlight) -> tuple[Any, Flight]:
