@@ -182,10 +182,13 @@ class Evidence:
 
         Levenberg and Marquardt's step of the free parameters and of the shift at once: the
         curvature of each is raised by a share `damping` of its own. With `others`, normal
-        equations at the fit, it is the step that those ask for.
+        equations at the fit, it is the step that those ask for; where their slopes are not finite,
+        as beside a simulation that blows up, first order says nothing and the fit stays.
         """
         free, n, normal = self.free(fit.effects), len(fit.vector), others or fit.normal
         H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
+        if not np.isfinite(H).all() or not np.isfinite(g).all():
+            return fit.vector, fit.shared
         every = [*free, *range(n)]
         joint, right = H[np.ix_(every, every)], g[every]
         joint[np.diag_indices_from(joint)] *= 1.0 + damping

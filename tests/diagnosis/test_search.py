@@ -340,6 +340,9 @@ def test_a_damped_step_is_shorter_and_an_undamped_one_solves_both(replay):
         return np.linalg.norm([size[at] * step, *(size * shared)])
 
     assert length(*evidence.joint_step(fit, 1.0)) < 0.9 * length(vector, shared)
+    broken = dataclasses.replace(fit.normal, H=np.full_like(fit.normal.H, np.nan))
+    stays = evidence.joint_step(fit, others=broken)
+    np.testing.assert_array_equal(stays, (fit.vector, fit.shared))
 
 
 @pytest.mark.parametrize("neutral", [0.0, 1.0])
