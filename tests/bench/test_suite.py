@@ -60,7 +60,7 @@ def test_built_in_suites_are_what_the_documentation_promises():
     }
     assert sizes == {
         "quick": (2, (3,), 1, 10),
-        "contact": (2, (3, 7, 12), 5, 6),
+        "contact": (2, (3, 7, 12), 5, 10),
         "paper": (4, (3, 5, 7, 9, 12, 18), 5, 10),
         "paper_rotorpy": (4, (3, 12), 5, 10),
         "transfer": (4, (3, 12), 5, 9),
