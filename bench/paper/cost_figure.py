@@ -1,4 +1,7 @@
-"""Settled score against high-fidelity flight: what the flight of each method buys, as a picture.
+"""How far each method is from the best known, against high-fidelity flight, as a picture.
+
+The gap is 1 - settled score: 1 is a team that stays at its spawn, 0 the upper reference. Its axis
+is logarithmic, because the methods' gaps differ by factors, and has the best on top.
 
 A method at its default budget is a large marker. Fewer calibration flights and trainings that were
 cut short (suite `budget`) are small ones of the same colour, joined in the order of their bills.
@@ -21,6 +24,8 @@ from bench.store.tables import Tables
 
 BUDGET = re.compile(r"flights=\d+|flown=grey_box|trainer\.share=[\d.]+")
 """Variants that differ from the default in their budget of flight alone."""
+FINEST = 1e-3
+"""Gap below which the axis is linear; scores of five seeds tell no finer apart."""
 
 
 class Point(NamedTuple):
@@ -36,7 +41,7 @@ class Point(NamedTuple):
 
 
 def write_cost(tables: Tables, path: Path) -> bool:
-    """Writes a PNG: settled score against fleet-minutes, a panel a team size.
+    """Writes a PNG: gap to the upper reference against fleet-minutes, a panel a team size.
 
     Nothing is written, and False returned, where nothing has a score.
     """
@@ -51,10 +56,11 @@ def write_cost(tables: Tables, path: Path) -> bool:
         )
         for (n, own), panel in zip(sorted(found.items()), axes[0], strict=True):
             _draw(panel, own, entries)
-            panel.axhline(1.0, color="#999999", linewidth=0.8, linestyle=":")
+            panel.axhline(0.0, color="#999999", linewidth=0.8, linestyle=":")
             panel.set_title(f"N = {n}")
             panel.set_xlabel("HF flight [fleet-minutes]")
-        axes[0][0].set_ylabel("settled score")
+        axes[0][0].set_ylabel("gap to the upper reference")
+        _scale_gap(axes[0][0], found)
         axes[0][0].set_xscale("symlog", linthresh=0.1)
         largest = max(p.minutes for own in found.values() for p in own)
         axes[0][0].set_xlim(-0.05, max(1.0, 3.0 * largest))
@@ -63,6 +69,13 @@ def write_cost(tables: Tables, path: Path) -> bool:
         figure.savefig(path, dpi=110, bbox_inches="tight")
         plt.close(figure)
     return True
+
+
+def _scale_gap(panel: Axes, found: dict[int, list[Point]]) -> None:
+    """Logarithmic, best on top; bars that reach beyond all means do not set the range."""
+    gaps = [1.0 - p.score for own in found.values() for p in own]
+    panel.set_yscale("symlog", linthresh=FINEST)
+    panel.set_ylim(2.0 * max(*gaps, FINEST), min(2.0 * min(gaps), -FINEST))
 
 
 def points(tables: Tables) -> dict[int, list[Point]]:
@@ -105,13 +118,13 @@ def _draw(panel: Axes, own: list[Point], entries: list[Entry]) -> None:
             (p for p in own if p.entry._replace(variant="") == entry), key=lambda p: p.minutes
         )
         if len(family) > 1:
-            xy = [(p.minutes, p.score) for p in family]
+            xy = [(p.minutes, 1.0 - p.score) for p in family]
             panel.plot(*zip(*xy, strict=True), color=color, linewidth=0.8, alpha=0.6)
         for point in family:
             default = not point.entry.variant
             panel.errorbar(
                 point.minutes,
-                point.score,
+                1.0 - point.score,
                 yerr=point.spread,
                 color=color,
                 marker=marker,

@@ -24,9 +24,10 @@ from bench.text.pages import read_notes
 
 TITLE = "How to train a drone team: the paper's claims beside ours"
 COST = (
-    "Settled score against high-fidelity flight, a panel a team size: means over tasks and seeds, "
-    "bars one standard deviation over seeds; 0 is a team that stays at its spawn, 1 the upper "
-    "reference; flight on a logarithmic axis from 0.1 fleet-minutes on"
+    "Gap to the upper reference (1 minus the settled score) against high-fidelity flight, a panel "
+    "a team size: means over tasks and seeds, bars one standard deviation over seeds; 1 is a team "
+    "that stays at its spawn, 0 the upper reference; both axes logarithmic but near 0. Small "
+    "markers are other budgets of the same method"
 )
 """What the first figure shows."""
 GRID = (

@@ -109,7 +109,7 @@ def test_both_figures_give_a_method_the_same_look(tmp_path, figures):
     assert cost == summary
 
 
-def test_the_cost_figure_puts_scores_over_minutes_by_team_size(tmp_path, figures):
+def test_the_cost_figure_puts_gaps_over_minutes_by_team_size(tmp_path, figures):
     sheet = Sheet()
     for n, minutes in ((3, 40.0), (12, 130.0)):
         for task in ("spread", "circle"):
@@ -122,10 +122,10 @@ def test_the_cost_figure_puts_scores_over_minutes_by_team_size(tmp_path, figures
         figures[0].axes, ("N = 3", "N = 12"), (40.0, 130.0), strict=True
     ):
         (bars,) = panel.containers
-        # Scores over 1000: 0.49 and 0.29, and a standard deviation of 0.02 / sqrt(2) in each task.
-        assert bars.lines[0].get_xydata() == pytest.approx(np.array([[minutes, 0.39]]))
+        # Gaps over 1000: 0.51 and 0.71, and a standard deviation of 0.02 / sqrt(2) in each task.
+        assert bars.lines[0].get_xydata() == pytest.approx(np.array([[minutes, 0.61]]))
         (ends,) = bars.lines[2][0].get_segments()
-        assert ends[:, 1] == pytest.approx([0.39 - 0.02 / 2**0.5, 0.39 + 0.02 / 2**0.5])
+        assert ends[:, 1] == pytest.approx([0.61 - 0.02 / 2**0.5, 0.61 + 0.02 / 2**0.5])
         assert panel.get_title() == title
         assert panel.get_xlim()[1] > 130.0
 
@@ -143,7 +143,7 @@ def test_the_cost_figure_joins_the_budgets_of_a_method_and_leaves_other_settings
     write_cost(tables, tmp_path / "cost.png")
     (panel,) = figures[0].axes
     joined = panel.get_lines()[0].get_xydata()
-    assert joined == pytest.approx(np.array([[0.5, 0.39], [40.0, 0.49]]))
+    assert joined == pytest.approx(np.array([[0.5, 0.61], [40.0, 0.51]]))
     assert [text.get_text() for text in figures[0].legends[0].get_texts()] == ["Hybrid"]
 
 
