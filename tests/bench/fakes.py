@@ -16,6 +16,7 @@ from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.policy import make_policy
 from methods.training.bptt import BPTT
 from methods.training.high_fidelity import train_in_reality
+from methods.training.meter import Metered
 
 
 class Inner(eqx.Module):
@@ -149,7 +150,7 @@ class Flown(AbstractMethod):
         nominal = setup.nominal
         policy = make_policy(setup.task, nominal.spec, nominal.action_space, key)
         context = dataclasses.replace(setup.context, progress=progress)
-        cell = Setup(setup.task, nominal, nominal, context=context)
+        cell = Setup(setup.task, nominal, Metered(nominal, setup.reality.meter), context=context)
         return train_in_reality(self.trainer, cell, policy, key, "flown")
 
 

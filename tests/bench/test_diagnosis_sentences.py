@@ -115,6 +115,8 @@ def test_drift_that_grows_is_not_said_to_fall():
 
 PLAIN = {
     ("attitude_loop", "damping"),
+    ("collision", "stiffness"),
+    ("collision", "friction"),
     ("downwash", "strength"),
     ("floor", "height"),
     ("gust", "onset"),

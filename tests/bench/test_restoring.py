@@ -197,6 +197,9 @@ def test_without_its_residual_a_hybrid_is_trained_again(hybrid):
     assert restored(store, parent) is not None
 
 
-def test_built_in_suites_start_from_the_residual_of_one_figure8_cell_and_off_spec_ones():
+def test_built_in_suites_start_from_the_residuals_of_these_cells():
+    """`hybrid_once`: figure8, N = 3; then off-spec worlds, and what transfers to RotorPy."""
     cells = {tuple(run.split("-")[2:4]) for run in policies.runs_to_resume()}
-    assert cells == {(task, f"n{n}") for task in ("circle", "figure8") for n in (3, 7, 12)}
+    off_spec = {(task, f"n{n}") for task in ("circle", "figure8") for n in (3, 7, 12)}
+    transfer = {(task, f"n{n}") for task in ("spread", "pitchandexpand") for n in (3, 12)}
+    assert cells == off_spec | transfer

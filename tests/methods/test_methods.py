@@ -48,7 +48,7 @@ ROWS = [
     for name in METHODS
     for residual in {"hybrid": sorted(RESIDUALS), "grey_box": ["", "affine"]}.get(name, [""])
 ]
-BEFORE = ("hybrid", "recalibrated", "grey_box")
+BEFORE = ("hybrid", "recalibrated", "online", "grey_box")
 """Methods that calibrate and fit before they train."""
 HF = [row for row in ROWS if METHODS[row[0]].simulator == "crazyflow"]
 LF = [row for row in ROWS if METHODS[row[0]].simulator == "point_mass"]
@@ -206,10 +206,12 @@ def test_every_step_of_high_fidelity_flight_is_billed(train, row):
         expected = 3 * 10.0  # flights of its own length, whatever the task's
     elif row[0] == "hybrid_once":
         expected = FLOWN.hf_fleet_seconds
+    elif row[0] == "online":
+        expected = FLOWN.hf_fleet_seconds + FLIGHTS * episode * TASK.n_drones
     else:
         expected = episode * ledger.calibration_flights
     flights = {"hybrid": FLIGHTS, "recalibrated": FLIGHTS, "grey_box": 3}
-    flights = flights | {"hybrid_once": FLOWN.calibration_flights}
+    flights = flights | dict.fromkeys(("hybrid_once", "online"), FLOWN.calibration_flights)
     assert ledger.hf_fleet_seconds == pytest.approx(expected, rel=1e-9)
     assert ledger.calibration_flights == flights.get(row[0], 0)
     assert ledger.epochs == TINY.epochs
@@ -240,11 +242,12 @@ def test_crashes_of_training_are_billed_where_they_happen(train, row):
     trained = train(row)
     crashes = TINY.epochs * TINY.worlds(TASK.n_drones) * 2
     assert trained.curves["crashes"].sum() == crashes
-    assert trained.ledger.training_crashes == (crashes if row in HF else 0)
+    flown = crashes if row in HF else 2 * FLIGHTS if row[0] == "online" else 0
+    assert trained.ledger.training_crashes == flown
     assert trained.ledger.lf_collisions == (0 if row in HF else crashes)
-    assert trained.ledger.training_crash_step_rate == (1.0 if row in HF else 0.0)
+    assert trained.ledger.training_crash_step_rate == (1.0 if flown else 0.0)
     # One isolated drone cannot, but a parent's flights are billed with their crashes.
-    parents = FLOWN.calibration_crashes if row[0] == "hybrid_once" else 0
+    parents = FLOWN.calibration_crashes if row[0] in ("hybrid_once", "online") else 0
     assert trained.ledger.calibration_crashes == parents
 
 

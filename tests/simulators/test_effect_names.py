@@ -35,10 +35,13 @@ PLAIN = {*CONSTANTS, *OTHER_MEANINGS}
 
 LOG_COLUMN = {"battery": "a column of the logs"}
 BELIEVED_MASS = {"mass": "a key of vehicle.toml"}
+IMPORTING = ("ardupilot", "bags", "crazyflie", "reader", "resample", "tables", "ulog")
+"""Readers of logs whose format has that column."""
 ALLOWED = {
     "diagnosis/decide/prepared.py": BELIEVED_MASS,
     "diagnosis/fit/gap.py": LOG_COLUMN,
     "diagnosis/fit/windows.py": LOG_COLUMN,
+    **{f"diagnosis/importing/{name}.py": LOG_COLUMN for name in IMPORTING},
     "diagnosis/logs/columns.py": LOG_COLUMN,
     "diagnosis/logs/flights.py": LOG_COLUMN | BELIEVED_MASS,
     "diagnosis/logs/units.py": LOG_COLUMN,

@@ -26,7 +26,7 @@ from jax.flatten_util import ravel_pytree
 
 from simulators.contract import MissingDoorError, with_effects
 from simulators.effects import chain
-from simulators.effects.contract import DOORS
+from simulators.effects.contract import DOORS, StiffEffect
 from simulators.effects.delay import LONGEST, Delay
 
 PAIRS = [
@@ -185,7 +185,8 @@ def close_together(lowest):
 def test_derivatives_of_the_final_position_equal_finite_differences(simulator):
     """All effects act at once; drone 0 sinks onto the effect's floor, the others fly."""
     with x64():
-        names = [e for s, e in PAIRS if s == simulator]
+        # A contact pushes harder than these differences resolve; test_collision has its slopes.
+        names = [e for s, e in PAIRS if s == simulator and not issubclass(EFFECTS[e], StiffEffect)]
         pos = close_together(0.5).at[0, 2].set(0.058)
         cmds = random_cmds(0, 20, N).at[:, 0].multiply(jnp.asarray([1.0, 1.0, 1.0, 0.5]))
         flat, unravel = ravel_pytree({e: INTERIOR[e] for e in names})
