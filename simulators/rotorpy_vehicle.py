@@ -15,6 +15,7 @@ from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.spatial.transform import Rotation
@@ -99,7 +100,14 @@ def rotor_directions() -> Float[np.ndarray, "4 2"]:
 
 def make_multirotor(airframe: dict[str, Any]) -> Any:
     """RotorPy's vehicle with the given parameters, which may be traced."""
-    return _rotorpy().Multirotor(airframe, control_abstraction="cmd_ctatt")
+    # NumPy's arrays must not reach a function of JAX: where double precision is switched on and
+    # off, JAX 0.10 may hand a program of one precision to an array of the other.
+    here = jax.tree.map(lambda x: jnp.asarray(x, float) if _of_numpy(x) else x, airframe)
+    return _rotorpy().Multirotor(here, control_abstraction="cmd_ctatt")
+
+
+def _of_numpy(x: Any) -> bool:
+    return isinstance(x, np.ndarray | np.generic)
 
 
 def airframe_of(vehicle: Vehicle) -> dict[str, Any]:
