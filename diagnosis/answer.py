@@ -1,8 +1,7 @@
 """From a finished study to the typed `Diagnosis`: every statement is made here, once."""
 
-import hashlib
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,21 +9,20 @@ from jaxtyping import Float
 
 import diagnosis
 import simulators
-from diagnosis.decide.advice import next_flight
+from diagnosis.decide.advice import blind_to, next_flight
 from diagnosis.decide.prepared import Prepared, Question
 from diagnosis.decide.study import Study
 from diagnosis.decide.verdict import Verdict, at_bounds, intervals, limits, sizes
-from diagnosis.decision import Decision
 from diagnosis.fit import gap, shrinkage
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.outliers import standing_out
 from diagnosis.fit.search import Fits
+from diagnosis.flights_used import flights_used
 from diagnosis.interface.faults import interface_faults
-from diagnosis.logs.flights import FlightLog, FlightSet
-from diagnosis.logs.inputs import Inputs
+from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.noise import CHANNELS, UNITS
 from diagnosis.program import sources_digest, version
-from diagnosis.replay.library import Library, with_aliases
+from diagnosis.replay.library import with_aliases
 from diagnosis.result import (
     Candidate,
     Details,
@@ -41,12 +39,9 @@ from diagnosis.result_parts import (
     ChannelGap,
     ChannelNoise,
     DriftAlong,
-    Flights,
-    FlightUsed,
     Limit,
     Misfit,
     NotObservable,
-    NotUsed,
     SetAside,
     Shrink,
     Windows,
@@ -98,12 +93,12 @@ def answer(question: Question, study: Study) -> Diagnosis:
             judged_of(verdict),
             {effect.name: list(effect.aliases) for effect in effects} if named else {},
             _largest_regime(remainder.where),
-            _blind_to(evidence.library, seen, question.decision),
+            blind_to(evidence.library.slots, seen, question.decision),
         ),
-        flights=_flights(question.flights, prepared.inputs, lambda i: _use(prepared, i)),
+        flights=flights_used(question.flights, prepared.inputs, lambda i: _use(prepared, i)),
         reference=None
         if reference is None or prepared.compared is None
-        else _flights(reference, prepared.compared, lambda _: "reference"),
+        else flights_used(reference, prepared.compared, lambda _: "reference"),
         settings=Settings(
             simulator=question.simulator,
             exclude=tuple(question.exclude),
@@ -137,34 +132,6 @@ def _use(prepared: Prepared, i: int) -> Any:
     if prepared.in_turn:
         return "fit, and held out in turn" if len(prepared.inputs.flights) > 1 else "fit"
     return "held out" if i in prepared.held else "fit"
-
-
-def _flights(flights: FlightSet, inputs: Inputs, use: Callable[[int], Any]) -> Flights:
-    """The flights as they were read, with what each was used for."""
-    read = {log.name: log for log in flights.flights}
-    left_out = [(x.name, x.reason) for x in flights.left_out] + list(inputs.left_out)
-    return Flights(
-        name=flights.path.resolve().name or None,
-        drone=flights.vehicle.drone,
-        mass=flights.vehicle.mass,
-        driven_by=inputs.kind,
-        used=tuple(
-            FlightUsed(name=f.name, seconds=f.seconds, use=use(i), digest=_digest(read[f.name]))
-            for i, f in enumerate(inputs.flights)
-        ),
-        left_out=tuple(NotUsed(name=name, reason=reason) for name, reason in left_out),
-    )
-
-
-def _digest(log: FlightLog) -> str:
-    """SHA-256 of a flight's columns."""
-    found = hashlib.sha256()
-    for i, drone in enumerate(log.drones):
-        for name, column in vars(drone).items():
-            if column is not None:
-                found.update(f"{i} {name} {column.shape}\n".encode())
-                found.update(np.ascontiguousarray(column).tobytes())
-    return found.hexdigest()
 
 
 def _support(line: Any) -> Support:
@@ -281,12 +248,6 @@ def _largest_regime(where: Sequence[ChannelGap]) -> str | None:
             low, high = regime.edges[i], regime.edges[i + 1]
             text = f"{regime.variable} {low:.2g} to {high:.2g} {regime.unit}"
     return text
-
-
-def _blind_to(library: Library, seen: Sequence[tuple[int, float]], decision: Decision) -> list[str]:
-    """Effects whose smallest visible size is `blind_share` of the allowed range or more."""
-    slots, share = library.slots, decision.blind_share
-    return [slots[i].effect for i, size in seen if size > share * (slots[i].high - slots[i].low)]
 
 
 def _details(study: Study, seen: Sequence[tuple[int, float]], withheld: Collection[str]) -> Details:

@@ -144,9 +144,11 @@ class Decision:
         30.0,
         "-",
         "statistics",
-        "five sigmas, so that forces are not judged through an attitude that is wrong",
+        "five sigmas, so that forces are not judged through an attitude that is wrong; references "
+        "in RotorPy had at most 1.1, real ones 565 (crazyflie_plain) and 886 (nanobench)",
     )
-    """Chi-square per node of a roll, pitch or yaw that nothing explains, from which it is."""
+    """Chi-square per node of a roll, pitch or yaw that nothing explains, from which it is; of any
+    channel of reference flights, from which a twin is learned instead."""
     forces_explained: float = _decided(0.1, "-", "guess", "nobody has measured it")
     """Share of the gap in forces that may be left where it was prescribed for their sake."""
 
@@ -214,6 +216,24 @@ class Decision:
     """Flights below which it is not asked whether they draw parameters of their own."""
     shared_sigmas: float = _decided(2.0, "standard deviations", "convention", "95 %, about")
     """Difference from neutral from which a parameter is said to be shared with the reference."""
+
+    # What changed beside a twin of the reference.
+    alarm_chance: float = _decided(
+        0.01, "-", "convention", "half of the false alarms that are allowed: 2 of 100 splits"
+    )
+    """Probability of naming anything in undisturbed flights, shared out among candidates."""
+    limit_power: float = _decided(0.95, "-", "convention", "the power that is asked for")
+    """Probability with which a change of the size of its limit is named."""
+    least_chance: float = _decided(
+        0.5, "-", "convention", "an answer is not stated that is likelier wrong than right"
+    )
+    """Probability below which an effect, with those that look like it, is not named."""
+    few_flights: int = _decided(
+        5, "flights", "guess", "the t quantile of four flights is 1.4 times that of many"
+    )
+    """Flights of either set below which silence is no answer."""
+    flight_alone: float = _decided(4.0, "misfits of the median flight", "guess", "nobody has tried")
+    """Misfit of a flight that no twin of the others follows."""
 
     # Which flights are held out.
     held_out_flights: int = _decided(

@@ -21,6 +21,7 @@ from diagnosis.result_parts import (
     ChannelNoise,
     DriftAlong,
     Flights,
+    Followed,
     GapInTime,
     Limit,
     Misfit,
@@ -35,8 +36,8 @@ from diagnosis.schema_1 import upgraded
 SCHEMA = 2
 """Version of `diagnosis.json`."""
 
-VerdictKind = Literal["effect", "partly", "none", "unexplained"]
-"""`statements.verdict_of` says when each is given."""
+VerdictKind = Literal["effect", "partly", "none", "too_few", "unexplained"]
+"""`diagnosis.statements` says when each is given."""
 Use = Literal["measured", "descriptive", "unknown"]
 """What a size may be used for; unknown in files of schema 1 (`statements.use_of`)."""
 
@@ -196,6 +197,8 @@ class Details:
     """Drift along the flights that scored."""
     gap_in_time: tuple[GapInTime, ...]
     """The gap against time."""
+    followed: tuple[Followed, ...] = ()
+    """How well a twin of the reference flies; none where the simulator follows the reference."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

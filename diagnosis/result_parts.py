@@ -186,7 +186,8 @@ class Limit:
     unit: str
     """Unit."""
     smallest: float | None
-    """Five standard deviations by the Cramer-Rao bound."""
+    """Five standard deviations by the Cramer-Rao bound; beside a twin, what is named with a
+    probability of 95 %, as far as flights differ from each other."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -201,6 +202,20 @@ class SharedParameter:
     """Value in the reference flights."""
     unit: str
     """Unit."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Followed:
+    """How well a twin of the reference follows flights of the reference that it has not seen."""
+
+    channel: str
+    """Name."""
+    unit: str
+    """Unit."""
+    simulator: float
+    """Root mean square of measured minus nominal simulator."""
+    twin: float
+    """The same of measured minus twin."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

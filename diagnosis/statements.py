@@ -6,6 +6,11 @@
 | `effect` | the likeliest set leaves no structure that would be worth a verdict |
 | `partly` | it leaves some, and flights left out of the fit confirm at least one of its effects |
 | `unexplained` | it leaves some, and they confirm none |
+| `too_few` | nothing is seen beside a twin, and there are fewer flights than `few_flights` |
+
+Beside a twin of the reference, "beyond noise" is beyond what undisturbed flights show with a
+probability of `alarm_chance`; an effect is named if undisturbed flights show it more rarely, and
+it is `partly` if so much is left.
 
 Under `partly`, the confirmed effects are blamed; whatever else acts may bias their sizes.
 """
@@ -27,12 +32,13 @@ def verdict_of(
 
 
 def judged_of(verdict: str) -> str:
-    """The verdict without `partly`, which counts as `unexplained`: in scores and beside schema 1.
+    """The verdict of schema 1 and of scores, which know neither `partly` nor `too_few`.
 
-    Something acts that no candidate describes, so that an answer which says so abstains. Every
-    score of `blind` was derived with that meaning.
+    With too few flights nothing was found. Under `partly`, something acts that no candidate
+    describes, so that an answer which says so abstains. Every score of `blind` was derived with
+    that meaning.
     """
-    return "unexplained" if verdict == "partly" else verdict
+    return {"partly": "unexplained", "too_few": "none"}.get(verdict, verdict)
 
 
 def use_of(verdict: str, at_bound: str, bounded: bool) -> Literal["measured", "descriptive"]:

@@ -11,6 +11,7 @@ KINDS = {
     "effect": "Explained",
     "partly": "Partly explained",
     "none": "Nothing beyond noise",
+    "too_few": "Too few flights to tell",
     "unexplained": "Unexplained",
 }
 """What the verdicts are called."""
@@ -45,6 +46,7 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             candidates=tables.candidates_table(diagnosis),
             support=tables.support_table(diagnosis),
             shared=tables.shared_table(diagnosis),
+            followed=tables.followed_table(diagnosis),
             not_observable=tables.not_observable_table(diagnosis),
             limits=tables.limits_table(diagnosis),
             blamed=bool(diagnosis.blamed),

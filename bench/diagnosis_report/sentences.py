@@ -27,6 +27,8 @@ def verdict(diagnosis: Diagnosis) -> str:
     against = "the reference flights" if beside else "the simulator"
     if diagnosis.verdict == "none":
         return f"Nothing separates these flights from {against} beyond noise: {_extent(diagnosis)}."
+    if diagnosis.verdict == "too_few":
+        return f"Too few flights to tell whether anything changed: {_extent(diagnosis)}."
     if diagnosis.verdict == "partly":
         return _partly(diagnosis, against)
     if diagnosis.verdict == "unexplained":
@@ -46,10 +48,13 @@ def _partly(diagnosis: Diagnosis, against: str) -> str:
     remainder, where = diagnosis.remainder, _where_left(diagnosis)
     much = "Most" if remainder.mostly_explained else "Part"
     at = f", mostly in {where}," if where else ""
+    base = "believed" if diagnosis.reference is None else "before"
+    found = ", together with ".join(effect_phrase(e, base) for e in diagnosis.blamed)
+    but = join(_alias_clause(e) for e in diagnosis.blamed if e.aliases)
     return (
-        f"{much} of what separates these flights from {against} is explained with "
-        f"{set_label([e.name for e in diagnosis.blamed])}, which flights left out of the fit "
-        f"confirm; {percent(remainder.share)} of the gap, far above noise{at} fits no known effect."
+        f"{much} of what separates these flights from {against} is explained by {found}, which "
+        f"flights left out of the fit confirm{but and f', but {but}'}; "
+        f"{percent(remainder.share)} of the gap, far above noise{at} fits no known effect."
     )
 
 
@@ -63,7 +68,7 @@ def _unexplained(diagnosis: Diagnosis, against: str) -> str:
 def remarks(diagnosis: Diagnosis) -> list[str]:
     """What must be said beside the verdict, each as a sentence."""
     said = [fault.advice for fault in diagnosis.interface]
-    said += [*_beside_effect(diagnosis), *_support(diagnosis)]
+    said += [*_beside_effect(diagnosis), *_support(diagnosis), *_twin(diagnosis)]
     for soon, why in ((False, "alone"), (True, "soon after a gap in the log or its start")):
         lines = [line for line in diagnosis.details.set_aside if line.after_gap is soon]
         if lines:
@@ -78,6 +83,20 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
         others = f", and {len(left_out) - 1} more, see below" if len(left_out) > 1 else ""
         said.append(f"{_count(len(left_out), 'flight')} left out: {first}{others}.")
     return said
+
+
+def _twin(diagnosis: Diagnosis) -> list[str]:
+    """That the reference is a learned twin, and how much better it follows."""
+    lines = diagnosis.details.followed
+    if not lines:
+        return []
+    best = max(lines, key=lambda line: line.simulator / max(line.twin, 1e-12))
+    return [
+        "The simulator does not fly as the reference flights do, so it is compared through a twin "
+        f"that was learned from them: in {clean(best.channel)} it is off by "
+        f"{quantity(best.twin, best.unit, 2)} where the simulator is off by "
+        f"{quantity(best.simulator, best.unit, 2)}."
+    ]
 
 
 def _beside_effect(diagnosis: Diagnosis) -> list[str]:
@@ -165,7 +184,7 @@ def shrink_sentence(diagnosis: Diagnosis) -> str:
 def where_sentence(diagnosis: Diagnosis) -> str:
     """In which channels the gap lies and when it sets in."""
     where = _main_channels(diagnosis.where)
-    if diagnosis.verdict == "none" or not where:
+    if diagnosis.verdict in ("none", "too_few") or not where:
         return "No channel stands out of its noise."
     onsets = [
         f"{clean(c.channel)} at {rounded(c.onset_s, 2)} s"

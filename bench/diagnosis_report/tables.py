@@ -114,7 +114,7 @@ def _where_bars(channels: Sequence[ChannelGap]) -> tuple[Bar | None, ...]:
 
 
 def candidates_table(diagnosis: Diagnosis) -> Table | None:
-    """What was considered, most probable first."""
+    """What was considered, most probable first; columns that nothing is known of are left out."""
     rows = [
         (
             set_label(c.effects),
@@ -126,10 +126,12 @@ def candidates_table(diagnosis: Diagnosis) -> Table | None:
     ]
     if not rows:
         return None
+    headings = ("effects", "posterior", "evidence [nats]", "drift in the fit falls by")
+    kept = [i for i in range(len(headings)) if any(row[i] != MISSING for row in rows)]
     return Table(
         "Candidates by their posterior, the share of each among all that were looked at",
-        ("effects", "posterior", "evidence [nats]", "drift in the fit falls by"),
-        tuple(rows),
+        tuple(headings[i] for i in kept),
+        tuple(tuple(row[i] for i in kept) for row in rows),
         bars=tuple(Bar(min(1.0, c.posterior), chosen=c.named) for c in diagnosis.candidates),
         bar_heading="posterior",
     )
@@ -229,6 +231,20 @@ def shared_table(diagnosis: Diagnosis) -> Table | None:
     caption = "In the reference flights already, against the simulator as delivered"
     headings = ("effect", "parameter", "value")
     return Table(caption, headings, tuple(rows), frozenset({0, 1})) if rows else None
+
+
+def followed_table(diagnosis: Diagnosis) -> Table | None:
+    """With a twin of the reference: how well it follows flights that it has not seen."""
+    rows = tuple(
+        (
+            clean(line.channel),
+            quantity(line.simulator, line.unit),
+            quantity(line.twin, line.unit),
+        )
+        for line in diagnosis.details.followed
+    )
+    caption = "Reference flights, left out in turn: error of the simulator and of the learned twin"
+    return Table(caption, ("channel", "simulator", "twin"), rows) if rows else None
 
 
 def interface_table(diagnosis: Diagnosis) -> Table | None:

@@ -18,6 +18,7 @@ STYLES = {
     "effect": "bold cyan",
     "partly": "bold yellow",
     "none": "bold green",
+    "too_few": "bold yellow",
     "unexplained": "bold yellow",
 }
 """Colour of each verdict."""
@@ -95,13 +96,15 @@ def _where(diagnosis: Diagnosis) -> Table:
 
 def _candidates(diagnosis: Diagnosis) -> Table:
     candidates = diagnosis.candidates
-    table = _grid("Candidates, posterior, evidence" if candidates else "")
+    weighed = any(candidate.evidence is not None for candidate in candidates)
+    heading = f"Candidates, posterior{', evidence' * weighed}"
+    table = _grid(heading if candidates else "")
     for candidate in candidates[:MOST_LINES]:
         style = "bold" if candidate.named else "dim"
         table.add_row(
             Text(set_label(candidate.effects), style),
             Text(probability(candidate.posterior), style),
-            Text(f"{rounded(candidate.evidence, 2)} nats", style),
+            Text(f"{rounded(candidate.evidence, 2)} nats" if weighed else "", style),
         )
     return table
 

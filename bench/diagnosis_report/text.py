@@ -26,7 +26,12 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     parts += ["## Where the gap lies", markdown.escape(where_sentence(diagnosis))]
     parts += _table(tables.where_table(diagnosis))
     parts += ["## What explains it", *_effects(diagnosis)]
-    for table in (tables.candidates_table, tables.support_table, tables.shared_table):
+    for table in (
+        tables.candidates_table,
+        tables.support_table,
+        tables.shared_table,
+        tables.followed_table,
+    ):
         parts += _table(table(diagnosis))
     silent = [tables.not_observable_table(diagnosis), tables.limits_table(diagnosis)]
     if any(silent):

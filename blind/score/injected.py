@@ -2,7 +2,7 @@
 
 | word | an answer with it |
 |---|---|
-| found | says that something acts: any verdict but `none`, or refuses the logs and says why |
+| found | says that something acts: any verdict but `none` and `too_few`, or refuses the logs |
 | named | blames an effect that describes the fault, or one that flights cannot tell from it |
 | misled | blames an effect, and none that describes the fault |
 | refused | could not be given, because the program said what is wrong with the logs |
@@ -21,6 +21,7 @@ from bench.stats.statistics import records
 from blind.draw.injected import NOTHING, Injected
 from blind.score.scoring import clopper_pearson
 from diagnosis.result import Diagnosis, Effect
+from diagnosis.statements import judged_of
 
 REFUSED = "exit status 2"
 """How the cause of a diagnosis begins that refused its logs (`blind.run.one`)."""
@@ -97,7 +98,7 @@ def _judge(case: Injected, found: Diagnosis | None, status: Json) -> Row:
         "answer": " + ".join(effect.name for effect in blamed),
         "probability": found.probability if found else None,
         "drift_falls": found.shrink.percent if found else None,
-        "found": refused or (found is not None and found.verdict != "none"),
+        "found": refused or (found is not None and judged_of(found.verdict) != "none"),
         "named": named,
         "misled": bool(blamed) and not named,
         "refused": refused,

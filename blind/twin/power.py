@@ -22,7 +22,8 @@ from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.logs.inputs import choose_inputs
 from diagnosis.twin.answer import Change, ChangedParameter, TwinAnswer
 from diagnosis.twin.channels import Channels
-from diagnosis.twin.diagnose_change import answer, flown, seen, twin_replay
+from diagnosis.twin.diagnose_change import answer_change
+from diagnosis.twin.flown import flight_of, seen, twin_replay
 from diagnosis.twin.twin import make_twin
 
 Case = tuple[str, float]
@@ -81,7 +82,7 @@ def fly(flights: FlightSet, scales: Sequence[float]) -> tuple[Mapping[Case, tupl
     for name, size in cases:
         logs = [disturbed(f, name, size) if name else f for f in flights.flights]
         inputs = choose_inputs(dataclasses.replace(flights, flights=tuple(logs)))
-        made[name, size] = flown(replay, inputs.flights, replay.library.neutral)
+        made[name, size] = flight_of(replay, inputs.flights)(replay.library.neutral)
         sys.stderr.write(f"flown: {name or 'undisturbed'} {size:g}\n")
 
     def twin_of(chosen: Sequence[Channels]) -> object:
@@ -107,7 +108,7 @@ def measure(
         twin = twin_of([c for c in channels[CLEAN] if c.name in before])
         for case, flights in channels.items():
             if case == CLEAN or k < fault_splits:
-                found[case].append(answer(twin, [c for c in flights if c.name in after]))
+                found[case].append(answer_change(twin, [c for c in flights if c.name in after])[0])
     return [Tally(case, tuple(answers)) for case, answers in found.items()]
 
 
@@ -126,7 +127,7 @@ def _share(k: int, n: int) -> str:
 def write_table(tallies: Sequence[Tally]) -> str:
     """The table of all cases, in Markdown."""
     lines = [
-        "| fault | named or alias | named first | mean estimate | coverage | limit | drift left |",
+        "| fault | named or alias | named first | mean estimate | coverage | limit | misfit left |",
         "|---|---|---|---|---|---|---|",
     ]
     for tally in tallies:
@@ -145,8 +146,8 @@ def write_table(tallies: Sequence[Tally]) -> str:
 def _line(tally: Tally, name: str, size: float, fault: Fault, n: int) -> str:
     shown = tally.estimates()
     held = sum(p.low <= size <= p.high for p in shown)
-    drifts = [a.drift for a in tally.answers if a.drift]
-    left = np.mean([d.after / d.before for d in drifts]) if drifts else np.nan
+    misfits = [a.misfit for a in tally.answers if a.effects]
+    left = np.mean([after / before for before, after in misfits]) if misfits else np.nan
     mean = np.mean([p.value for p in shown]) if shown else np.nan
     limit = np.median([p.limit for p in shown]) if shown else np.nan
     return (

@@ -5,6 +5,8 @@ The cards of the effects name the manoeuvres (`EffectCard.flight`, `EffectCard.s
 
 from collections.abc import Mapping, Sequence
 
+from diagnosis.decision import Decision
+from diagnosis.replay.library import Slot
 from simulators.effects.card import load_card, manoeuvre
 
 
@@ -32,6 +34,17 @@ def next_flight(
         if flight := load_card(name).flight:
             return f"To be able to see {name.replace('_', ' ')} as well: {flight}."
     return "Nothing: these flights separate all candidates that they can show."
+
+
+def blind_to(
+    slots: Sequence[Slot], seen: Sequence[tuple[int, float]], decision: Decision
+) -> list[str]:
+    """Effects whose smallest visible size is `blind_share` of the allowed range or more.
+
+    `seen` holds that size for some of the parameters in `slots`.
+    """
+    share = decision.blind_share
+    return [slots[i].effect for i, size in seen if size > share * (slots[i].high - slots[i].low)]
 
 
 def _of(name: str) -> str:

@@ -72,6 +72,10 @@ class Reference:
         values: dict[str, Any] = {n: x if x.ndim else float(x) for n, x in arrays.items()}
         return cls(**values)
 
+    def unfollowed(self, decision: Decision = Decision()) -> bool:
+        """Whether the fit is no vehicle: some channel of its own flights is far from it."""
+        return float(np.max(self.enlarged)) ** 2 > decision.attitude_lost
+
     def shared(
         self, library: Library, decision: Decision = Decision()
     ) -> tuple[SharedParameter, ...]:

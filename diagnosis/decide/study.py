@@ -61,15 +61,15 @@ class Study:
         return found and self.verdict.kind == "effect" and share < decision.forces_explained
 
 
-def study(question: Question, progress: Progress = silent) -> Study:
-    """What came of the flights, replayed in the way that says most.
+def study(question: Question, prepared: Prepared, progress: Progress = silent) -> Study:
+    """What came of the flights of a question, `prepared`, replayed in the way that says most.
 
     Where nothing explains the attitude, that is the measured one, if it makes a cause clear.
 
     Raises:
         LogError: As `prepare`.
     """
-    found = conclude(prepare(question, progress=progress), progress)
+    found = conclude(prepared, progress)
     if not found.attitude_lost():
         return found
     progress("again, with the measured attitude", 0.05)

@@ -17,7 +17,7 @@ Source of the jackknife: Efron (1982).
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import stats
 
 from diagnosis.decision import Decision
@@ -83,8 +83,24 @@ def shrink(
 ) -> Shrink:
     """The diagnosis' `shrink`."""
     before, after = (np.linalg.norm(drifts(t)[:, :3], axis=1) for t in (drift.before, drift.after))
+    by_channel = _by_channel(drift, sigma)
+    return shrink_of(before, after, drift.before.flight, by_channel, lofo, decision)
+
+
+def shrink_of(
+    before: Float[np.ndarray, " windows"],
+    after: Float[np.ndarray, " windows"],
+    flown: Int[np.ndarray, " windows"],
+    by_channel: tuple[ChannelShrink, ...],
+    lofo: bool,
+    decision: Decision = Decision(),
+) -> Shrink:
+    """The shrinkage of drifts [m] in windows of the flights `flown`; windows without one are NaN.
+
+    With `lofo`, each flight was left out in turn.
+    """
     seen = np.isfinite(before)
-    before, after, flown = before[seen], after[seen], drift.before.flight[seen]
+    before, after, flown = before[seen], after[seen], flown[seen]
     sizes = {f: (rms(before[flown == f]), rms(after[flown == f])) for f in np.unique(flown)}
     flights = [f for f, pair in sizes.items() if min(pair) > 0.0]
     n, lost = len(flights), int(np.sum(~np.isfinite(after)))
@@ -108,7 +124,7 @@ def shrink(
         percent=100.0 * (1.0 - float(np.exp(ratio))),
         low=100.0 * (1.0 - float(np.exp(ratio + half))),
         high=100.0 * (1.0 - float(np.exp(ratio - half))),
-        by_channel=_by_channel(drift, sigma),
+        by_channel=by_channel,
         how="leave one flight out" if lofo else "flights held out",
         reason=None,
     )

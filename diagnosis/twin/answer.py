@@ -5,7 +5,8 @@ import enum
 
 import numpy as np
 
-from diagnosis.twin.channels import CHANNELS
+from diagnosis.result_parts import AtBound, Followed
+from diagnosis.twin.channels import CHANNELS, UNITS
 
 
 class Change(enum.Enum):
@@ -41,8 +42,13 @@ class ChangedParameter:
     """Upper end of the 95 % interval."""
     limit: float
     """Smallest change that flights like these show with 95 % probability."""
-    at_bound: bool
-    """Whether the estimate lies beyond what the effect may have."""
+    beyond: AtBound
+    """The end of the effect's allowed range beyond which the estimate lies."""
+
+    @property
+    def clear(self) -> bool:
+        """Whether the interval does not hold zero."""
+        return self.low > 0.0 or self.high < 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,35 +65,6 @@ class Candidate:
     """Probability among all single candidates and no change."""
     parameters: tuple[ChangedParameter, ...]
     """Its parameters."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Followed:
-    """How well the twin follows flights of the reference that it has not seen."""
-
-    channel: str
-    """One of `diagnosis.twin.channels.CHANNELS`."""
-    unit: str
-    """rad or m/s^2."""
-    simulator: float
-    """Root mean square of measured minus nominal simulator."""
-    twin: float
-    """The same of measured minus twin."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Drift:
-    """Position drift over one window, mean over flights, root mean square within each [m]."""
-
-    before: float
-    """Of the reference's twin."""
-    after: float
-    """Of the twin with the named effects, fitted to the other changed flights."""
-
-    @property
-    def shrinkage(self) -> float:
-        """Share of the drift that the named effects take away."""
-        return 1.0 - self.after / self.before if self.before > 0.0 else np.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,10 +91,12 @@ class TwinAnswer:
     """The same after the named effects."""
     followed: tuple[Followed, ...]
     """How well the twin follows."""
-    drift: Drift | None
-    """How far the named effects shrink the drift; None without any."""
+    misfit: tuple[float, float]
+    """Chi-square per number of the changed flights, without and with the named effects."""
     set_aside: tuple[str, ...]
-    """Flights of either set that do not count: no twin follows them."""
+    """Changed flights that do not count: the others differ from the twin far less."""
+    reference_set_aside: tuple[str, ...]
+    """Reference flights that do not count: no twin of the others follows them."""
     reference_flights: int
     """Reference flights that count."""
     target_flights: int
@@ -129,6 +108,8 @@ def followed(
 ) -> tuple[Followed, ...]:
     """The records of all channels that are seen."""
     return tuple(
-        Followed(CHANNELS[c], "rad" if c < 3 else "m/s^2", float(simulator[c]), float(twin[c]))
+        Followed(
+            channel=CHANNELS[c], unit=UNITS[c], simulator=float(simulator[c]), twin=float(twin[c])
+        )
         for c in seen
     )

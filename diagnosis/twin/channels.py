@@ -16,12 +16,17 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from diagnosis.logs.flights import FlightLog, LogError
+from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.segments import NODE_DT, WINDOW, Segments
 from diagnosis.replay.replay import Replay
 
-CHANNELS = ("roll", "pitch", "yaw", "acc forward", "acc left", "acc up")
+CHANNELS = (
+    *("roll", "pitch", "yaw"),
+    *("acceleration forward", "acceleration left", "acceleration up"),
+)
 """What a sample holds."""
+UNITS = ("rad",) * 3 + ("m/s^2",) * 3
+"""Their units."""
 N = len(CHANNELS)
 """Number of channels."""
 ANGLES = 3
@@ -59,14 +64,7 @@ def make_channels(
     segments: Segments,
     vector: Float[np.ndarray, " params"],
 ) -> tuple[Channels, ...]:
-    """The channels of every flight that has `FEWEST_SAMPLES`, simulated at `vector`.
-
-    Raises:
-        LogError: A flight has several drones.
-    """
-    several = [log.name for log in logs if len(log.drones) > 1]
-    if several:
-        raise LogError(f"flights/{several[0]}: a twin takes flights of one drone, got several.")
+    """The channels of every flight of one drone with `FEWEST_SAMPLES`, simulated at `vector`."""
     vectors = np.repeat(vector[None], len(logs), axis=0)
     parts = [p for _, p in replay(segments, vectors, np.eye(len(vector)), turns=False)]
     value = np.concatenate([part.value for part in parts])[:, :, 0]

@@ -1,24 +1,38 @@
 """`diagnose_change(flights, reference)`: what changed since the reference flew, beside its twin."""
 
-import functools
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.decide.prepared import nominal_simulator
+from diagnosis.decide.prepared import Progress, silent
 from diagnosis.decision import Decision
-from diagnosis.logs.flights import FlightLog, FlightSet, LogError
-from diagnosis.logs.inputs import Inputs, choose_inputs, on_ground
-from diagnosis.logs.segments import NODE_DT, WINDOW, cut
-from diagnosis.replay.library import make_library, with_aliases
-from diagnosis.replay.replay import Replay, make_replay
-from diagnosis.twin.answer import Drift, TwinAnswer, followed
-from diagnosis.twin.channels import ANGLES, Channels, N, make_channels
-from diagnosis.twin.naming import Named, name_change
-from diagnosis.twin.twin import Score, Twin, make_twin, standing_out
-from diagnosis.twin.units import compare, make_group
-from simulators.contract import replayable_class
+from diagnosis.logs.flights import FlightSet
+from diagnosis.logs.inputs import Inputs
+from diagnosis.twin.answer import TwinAnswer, followed
+from diagnosis.twin.channels import Channels
+from diagnosis.twin.drift import Scored, score_flights
+from diagnosis.twin.flown import Fly, driven_alike, flight_of, seen, twin_replay
+from diagnosis.twin.naming import name_change
+from diagnosis.twin.twin import Twin, make_twin, standing_out
+from diagnosis.twin.units import Group, make_group
+
+
+@dataclasses.dataclass(frozen=True)
+class ChangeStudy:
+    """What came of two sets of flights beside a twin."""
+
+    inputs: Inputs
+    """The changed flights as they are driven."""
+    compared: Inputs
+    """The reference flights, likewise."""
+    twin: Twin
+    """The vehicle of the reference flights."""
+    answer: TwinAnswer
+    """What changed."""
+    scored: tuple[Scored, ...]
+    """The changed flights without and with the named effects."""
 
 
 def diagnose_change(
@@ -26,114 +40,97 @@ def diagnose_change(
     reference: FlightSet,
     *,
     simulator: str = "crazyflow",
+    exclude: Collection[str] = (),
     decision: Decision = Decision(),
-) -> TwinAnswer:
-    """What changed between `reference` and `flights`, both flown by one airframe.
+    progress: Progress = silent,
+) -> ChangeStudy:
+    """What changed between `reference` and `flights`, flown by one airframe.
+
+    Each set is replayed with the mass that its vehicle.toml believes.
 
     Raises:
-        LogError: The two sets are not driven by the same input, or too few flights are usable.
+        LogError: The two sets are not driven by the same input, a flight has several drones, or
+            too few flights are usable.
     """
-    inputs = choose_inputs(flights, beside=reference)
-    before = choose_inputs(reference, beside=flights)
-    if inputs.kind != before.kind:
-        raise LogError(
-            f"{flights.path} is replayed by {inputs.kind}, the reference by {before.kind}; "
-            "both must log the same kind of input."
-        )
-    replay = twin_replay(flights, inputs, simulator)
+    inputs, before = driven_alike(flights, reference)
+    replay = twin_replay(flights, inputs, simulator, exclude)
+    beside = replay
+    if reference.vehicle.mass != flights.vehicle.mass:
+        beside = twin_replay(reference, before, simulator, exclude)
     neutral = replay.library.neutral
-    twin = make_twin(flown(replay, before.flights, neutral), replay.library, seen(replay))
-    return answer(twin, flown(replay, inputs.flights, neutral), decision)
+    fly = flight_of(replay, inputs.flights)
+    progress("learning how the reference flies", 0.3)
+    known = flight_of(beside, before.flights)(neutral)
+    twin = make_twin(known, replay.library, seen(replay), decision)
+    progress("looking for what changed", 0.6)
+    answer, scored = answer_change(twin, fly(neutral), decision, fly)
+    return ChangeStudy(inputs, before, twin, answer, scored)
 
 
-def seen(replay: Replay) -> tuple[int, ...]:
-    """Channels that say something: a prescribed attitude does not."""
-    return tuple(range(ANGLES if replay.prescribed else 0, N))
+def answer_change(
+    twin: Twin,
+    flights: Sequence[Channels],
+    decision: Decision = Decision(),
+    fly: Fly | None = None,
+) -> tuple[TwinAnswer, tuple[Scored, ...]]:
+    """What changed, by the changed flights' channels at the library's neutral vector.
 
-
-def twin_replay(flights: FlightSet, inputs: Inputs, simulator: str) -> Replay:
-    """The replay of the nominal simulator with every effect that these inputs can show."""
-    nominal = nominal_simulator(simulator, flights, limited=inputs.follows_commands)
-    library = make_library(
-        nominal,
-        with_aliases(()),
-        prescribed=inputs.prescribed,
-        referenced=True,
-        produced=inputs.produced,
-        mapped=inputs.mapped,
-        twin=True,
-    )
-    return make_replay(library, replayable_class(simulator).replay_dt, inputs.measured)
-
-
-def flown(
-    replay: Replay, logs: Sequence[FlightLog], vector: Float[np.ndarray, " params"]
-) -> tuple[Channels, ...]:
-    """The channels of logs, simulated at `vector`.
-
-    Raises:
-        LogError: No flight has enough samples.
+    With `fly`, which simulates them elsewhere, large changes are found in their right size.
     """
-    mass = replay.library.simulator.spec.mass
-    ground = functools.partial(on_ground, mass=mass, turning=replay.measured > 0)
-    made = [
-        channels
-        for segments in cut(logs, replay.dt, replay.measured, ground)
-        for channels in make_channels(replay, logs, segments, vector)
-    ]
-    if not made:
-        raise LogError(
-            f"no flight holds a second of rows every {NODE_DT:g} s in the air, in windows of "
-            f"{WINDOW:g} s without unknown commands; log faster, or fly longer."
-        )
-    return tuple(made)
+    # By what no candidate explains: a change shows more in some flights than in others.
+    odd = standing_out([twin.score(f).alone for f in flights], decision)
+    aside = tuple(f.name for f, out in zip(flights, odd, strict=True) if out)
+    library = twin.library
+    width = library.high - library.low
+    kept = tuple(f for f in flights if f.name not in aside)
 
+    def flown_at(change: Float[np.ndarray, " params"]) -> tuple[Channels, ...]:
+        if fly is None or not change.any():
+            return kept
+        return tuple(f for f in fly(library.neutral + change * width) if f.name not in aside)
 
-def answer(twin: Twin, flights: Sequence[Channels], decision: Decision = Decision()) -> TwinAnswer:
-    """What changed, by the target flights' channels at the library's neutral vector."""
-    scores = [twin.score(f) for f in flights]
-    odd = standing_out([s.misfit for s in scores])
-    aside = tuple(s.name for s, out in zip(scores, odd, strict=True) if out)
-    kept = [f for f, out in zip(flights, odd, strict=True) if not out]
-    scores = [s for s, out in zip(scores, odd, strict=True) if not out]
-    width = twin.library.high - twin.library.low
-    reference, target = make_group(twin.scores, width), make_group(scores, width)
-    named = name_change(twin.library, reference, target, decision)
-    return TwinAnswer(
-        **vars(named),
+    def refly(change: Float[np.ndarray, " params"]) -> Group:
+        return make_group([twin.score(f) for f in flown_at(change)], width)
+
+    reference, target = make_group(twin.scores, width), refly(np.zeros(len(width)))
+    named = name_change(library, reference, target, decision, refly if fly else None)
+    scored = score_flights(twin, kept, flown_at(named.at.change), named.at)
+    if named.effects and not _helps(twin, scored):
+        named = named.unexplained()
+        scored = score_flights(twin, kept, kept, named.at)
+    fields = {field.name for field in dataclasses.fields(TwinAnswer)}
+    own = {name: value for name, value in vars(named).items() if name in fields}
+    misfit = _misfit(twin, scored)
+    answer = TwinAnswer(
+        **own,
         followed=followed(twin.gap, twin.error, twin.colour.seen),
-        drift=_drift(twin, kept, scores, named) if named.effects else None,
-        set_aside=(*twin.set_aside, *aside),
+        misfit=misfit,
+        set_aside=aside,
+        reference_set_aside=twin.set_aside,
         reference_flights=len(reference),
         target_flights=len(target),
     )
+    return answer, scored
 
 
-def _drift(
-    twin: Twin, flights: Sequence[Channels], scores: Sequence[Score], named: Named
-) -> Drift | None:
-    """The drift of every target flight with the named effects as the others show them."""
-    if len(flights) < 2:
-        return None
-    library, width = twin.library, twin.library.high - twin.library.low
-    columns = [i for e in named.effects for i in library.indices(e)]
-    reference, target = make_group(twin.scores, width), make_group(scores, width)
-    before, after = [], []
-    for i, flight in enumerate(flights):
-        others = compare(reference, target.without(i), columns).estimate(columns)
-        errors, slopes = twin.errors(flight), twin.memory.respond(flight)[columns]
-        values = others.value * width[columns]
-        before.append(drift_of(errors, flight))
-        after.append(drift_of(errors - np.tensordot(values, slopes, axes=1), flight))
-    return Drift(float(np.mean(before)), float(np.mean(after)))
+def _helps(twin: Twin, scored: Sequence[Scored]) -> bool:
+    """Whether effects that were fitted to other flights lower both the misfit and the drift."""
+    if len(scored) < 2:
+        return True  # there is no other flight
+    before, after = _misfit(twin, scored)
+    drifts = [
+        np.nanmean(np.concatenate([one.drift(getattr(one, which)) for one in scored]) ** 2)
+        for which in ("before", "after")
+    ]
+    return after < before and bool(drifts[1] < drifts[0])
 
 
-def drift_of(errors: Float[np.ndarray, "time 6"], flight: Channels) -> float:
-    """Root mean square of the position error after each whole window of valid samples [m]."""
-    n = round(WINDOW / NODE_DT)
-    whole = len(errors) // n * n
-    acc = errors[:whole, ANGLES:].reshape(-1, n, 3)
-    good = flight.valid[:whole].reshape(-1, n).all(axis=1)
-    to_go = (n - np.arange(n) - 0.5) * NODE_DT**2
-    moved = np.einsum("wni,n->wi", acc[good], to_go)
-    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))) if good.any() else 0.0
+def _misfit(twin: Twin, scored: Sequence[Scored]) -> tuple[float, float]:
+    """Chi-square per number of the changed flights, without and with the named effects."""
+
+    def chi2(errors: Sequence[np.ndarray]) -> float:
+        parts = zip(errors, scored, strict=True)
+        white = [twin.colour.whiten(e, one.valid).ravel() for e, one in parts]
+        return float(np.mean(np.concatenate(white) ** 2))
+
+    return chi2([one.before for one in scored]), chi2([one.after for one in scored])

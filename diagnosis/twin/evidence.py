@@ -12,8 +12,10 @@ precisely others are seen. The difference of both groups' means is then
 C from the scatter of the reference flights (as in `units.py`). With T^2 the least
 (delta - M theta)' C^-1 (delta - M theta) over theta within the range of each effect,
 
-    log evidence = -(nu + K) / 2 log(1 + T^2 / nu) - Occam,
-    Occam = 1/2 log det(1 + s^2 M' C^-1 M),     s = PRIOR.
+    log evidence = -(nu + K) / 2 log(1 + T^2 / nu / b) - Occam,
+    Occam = 1/2 log det(1 + s^2 M' C^-1 M),     s = PRIOR,
+
+b = 1 unless the best effect leaves more than chance (`Evidence.scaled`).
 """
 
 import dataclasses
@@ -46,6 +48,12 @@ class Evidence:
     """Its derivative by the parameters, in units of their range."""
     dof: float
     """Degrees of freedom of its covariance."""
+    unchanged: float
+    """T^2 of no change at all."""
+    basis: Float[np.ndarray, "params K"]
+    """The directions."""
+    scale: float = 1.0
+    """What T^2 is divided by (`scaled`)."""
 
     def left(self, columns: Sequence[int]) -> float:
         """T^2 that the best values of some parameters within their range leave."""
@@ -59,10 +67,20 @@ class Evidence:
         """Log evidence of a set of parameters against no change [nats]."""
         k = len(self.delta)
         power = -(self.dof + k) / 2.0
-        fit = power * (np.log1p(self.left(columns) / self.dof) - np.log1p(self.left([]) / self.dof))
+        without = np.log1p(self.unchanged / self.scale / self.dof)
+        fit = power * (np.log1p(self.left(columns) / self.scale / self.dof) - without)
         m = self.M[:, list(columns)]
         occam = 0.5 * np.linalg.slogdet(np.eye(m.shape[1]) + PRIOR**2 * m.T @ m)[1]
         return float(fit - occam)
+
+    def scaled(self, left: float, n_parameters: int) -> "Evidence":
+        """The same where the best set of so many parameters leaves T^2 = `left`.
+
+        What it leaves beyond chance may as well hide what speaks for its rivals, so that all T^2
+        are divided by it (Birge's ratio, squared).
+        """
+        free = max(len(self.delta) - n_parameters, 1)
+        return dataclasses.replace(self, scale=max(1.0, left / free))
 
     def p(self, columns: Sequence[int]) -> float:
         """Probability of what some parameters leave, if nothing else changed."""
@@ -72,6 +90,21 @@ class Evidence:
 
 def weigh(comparison: Comparison, columns: Sequence[int]) -> Evidence:
     """The evidence of two groups, with directions among the parameters at `columns`."""
+    found = _along(comparison, _basis(comparison, columns))
+    return dataclasses.replace(found, unchanged=float(found.delta @ found.delta))
+
+
+def weigh_at(evidence: Evidence, comparison: Comparison) -> Evidence:
+    """The same evidence where the target is compared with what a change predicts.
+
+    The scores of the target in `comparison` are those at the changed vector.
+    """
+    found = _along(comparison, evidence.basis)
+    return dataclasses.replace(found, unchanged=evidence.unchanged)
+
+
+def _basis(comparison: Comparison, columns: Sequence[int]) -> Float[np.ndarray, "params K"]:
+    """The directions in which two groups say most."""
     reference, target = comparison.reference, comparison.target
     mean = np.concatenate([reference.H, target.H]).mean(axis=0)
     n = 1.0 / (1.0 / len(reference) + 1.0 / len(target))
@@ -81,17 +114,23 @@ def weigh(comparison: Comparison, columns: Sequence[int]) -> Evidence:
     kept = np.flatnonzero(values > LEAST * values.mean())[::-1][:MOST]
     basis = np.zeros((len(mean), len(kept)))
     basis[at] = vectors[:, kept] / scale[:, None] / np.sqrt(values[kept])
+    return basis
+
+
+def _along(comparison: Comparison, basis: Float[np.ndarray, "params K"]) -> Evidence:
+    """The difference of two groups along some directions."""
+    reference, target = comparison.reference, comparison.target
     z, weight = _directions(reference, basis)
     beside, other = _directions(target, basis)
     first, second = z.sum(axis=0) / weight.sum(), beside.sum(axis=0) / other.sum()
     q, q_other = ((w + w * w) / 2.0 for w in (weight, other))
     u = (z - weight[:, None] * first) / np.sqrt(q)[:, None]
     dof = len(reference) - 1.0 + PRIOR_FLIGHTS
-    c = (PRIOR_FLIGHTS * comparison.phi * np.eye(len(kept)) + u.T @ u) / dof
+    c = (PRIOR_FLIGHTS * comparison.phi * np.eye(basis.shape[1]) + u.T @ u) / dof
     c = c * (q.sum() / weight.sum() ** 2 + q_other.sum() / other.sum() ** 2)
     root = np.linalg.inv(np.linalg.cholesky(c))
     M = basis.T @ target.H.sum(axis=0) / other.sum()
-    return Evidence(root @ (second - first), root @ M, dof)
+    return Evidence(root @ (second - first), root @ M, dof, np.nan, basis)
 
 
 def _directions(

@@ -1,7 +1,7 @@
 """Which effects changed: every candidate alone, the best class of aliases, then further ones."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -10,25 +10,14 @@ from scipy.stats import t as student
 from diagnosis.decision import Decision
 from diagnosis.replay.library import Library
 from diagnosis.twin.answer import Candidate, Change, ChangedParameter
-from diagnosis.twin.evidence import Evidence, weigh
-from diagnosis.twin.units import Comparison, Estimate, Group, compare
-
-ALPHA = 0.01
-"""Probability of naming anything in undisturbed flights, shared out among all candidates; a
-choice, half of the false alarms that are allowed."""
-MOST_EFFECTS = 3
-"""Most effects of an answer; a choice."""
-POWER = 0.95
-"""Probability with which a change of the size of the limit is named."""
-LEAST_SHARE = 0.5
-"""Probability below which a class of aliases is not named."""
-FEW = 5
-"""Flights of either set below which silence is no answer."""
+from diagnosis.twin.evidence import weigh
+from diagnosis.twin.hypothesis import Hypothesis, Refly, settle
+from diagnosis.twin.units import Estimate, Group, compare
 
 
 @dataclasses.dataclass(frozen=True)
 class Named:
-    """What was named, before flights are flown again with it."""
+    """What was named, before the drift is scored with it."""
 
     change: Change
     """The verdict."""
@@ -48,38 +37,75 @@ class Named:
     """Probability of the flights without change."""
     p_left: float
     """The same after the named effects."""
+    at: Hypothesis
+    """The named effects, linearised where they fit; without any, no change."""
+    nothing: Hypothesis
+    """No change."""
+
+    def unexplained(self) -> "Named":
+        """The same without a name: the effects do not help flights that they were not fitted to."""
+        return dataclasses.replace(
+            self,
+            change=Change.UNEXPLAINED,
+            effects=(),
+            aliases=(),
+            probability=0.0,
+            parameters=(),
+            p_left=self.p_none,
+            at=self.nothing,
+        )
 
 
 def name_change(
-    library: Library, reference: Group, target: Group, decision: Decision = Decision()
+    library: Library,
+    reference: Group,
+    target: Group,
+    decision: Decision = Decision(),
+    refly: Refly | None = None,
 ) -> Named:
-    """What changed between two groups of scores in units of the library's ranges."""
+    """What changed between two groups of scores in units of the library's ranges.
+
+    With `refly`, candidates that may be named are taken to where they fit.
+    """
     effects = [e for e in library.candidates if _free(library, e)]
     every = [i for e in effects for i in library.indices(e)]
     comparison = compare(reference, target, every)
-    evidence = weigh(comparison, every)
-    shown = {e: comparison.estimate(library.indices(e)) for e in effects}
-    seen = [e for e in effects if np.any(shown[e].error * _limit(shown[e].dof, 1) < 1.0)]
-    unseen = tuple(sorted(set(library.candidates) - set(seen)))
-    candidates = _candidates(library, seen, shown, evidence, decision)
-    alpha = ALPHA / max(len(seen), 1)
-    sure = [c for c in candidates if c.p < alpha]
-    p_none = evidence.p([])
-    rest = {"candidates": candidates, "unseen": unseen, "p_none": p_none}
+    nothing = Hypothesis((), (), comparison, weigh(comparison, every), np.zeros(len(library.slots)))
+    alone = {e: nothing.of(library, (e,)) for e in effects}
+    seen = [e for e in effects if _shows(alone[e].estimate, decision)]
+    p_none, n = nothing.p_left, max(len(seen), 1)
+    alone = _scaled(_settled(library, alone, seen, every, refly, decision), seen)
+    candidates = _candidates(library, [alone[e] for e in seen], decision)
+    sure = _sure(candidates, p_none, decision)
     share, aliases = _class_of(sure, candidates, decision)
-    if not sure or share < LEAST_SHARE:
-        change = Change.UNEXPLAINED if sure or p_none < ALPHA else Change.NONE
-        if change is Change.NONE and min(len(reference), len(target)) < FEW:
+    rest = {
+        "candidates": candidates,
+        "unseen": tuple(sorted(set(library.candidates) - set(seen))),
+        "p_none": p_none,
+        "nothing": nothing,
+    }
+    if not sure or share < decision.least_chance:
+        change = Change.UNEXPLAINED if sure or p_none < decision.alarm_chance else Change.NONE
+        if change is Change.NONE and min(len(reference), len(target)) < decision.few_flights:
             change = Change.TOO_FEW
-        return Named(change, (), (), share, (), p_left=p_none, **rest)
-    named = _further(
-        library, comparison, evidence, (sure[0].effect,), sure, alpha, aliases, decision
+        return Named(change, (), (), share, (), p_left=p_none, at=nothing, **rest)
+    at = alone[sure[0].effect]
+    named = _further(library, at, sure, aliases, n, decision)
+    while named != at.effects:
+        tried = settle(at.of(library, named), library, every, refly)
+        named = _clear(library, tried, n, decision)
+        at = tried if named == tried.effects else alone[sure[0].effect].of(library, named)
+    p_left = at.p_left
+    return Named(
+        change=Change.PARTLY if p_left < decision.alarm_chance else Change.EFFECT,
+        effects=named,
+        aliases=aliases,
+        probability=share,
+        parameters=changed(library, named, at.estimate, n, decision),
+        p_left=p_left,
+        at=at,
+        **rest,
     )
-    columns = [i for e in named for i in library.indices(e)]
-    parameters = changed(library, named, comparison.estimate(columns), len(seen))
-    p_left = evidence.p(columns)
-    change = Change.PARTLY if p_left < ALPHA else Change.EFFECT
-    return Named(change, named, aliases, share, parameters, p_left=p_left, **rest)
 
 
 def _free(library: Library, effect: str) -> bool:
@@ -87,23 +113,69 @@ def _free(library: Library, effect: str) -> bool:
     return effect not in library.onsets and not library.card(effect).start
 
 
-def _limit(dof: float, n_candidates: int) -> float:
-    """Standard errors of the smallest change that is named with probability `POWER`."""
-    named = student.isf(ALPHA / n_candidates / 2.0, dof)
-    return float(named + student.ppf(POWER, dof))
+def _shows(estimate: Estimate, decision: Decision) -> bool:
+    """Whether a change within the range of some parameter would be named if it were the only."""
+    return bool(np.any(estimate.error * _limit(estimate.dof, 1, decision) < 1.0))
+
+
+def _limit(dof: float, n_candidates: int, decision: Decision) -> float:
+    """Standard errors of the smallest change that is named with the probability `limit_power`."""
+    named = student.isf(decision.alarm_chance / n_candidates / 2.0, dof)
+    return float(named + student.ppf(decision.limit_power, dof))
+
+
+def _settled(
+    library: Library,
+    alone: Mapping[str, Hypothesis],
+    seen: Sequence[str],
+    every: Sequence[int],
+    refly: Refly | None,
+    decision: Decision,
+) -> dict[str, Hypothesis]:
+    """Single effects, the best of them linearised where they fit."""
+    log = {e: alone[e].log_evidence for e in seen}
+    near = [e for e in seen if log[e] > max(log.values()) - decision.near_nats]
+    near.sort(key=lambda e: -log[e])
+    shown = [e for e in near if alone[e].estimate.p() < decision.alarm_chance]
+    again = {e: settle(alone[e], library, every, refly) for e in shown[: decision.refits]}
+    return {**alone, **again}
+
+
+def _scaled(alone: Mapping[str, Hypothesis], seen: Sequence[str]) -> dict[str, Hypothesis]:
+    """Single effects, with the evidence scaled by what the best of them leaves."""
+    if not seen:
+        return dict(alone)
+    best = max((alone[e] for e in seen), key=lambda one: one.log_evidence)
+    left, n = best.evidence.left(best.columns), len(best.columns)
+    return {
+        e: dataclasses.replace(one, evidence=one.evidence.scaled(left, n))
+        for e, one in alone.items()
+    }
+
+
+def _clear(library: Library, at: Hypothesis, n: int, decision: Decision) -> tuple[str, ...]:
+    """The first effect, with those others of which some parameter is not zero by its interval."""
+    sizes = changed(library, at.effects, at.estimate, n, decision)
+    clear = {x.effect for x in sizes if x.clear}
+    return tuple(e for e in at.effects if e == at.effects[0] or e in clear)
 
 
 def changed(
-    library: Library, effects: Sequence[str], estimate: Estimate, n_candidates: int
+    library: Library,
+    effects: Sequence[str],
+    estimate: Estimate,
+    n_candidates: int,
+    decision: Decision = Decision(),
 ) -> tuple[ChangedParameter, ...]:
     """The parameters of `effects` in their units, with intervals and limits."""
     width: Float[np.ndarray, " params"] = library.high - library.low
     columns = [i for e in effects for i in library.indices(e)]
     half = float(student.ppf(0.975, estimate.dof))
-    limit = _limit(estimate.dof, n_candidates)
+    limit = _limit(estimate.dof, n_candidates, decision)
     made = []
     for i, value, error in zip(columns, estimate.value, estimate.error, strict=True):
         slot, w = library.slots[i], float(width[i])
+        x = slot.neutral + float(value) * w
         made.append(
             ChangedParameter(
                 effect=slot.effect,
@@ -113,33 +185,42 @@ def changed(
                 low=float(value - half * error) * w,
                 high=float(value + half * error) * w,
                 limit=limit * float(error) * w,
-                at_bound=bool(abs(value) > 1.0),
+                beyond="low" if x < slot.low else "high" if x > slot.high else "no",
             )
         )
     return tuple(made)
 
 
 def _candidates(
-    library: Library,
-    seen: Sequence[str],
-    shown: dict[str, Estimate],
-    evidence: Evidence,
-    decision: Decision,
+    library: Library, alone: Sequence[Hypothesis], decision: Decision
 ) -> tuple[Candidate, ...]:
-    log = {e: evidence.log_evidence(library.indices(e)) for e in seen}
-    odds = np.asarray([0.0, *(x - decision.effect_cost for x in log.values())])
+    odds = np.asarray([0.0, *(one.log_evidence - decision.effect_cost for one in alone)])
     shares = np.exp(odds - odds.max()) / np.exp(odds - odds.max()).sum()
     made = [
         Candidate(
-            effect=e,
-            p=shown[e].p(),
-            log_evidence=log[e],
+            effect=one.effects[0],
+            p=one.estimate.p(),
+            log_evidence=one.log_evidence,
             share=float(share),
-            parameters=changed(library, (e,), shown[e], len(seen)),
+            parameters=changed(library, one.effects, one.estimate, len(alone), decision),
         )
-        for e, share in zip(seen, shares[1:], strict=True)
+        for one, share in zip(alone, shares[1:], strict=True)
     ]
     return tuple(sorted(made, key=lambda c: -c.log_evidence))
+
+
+def _sure(
+    candidates: Sequence[Candidate], p_none: float, decision: Decision
+) -> tuple[Candidate, ...]:
+    """Candidates that undisturbed flights show too rarely, and whose size is not zero.
+
+    Each may raise its part of the false alarms. Where all directions together say that something
+    changed, each may raise all of them: with few flights, effects that look alike fail one by one.
+    """
+    chance = decision.alarm_chance
+    if p_none >= chance:
+        chance /= max(len(candidates), 1)
+    return tuple(c for c in candidates if c.p < chance and any(p.clear for p in c.parameters))
 
 
 def _class_of(
@@ -159,25 +240,25 @@ def _class_of(
 
 def _further(
     library: Library,
-    comparison: Comparison,
-    evidence: Evidence,
-    named: tuple[str, ...],
+    at: Hypothesis,
     sure: Sequence[Candidate],
-    alpha: float,
     aliases: Sequence[str],
+    n_candidates: int,
     decision: Decision,
 ) -> tuple[str, ...]:
-    """`named` with the effects that its flights show beside it, one after another."""
-    while len(named) < MOST_EFFECTS:
-        columns = [i for e in named for i in library.indices(e)]
-        so_far = evidence.log_evidence(columns)
+    """The named effects with those that the flights show beside them, one after another."""
+    named = at.effects
+    while len(named) < decision.largest_set:
+        so_far = at.of(library, named)
         gains = []
         for other in (c.effect for c in sure if c.effect not in (*named, *aliases)):
-            more = library.indices(other)
-            gain = evidence.log_evidence([*columns, *more]) - so_far - decision.effect_cost
-            together = comparison.estimate([*columns, *more])
-            p = together.p(range(len(columns), len(columns) + len(more)))
-            if gain > 0.0 and p < alpha:
+            more = at.of(library, (*named, other))
+            gain = more.log_evidence - so_far.log_evidence - decision.effect_cost
+            estimate = more.estimate
+            p = estimate.p(range(len(so_far.columns), len(more.columns)))
+            sizes = changed(library, more.effects, estimate, n_candidates, decision)
+            clear = any(x.clear for x in sizes if x.effect == other)
+            if clear and gain > 0.0 and p < decision.alarm_chance / n_candidates:
                 gains.append((gain, other))
         if not gains:
             break

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
+from diagnosis.decision import Decision
 from diagnosis.logs.flights import LogError
 from diagnosis.replay.library import Library
 from diagnosis.twin.channels import Channels
@@ -26,8 +27,6 @@ from diagnosis.twin.memory import Memory, fit_memories, gram, rms, scale_of
 
 FEWEST = 2
 """Reference flights without which none can be left out."""
-STANDS_OUT = 4.0
-"""Misfit beyond which a flight is set aside, over that of the median flight; a choice."""
 FEWEST_TO_JUDGE = 4
 """Flights below which none stands out; a choice."""
 
@@ -44,6 +43,9 @@ class Score:
     """Whitened slopes by whitened error."""
     misfit: float
     """Chi-square of the whitened error over its numbers."""
+    alone: float
+    """The same with every parameter at what this flight alone says of it, within its range: what
+    no candidate explains."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +73,8 @@ class Twin:
 
     def score(self, flight: Channels) -> Score:
         """What a flight says that is not among the reference flights."""
-        return score(self.colour, flight, self.errors(flight), self.memory.respond(flight))
+        width = self.library.high - self.library.low
+        return score(self.colour, flight, self.errors(flight), self.memory.respond(flight), width)
 
 
 def score(
@@ -79,13 +82,23 @@ def score(
     flight: Channels,
     errors: Float[np.ndarray, "time 6"],
     slopes: Float[np.ndarray, "params time 6"],
+    width: Float[np.ndarray, " params"],
 ) -> Score:
-    """The normal equations of one flight in whitened errors."""
+    """The normal equations of one flight in whitened errors; `width` are the parameters' ranges."""
     r, J = colour.whiten(errors, flight.valid), colour.whiten(slopes, flight.valid)
-    return Score(flight.name, J @ J.T, J @ r, float(r @ r) / max(len(r), 1))
+    H, h, n = J @ J.T, J @ r, max(len(r), 1)
+    Hw, hw = H * width[:, None] * width, h * width
+    own = np.linalg.solve(Hw + np.eye(len(width)), hw)
+    left = float(r @ r - 2.0 * own @ hw + own @ Hw @ own)
+    return Score(flight.name, H, h, float(r @ r) / n, left / n)
 
 
-def make_twin(flights: Sequence[Channels], library: Library, seen: tuple[int, ...]) -> Twin:
+def make_twin(
+    flights: Sequence[Channels],
+    library: Library,
+    seen: tuple[int, ...],
+    decision: Decision = Decision(),
+) -> Twin:
     """The twin of reference flights; those that no twin of the others follows are set aside.
 
     Raises:
@@ -97,7 +110,7 @@ def make_twin(flights: Sequence[Channels], library: Library, seen: tuple[int, ..
             "that each can be predicted from the others."
         )
     twin = _twin(flights, library, seen, ())
-    odd = standing_out([s.misfit for s in twin.scores])
+    odd = standing_out([s.alone for s in twin.scores], decision)
     if not odd.any():
         return twin
     names = tuple(f.name for f, out in zip(flights, odd, strict=True) if out)
@@ -105,18 +118,21 @@ def make_twin(flights: Sequence[Channels], library: Library, seen: tuple[int, ..
     return _twin(kept, library, seen, names)
 
 
-def standing_out(misfit: Sequence[float]) -> Bool[np.ndarray, " flights"]:
-    """Flights whose misfit is `STANDS_OUT` times that of the median flight."""
+def standing_out(
+    misfit: Sequence[float], decision: Decision = Decision()
+) -> Bool[np.ndarray, " flights"]:
+    """Flights whose misfit is `flight_alone` times that of the median flight."""
     each = np.asarray(misfit)
     if len(each) < FEWEST_TO_JUDGE:
         return np.zeros(len(each), bool)
-    return each > STANDS_OUT * np.median(each)
+    return each > decision.flight_alone * np.median(each)
 
 
 def _twin(
     flights: Sequence[Channels], library: Library, seen: tuple[int, ...], aside: tuple[str, ...]
 ) -> Twin:
     scale = scale_of(flights)
+    width = library.high - library.low
     memory, others = fit_memories([gram(f, scale) for f in flights], scale)
     slopes = [memory.respond(f) for f in flights]
     valid = [f.valid for f in flights]
@@ -124,7 +140,8 @@ def _twin(
     made = []
     for order in ORDERS:
         colour = fit_colour(errors, valid, order, seen)
-        scores = tuple(map(score, (colour,) * len(flights), flights, errors, slopes))
+        parts = zip(flights, errors, slopes, strict=True)
+        scores = tuple(score(colour, *part, width) for part in parts)
         made.append((_scatter(scores), colour, scores))
     _, colour, scores = min(made, key=lambda one: one[0])
     gap, error = rms([f.gap for f in flights], valid), rms(errors, valid)

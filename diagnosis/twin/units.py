@@ -41,19 +41,23 @@ class Group:
     """Information."""
     h: Float[np.ndarray, "flights params"]
     """Scores."""
+    misfit: Float[np.ndarray, " flights"]
+    """Chi-square per number of each."""
 
     def __len__(self) -> int:
         return len(self.h)
 
     def without(self, i: int) -> "Group":
         """All flights but one."""
-        return Group(np.delete(self.H, i, axis=0), np.delete(self.h, i, axis=0))
+        left = (np.delete(x, i, axis=0) for x in (self.H, self.h, self.misfit))
+        return Group(*left)
 
 
 def make_group(scores: Sequence[Score], width: Float[np.ndarray, " params"]) -> Group:
     """Scores with parameters in units of `width`."""
     H = np.stack([s.H for s in scores]) * width[:, None] * width
-    return Group(H, np.stack([s.h for s in scores]) * width)
+    misfit = np.asarray([s.misfit for s in scores])
+    return Group(H, np.stack([s.h for s in scores]) * width, misfit)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,7 +135,7 @@ def compare(reference: Group, target: Group, columns: Sequence[int]) -> Comparis
 
 
 def _part(group: Group, at: Sequence[int]) -> Group:
-    return Group(group.H[:, at][:, :, at], group.h[:, at])
+    return Group(group.H[:, at][:, :, at], group.h[:, at], group.misfit)
 
 
 def _weights(group: Group, mean: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " flights"]:

@@ -113,6 +113,7 @@ def details():
                 "high": [0.25, 0.23, 0.26, 0.25, 1.2, 1.5, 1.5, 1.5, 1.5, None],
             }
         ],
+        "followed": [],
         "misfit": {"before": 21.3, "after": 1.08},
         "dispersion": 1.2,
         "windows": None,

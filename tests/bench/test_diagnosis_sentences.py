@@ -65,14 +65,37 @@ def test_a_doubted_effect_comes_with_the_reason():
 def test_a_gap_that_is_partly_explained_is_said_to_be():
     found = diagnoses_for_tests.partly()
     assert verdict(load(found)) == (
-        "Part of what separates these flights from the simulator is explained with mass, which "
-        "flights left out of the fit confirm; 83 % of the gap, far above noise, mostly in velocity "
-        "drift z (70 %), fits no known effect."
+        "Part of what separates these flights from the simulator is explained by 12.0 % more mass "
+        "than believed (95 %: 11.2 to 12.7 %), which flights left out of the fit confirm; 83 % of "
+        "the gap, far above noise, mostly in velocity drift z (70 %), fits no known effect."
     )
     found["remainder"] |= {"share": 0.002, "mostly_explained": True}
     said = verdict(load(found))
     assert said.startswith("Most of what separates these flights from the simulator is explained")
     assert "; < 1 % of the gap, far above noise" in said
+
+
+def test_an_effect_that_explains_a_part_comes_with_what_looks_like_it():
+    found = diagnoses_for_tests.partly()
+    found["effects"][0]["aliases"] = ["thrust_gain"]
+    assert "but the data cannot tell mass from thrust gain; 83 %" in verdict(load(found))
+
+
+def test_silence_of_too_few_flights_is_no_all_clear():
+    found = diagnoses_for_tests.none() | {"verdict": "too_few"}
+    assert verdict(load(found)).startswith("Too few flights to tell whether anything changed: ")
+
+
+def test_a_twin_of_the_reference_is_said_to_stand_between():
+    found = diagnoses_for_tests.reference()
+    found["details"]["followed"] = [
+        {"channel": "roll", "unit": "rad", "simulator": 0.0333, "twin": 0.0078},
+        {"channel": "acceleration up", "unit": "m/s^2", "simulator": 0.56, "twin": 0.09},
+    ]
+    (said,) = [line for line in remarks(load(found)) if "twin" in line]
+    assert said.endswith(
+        "in acceleration up it is off by 0.090 m/s² where the simulator is off by 0.56 m/s²."
+    )
 
 
 def test_names_that_are_no_text_can_be_printed():

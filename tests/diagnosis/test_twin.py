@@ -10,7 +10,8 @@ from diagnosis.replay.library import make_library
 from diagnosis.twin.answer import Change
 from diagnosis.twin.channels import Channels, headed
 from diagnosis.twin.colour import fit_colour
-from diagnosis.twin.diagnose_change import answer, drift_of
+from diagnosis.twin.diagnose_change import answer_change
+from diagnosis.twin.drift import Scored
 from diagnosis.twin.memory import fit_memories, gram, lagged, scale_of
 from diagnosis.twin.twin import Score, make_twin, standing_out
 from diagnosis.twin.units import compare, make_group
@@ -115,20 +116,22 @@ def test_whitened_errors_of_a_coloured_noise_are_white():
 def test_a_change_is_named_with_an_interval_that_holds_it():
     twin = make_twin([flight(i) for i in range(8)], LIBRARY, EVERY)
     at, size = column("attitude_gain", "g"), 0.06
-    found = answer(twin, [flight(100 + i, [(at, size)]) for i in range(8)])
+    found, scored = answer_change(twin, [flight(100 + i, [(at, size)]) for i in range(8)])
     assert found.change is Change.EFFECT
     assert found.effects == ("attitude_gain",)
     named = found.parameters[0]
     assert named.low < size < named.high
     assert named.low > 0.0
-    assert found.drift is not None
-    assert found.drift.after < 0.5 * found.drift.before
+    assert found.misfit[1] < 0.5 * found.misfit[0]
+    assert all(
+        np.nanmean(one.drift(one.after)) < np.nanmean(one.drift(one.before)) for one in scored
+    )
 
 
 @pytest.mark.parametrize(("n", "change"), [(8, Change.NONE), (2, Change.TOO_FEW)])
 def test_undisturbed_flights_name_nothing(n, change):
     twin = make_twin([flight(i) for i in range(8)], LIBRARY, EVERY)
-    found = answer(twin, [flight(200 + i) for i in range(n)])
+    found, _ = answer_change(twin, [flight(200 + i) for i in range(n)])
     assert found.change is change
     assert found.effects == ()
 
@@ -152,14 +155,15 @@ def test_intervals_cover_no_change_as_often_as_they_say():
         truth = 0.3 * rng.normal(size=12)
         scores = [_score(theta + 0.1 * rng.normal()) for theta in truth]
         group = make_group(scores, np.ones(1))
-        both = type(group)(group.H[:6], group.h[:6]), type(group)(group.H[6:], group.h[6:])
-        estimate = compare(*both, [0]).estimate([0])
+        parts = (slice(0, 6), slice(6, 12))
+        both = [type(group)(group.H[at], group.h[at], group.misfit[at]) for at in parts]
+        estimate = compare(both[0], both[1], [0]).estimate([0])
         held += abs(estimate.value[0]) < 2.14 * estimate.error[0]
     assert 0.91 < held / 300 < 0.99
 
 
 def _score(theta):
-    return Score("", np.asarray([[100.0]]), np.asarray([100.0 * theta]), 1.0)
+    return Score("", np.asarray([[100.0]]), np.asarray([100.0 * theta]), 1.0, 1.0)
 
 
 def test_one_reference_flight_is_refused():
@@ -168,7 +172,55 @@ def test_one_reference_flight_is_refused():
 
 
 def test_drift_of_a_constant_acceleration_is_half_of_it_by_time_squared():
-    one = dataclasses.replace(flight(0), valid=np.ones(300, bool))
     errors = np.zeros((300, 6))
     errors[:, 5] = 0.8
-    assert drift_of(errors, one) == pytest.approx(0.5 * 0.8 * 0.5**2, rel=1e-6)
+    one = Scored("", np.ones(300, bool), errors, errors)
+    np.testing.assert_allclose(one.drift(errors), 0.5 * 0.8 * 0.5**2, rtol=1e-6)
+
+
+def nonlinear(seed, size, at):
+    """A flight whose channels bend with one parameter: a fifth more of it counts double."""
+    plain = flight(seed, noise=0.005, response=())
+    bent = size * (1.0 + 5.0 * size) * plain.slopes[at]
+    return dataclasses.replace(plain, measured=plain.measured + bent)
+
+
+def test_a_large_change_is_found_in_its_right_size_where_the_flights_can_be_flown_again():
+    at, size = column("attitude_gain", "g"), 0.2
+    twin = make_twin([flight(i, noise=0.005, response=()) for i in range(8)], LIBRARY, EVERY)
+    targets = [nonlinear(100 + i, size, at) for i in range(8)]
+
+    def fly(vector):
+        x = vector[at] - LIBRARY.neutral[at]
+        made = []
+        for one in targets:
+            slopes = one.slopes.copy()
+            slopes[at] *= 1.0 + 10.0 * x
+            moved = one.simulated + x * (1.0 + 5.0 * x) * one.slopes[at]
+            made.append(dataclasses.replace(one, simulated=moved, slopes=slopes))
+        return tuple(made)
+
+    linear, _ = answer_change(twin, targets)
+    found, _ = answer_change(twin, targets, fly=fly)
+    assert linear.parameters[0].value == pytest.approx(0.4, rel=0.1)
+    assert found.effects == ("attitude_gain",)
+    assert found.parameters[0].low < size < found.parameters[0].high
+    assert found.misfit[1] < 0.1 * linear.misfit[0]
+
+
+def test_effects_that_fit_the_flights_but_not_each_other_are_not_named():
+    """Every flight wants another size and sign: the scatter between flights is the yardstick."""
+    at = column("attitude_gain", "g")
+    twin = make_twin([flight(i) for i in range(8)], LIBRARY, EVERY)
+    sizes = (0.3, -0.3, 0.25, -0.25, 0.28, -0.28, 0.31, -0.31)
+    found, _ = answer_change(twin, [flight(100 + i, [(at, x)]) for i, x in enumerate(sizes)])
+    assert "attitude_gain" not in found.effects
+
+
+def test_few_flights_name_a_family_of_effects_that_look_alike():
+    """Each alone misses the level that is shared out; together they do not."""
+    at, size = column("attitude_gain", "g"), 0.05
+    twin = make_twin([flight(i) for i in range(5)], LIBRARY, EVERY)
+    found, _ = answer_change(twin, [flight(100 + i, [(at, size)]) for i in range(3)])
+    assert "attitude_gain" in (*found.effects, *found.aliases)
+    assert found.probability >= 0.5

@@ -1,0 +1,386 @@
+"""What a twin says of changed flights, as the typed `Diagnosis`."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+import diagnosis
+import simulators
+from diagnosis.decide.advice import blind_to, next_flight
+from diagnosis.decide.prepared import Progress, Question, silent
+from diagnosis.decision import Decision
+from diagnosis.fit.shrinkage import shrink_of, unknown_shrink
+from diagnosis.flights_used import flights_used
+from diagnosis.interface.faults import interface_faults
+from diagnosis.logs.inputs import Inputs
+from diagnosis.program import sources_digest, version
+from diagnosis.replay.library import with_aliases
+from diagnosis.result import (
+    Candidate,
+    Details,
+    Diagnosis,
+    Effect,
+    Parameter,
+    Program,
+    Remainder,
+    Settings,
+    Support,
+    VerdictKind,
+)
+from diagnosis.result_parts import (
+    ChannelGap,
+    ChannelShrink,
+    DriftAlong,
+    Flights,
+    Limit,
+    Misfit,
+    NotObservable,
+    NotUsed,
+    Shrink,
+)
+from diagnosis.statements import (
+    beyond_noise,
+    judged_of,
+    main_channels,
+    mostly_explained,
+    noteworthy,
+    use_of,
+)
+from diagnosis.twin.answer import Change, ChangedParameter
+from diagnosis.twin.channels import CHANNELS, FEWEST_SAMPLES, UNITS
+from diagnosis.twin.diagnose_change import ChangeStudy, diagnose_change
+from diagnosis.twin.drift import Scored
+
+VERDICTS: dict[Change, VerdictKind] = {
+    Change.EFFECT: "effect",
+    Change.PARTLY: "partly",
+    Change.UNEXPLAINED: "unexplained",
+    Change.NONE: "none",
+    Change.TOO_FEW: "too_few",
+}
+MOST_CANDIDATES = 8
+"""Effects that are listed."""
+
+
+def alone(question: Question) -> bool:
+    """Whether every flight is of one drone, as a twin takes them."""
+    sets = [question.flights, *([question.reference] if question.reference else [])]
+    return all(len(flight.drones) == 1 for one in sets for flight in one.flights)
+
+
+def weighed_anew(question: Question) -> bool:
+    """Whether both vehicles are believed to have different masses, which a twin takes out."""
+    flights, reference = question.flights, question.reference
+    if reference is None or reference.vehicle.mass == flights.vehicle.mass:
+        return False
+    return reference.vehicle.drone == flights.vehicle.drone and alone(question)
+
+
+def beside_twin(question: Question, progress: Progress = silent) -> Diagnosis:
+    """The diagnosis beside a twin of the reference.
+
+    Raises:
+        LogError: As `diagnose_change`.
+    """
+    assert question.reference is not None
+    study = diagnose_change(
+        question.flights,
+        question.reference,
+        simulator=question.simulator,
+        exclude=question.exclude,
+        decision=question.decision,
+        progress=progress,
+    )
+    return as_diagnosis(question, study)
+
+
+def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
+    """The diagnosis that answers a question beside a reference."""
+    found, decision = study.answer, question.decision
+    assert question.reference is not None
+    verdict = VERDICTS[found.change]
+    effects = _effects(study, verdict, decision)
+    seen = _limits(study)
+    slots = study.twin.library.slots
+    remainder = _remainder(study, verdict, decision)
+    inputs = dataclasses.replace(study.inputs, left_out=())
+    compared = dataclasses.replace(study.compared, left_out=())
+    return Diagnosis(
+        verdict=verdict,
+        probability=effects[0].probability if found.effects else None,
+        effects=effects,
+        remainder=remainder,
+        doubt=None,
+        where=_where(study, [one.before for one in study.scored], decision),
+        candidates=_candidates(study),
+        support=_support(study, decision),
+        shrink=_shrink(study, decision),
+        next_flight=next_flight(
+            judged_of(verdict),
+            {e.name: list(e.aliases) for e in effects if e.blamed},
+            None,
+            blind_to(slots, seen, decision),
+        ),
+        flights=_used(
+            flights_used(question.flights, inputs, lambda _: "fit, and held out in turn"),
+            study.inputs,
+            [one.name for one in study.scored],
+            found.set_aside,
+        ),
+        reference=_used(
+            flights_used(question.reference, compared, lambda _: "reference"),
+            study.compared,
+            [score.name for score in study.twin.scores],
+            found.reference_set_aside,
+        ),
+        settings=Settings(
+            simulator=question.simulator,
+            exclude=tuple(question.exclude),
+            withheld=tuple(sorted(with_aliases(question.exclude))),
+            decision=decision.values(),
+        ),
+        program=Program(version=version(), digest=sources_digest(diagnosis, simulators)),
+        details=_details(study, seen),
+        interface=interface_faults(question.flights.flights, question.flights.vehicle),
+    )
+
+
+def _used(flights: Flights, inputs: Inputs, counted: Sequence[str], odd: Sequence[str]) -> Flights:
+    """`flights` with those left out that did not count, each with its reason."""
+    gone = [(name, reason) for name, reason in inputs.left_out]
+    for flight in flights.used:
+        if flight.name in odd:
+            why = "what is left of it beside the twin is far more than of the other flights"
+            gone.append((flight.name, f"flights/{flight.name}: {why}"))
+        elif flight.name not in counted:
+            why = f"it holds less than {FEWEST_SAMPLES} samples of 20 ms that can be compared"
+            gone.append((flight.name, f"flights/{flight.name}: {why}"))
+    return dataclasses.replace(
+        flights,
+        used=tuple(flight for flight in flights.used if flight.name in counted),
+        left_out=(*flights.left_out, *(NotUsed(name=n, reason=why) for n, why in gone)),
+    )
+
+
+def _effects(study: ChangeStudy, verdict: str, decision: Decision) -> tuple[Effect, ...]:
+    """The named effects; of an unexplained change, the best candidate, which is not blamed."""
+    found = study.answer
+    if found.effects:
+        # No name is surer than that undisturbed flights show none.
+        sure = found.probability * (1.0 - decision.alarm_chance)
+        return tuple(
+            Effect(
+                name=name,
+                blamed=True,
+                probability=sure if i == 0 else min(sure, 1.0 - decision.alarm_chance),
+                aliases=found.aliases if i == 0 else (),
+                parameters=_parameters(found.parameters, name, verdict),
+            )
+            for i, name in enumerate(found.effects)
+        )
+    if found.change is not Change.UNEXPLAINED or not found.candidates:
+        return ()
+    best = found.candidates[0]
+    shown = _parameters(best.parameters, best.effect, verdict)
+    return (Effect(name=best.effect, blamed=False, probability=None, aliases=(), parameters=shown),)
+
+
+def _parameters(
+    changed: Sequence[ChangedParameter], effect: str, verdict: str
+) -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter(
+            name=one.parameter,
+            value=one.value,
+            low=one.low,
+            high=one.high,
+            unit=one.unit,
+            at_bound=one.beyond,
+            use=use_of(verdict, one.beyond, True),
+        )
+        for one in changed
+        if one.effect == effect
+    )
+
+
+def _excess(
+    study: ChangeStudy, errors: Sequence[Float[np.ndarray, "time 6"]]
+) -> Float[np.ndarray, " 6"]:
+    """Squared error of each channel beyond the twin's own, over the latter."""
+    each = [one.rms(e) for one, e in zip(study.scored, errors, strict=True)]
+    floor = study.twin.error**2
+    excess = np.maximum(np.mean(np.square(each), axis=0) - floor, 0.0) / np.maximum(floor, 1e-300)
+    unseen = [c for c in range(len(excess)) if c not in study.twin.colour.seen]
+    excess[unseen] = 0.0
+    return excess
+
+
+def _where(
+    study: ChangeStudy, errors: Sequence[Float[np.ndarray, "time 6"]], decision: Decision
+) -> tuple[ChannelGap, ...]:
+    """What is left beside the twin, channel by channel."""
+    excess = _excess(study, errors)
+    shares = (excess / max(float(excess.sum()), 1e-300)).tolist()
+    main = main_channels(shares, decision)
+    each = np.stack([one.rms(e) for one, e in zip(study.scored, errors, strict=True)])
+    found = []
+    for c in study.twin.colour.seen:
+        gap, floor = float(np.sqrt(np.mean(each[:, c] ** 2))), float(study.twin.error[c])
+        low, high = _interval(each[:, c])
+        found.append(
+            ChannelGap(
+                channel=CHANNELS[c],
+                unit=UNITS[c],
+                gap_rms=gap,
+                noise_floor=floor,
+                share=shares[c],
+                low=low,
+                high=high,
+                regimes=(),
+                onset_s=None,
+                beyond_noise=beyond_noise(gap, low, floor),
+                main=main[c],
+            )
+        )
+    return tuple(found)
+
+
+def _interval(values: Float[np.ndarray, " flights"]) -> tuple[float | None, float | None]:
+    """The 95 % interval of a mean over flights, by the logarithm."""
+    if len(values) < 2 or np.any(values <= 0.0):
+        return None, None
+    log = np.log(values)
+    half = stats.t.ppf(0.975, len(log) - 1) * np.std(log, ddof=1) / np.sqrt(len(log))
+    return float(np.exp(log.mean() - half)), float(np.exp(log.mean() + half))
+
+
+def _remainder(study: ChangeStudy, verdict: str, decision: Decision) -> Remainder:
+    after = [one.after for one in study.scored]
+    before = float(_excess(study, [one.before for one in study.scored]).sum())
+    share = float(_excess(study, after).sum()) / before if before > 0.0 else 0.0
+    share = 0.0 if verdict in ("none", "too_few") else min(share, 1.0)
+    return Remainder(
+        share=share,
+        noteworthy=noteworthy(share, decision),
+        mostly_explained=mostly_explained(share, decision),
+        structure_before=None,
+        structure=None,
+        where=_where(study, after, decision),
+    )
+
+
+def _candidates(study: ChangeStudy) -> tuple[Candidate, ...]:
+    found = study.answer
+    return tuple(
+        Candidate(
+            effects=(one.effect,),
+            posterior=one.share,
+            evidence=None,
+            shrink_percent=None,
+            named=found.effects == (one.effect,),
+        )
+        for one in found.candidates[:MOST_CANDIDATES]
+    )
+
+
+def _support(study: ChangeStudy, decision: Decision) -> tuple[Support, ...]:
+    """What a single named effect does for flights that it was not fitted to."""
+    scored, effects = study.scored, study.answer.effects
+    if len(effects) != 1 or len(scored) < decision.fewest_flights:
+        return ()
+    white = study.twin.colour.whiten
+    ratio = np.asarray(
+        [
+            np.log(np.mean(white(f.after, f.valid) ** 2) / np.mean(white(f.before, f.valid) ** 2))
+            for f in scored
+        ]
+    )
+    half = stats.t.ppf(0.975, len(ratio) - 1) * np.std(ratio, ddof=1) / np.sqrt(len(ratio))
+    percent = -100.0 * np.expm1(ratio.mean() + half * np.asarray([0.0, 1.0, -1.0]))
+    low = float(percent[1])
+    return (
+        Support(
+            effect=effects[0],
+            percent=float(percent[0]),
+            low=low,
+            high=float(percent[2]),
+            n=len(ratio),
+            confirmed=low > 0.0,
+        ),
+    )
+
+
+def _shrink(study: ChangeStudy, decision: Decision) -> Shrink:
+    scored = study.scored
+    if not study.answer.effects:
+        return unknown_shrink(len(scored), "no effect was found")
+    before, after = (
+        np.concatenate([one.drift(getattr(one, which)) for one in scored])
+        for which in ("before", "after")
+    )
+    flown = np.repeat(np.arange(len(scored)), [len(one.drift(one.before)) for one in scored])
+    by_channel = []
+    for c in study.twin.colour.seen:
+        a, b = (
+            float(np.sqrt(np.mean([one.rms(getattr(one, which))[c] ** 2 for one in scored])))
+            for which in ("before", "after")
+        )
+        percent = 100.0 * (1.0 - b / a) if a > 0.0 else None
+        by_channel.append(
+            ChannelShrink(channel=CHANNELS[c], before=a, after=b, percent=percent, unit=UNITS[c])
+        )
+    return shrink_of(before, after, flown, tuple(by_channel), True, decision)
+
+
+def _limits(study: ChangeStudy) -> list[tuple[int, float]]:
+    """The smallest visible change of every parameter that was not named."""
+    library, found = study.twin.library, study.answer
+    by_name = {(s.effect, s.parameter): i for i, s in enumerate(library.slots)}
+    return [
+        (by_name[one.effect, one.parameter], one.limit)
+        for candidate in found.candidates
+        if candidate.effect not in found.effects
+        for one in candidate.parameters
+    ]
+
+
+def _details(study: ChangeStudy, seen: Sequence[tuple[int, float]]) -> Details:
+    found, slots = study.answer, study.twin.library.slots
+    limits = [
+        Limit(
+            effect=slots[i].effect,
+            parameter=slots[i].parameter,
+            unit=slots[i].unit,
+            smallest=size if np.isfinite(size) else None,
+        )
+        for i, size in seen
+    ]
+    silent = "their scatter between flights is larger than what it may do at most"
+    return Details(
+        misfit=Misfit(before=found.misfit[0], after=found.misfit[1]),
+        dispersion=None,
+        noise=(),
+        windows=None,
+        set_aside=(),
+        limits=tuple(limits),
+        not_observable=tuple(NotObservable(effect=name, why=silent) for name in found.unseen),
+        shared=(),
+        before_after=tuple(_along(one) for one in study.scored) if found.effects else (),
+        gap_in_time=(),
+        followed=found.followed,
+    )
+
+
+def _along(one: Scored) -> DriftAlong:
+    """The drift along one flight, in windows of half a second."""
+    before, after = one.drift(one.before), one.drift(one.after)
+    kept = np.flatnonzero(np.isfinite(before))
+    return DriftAlong(
+        flight=one.name,
+        t=tuple((0.5 * kept).tolist()),
+        before=tuple(before[kept].tolist()),
+        after=tuple(after[kept].tolist()),
+    )

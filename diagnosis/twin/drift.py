@@ -1,0 +1,74 @@
+"""How far named effects shrink the drift of the changed flights, beside the twin alone."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from diagnosis.logs.segments import NODE_DT, WINDOW
+from diagnosis.twin.channels import ANGLES, Channels
+from diagnosis.twin.hypothesis import Hypothesis
+from diagnosis.twin.twin import Twin
+
+
+@dataclasses.dataclass(frozen=True)
+class Scored:
+    """One changed flight under the twin, and under the twin with the named effects.
+
+    The effects have the sizes that the other changed flights show.
+    """
+
+    name: str
+    """The flight's name."""
+    valid: Bool[np.ndarray, " time"]
+    """Samples that count."""
+    before: Float[np.ndarray, "time 6"]
+    """Measured minus twin, in the units of `channels.py`."""
+    after: Float[np.ndarray, "time 6"]
+    """The same with the named effects."""
+
+    def drift(self, errors: Float[np.ndarray, "time 6"]) -> Float[np.ndarray, " windows"]:
+        """Length of the position error after each whole window of valid samples [m].
+
+        It is not a number for the others.
+        """
+        n = round(WINDOW / NODE_DT)
+        whole = len(errors) // n * n
+        acc = errors[:whole, ANGLES:].reshape(-1, n, 3)
+        good = self.valid[:whole].reshape(-1, n).all(axis=1)
+        to_go = (n - np.arange(n) - 0.5) * NODE_DT**2
+        moved = np.linalg.norm(np.einsum("wni,n->wi", acc, to_go), axis=1)
+        return np.where(good, moved, np.nan)
+
+    def rms(self, errors: Float[np.ndarray, "time 6"]) -> Float[np.ndarray, " 6"]:
+        """Root mean square of each channel."""
+        return np.sqrt(np.mean(errors[self.valid] ** 2, axis=0))
+
+
+def score_flights(
+    twin: Twin,
+    unchanged: tuple[Channels, ...],
+    fitting: tuple[Channels, ...],
+    at: Hypothesis,
+) -> tuple[Scored, ...]:
+    """Every changed flight, without and with some effects.
+
+    Args:
+        twin: The reference's.
+        unchanged: The flights, simulated without any change.
+        fitting: The same, simulated where the effects fit.
+        at: The effects.
+    """
+    width = twin.library.high - twin.library.low
+    columns = list(at.columns)
+    made = []
+    for i, (plain, flight) in enumerate(zip(unchanged, fitting, strict=True)):
+        before = twin.errors(plain)
+        after = before
+        if columns and len(fitting) > 1:
+            others = dataclasses.replace(at.comparison, target=at.comparison.target.without(i))
+            further = (others.estimate(columns).value - at.change[columns]) * width[columns]
+            slopes = twin.memory.respond(flight)[columns]
+            after = twin.errors(flight) - np.tensordot(further, slopes, axes=1)
+        made.append(Scored(plain.name, plain.valid, before, after))
+    return tuple(made)
