@@ -29,8 +29,8 @@ METHOD = (
 WORDS = (
     "*Found*: any verdict but `none` and `too_few`, or logs refused with a reason. *Named*: an "
     "effect is blamed that describes the fault, or one that these flights cannot tell from it; "
-    "faults that no effect describes cannot be named. *Wrong effect*: an effect is blamed, and none that "
-    "describes the fault. Intervals are 95 %, Clopper and Pearson's."
+    "faults that no effect describes cannot be named. *Wrong effect*: an effect is blamed, and "
+    "none that describes the fault. Intervals are 95 %, Clopper and Pearson's."
 )
 
 
