@@ -1,0 +1,103 @@
+"""What a twin says of changed flights, as a typed diagnosis; and when a twin is asked."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_twin import EVERY, LIBRARY, column, flight
+
+from diagnosis.decide.prepared import Question
+from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile
+from diagnosis.logs.inputs import Inputs
+from diagnosis.result import Diagnosis
+from diagnosis.twin.as_diagnosis import alone, as_diagnosis, weighed_anew
+from diagnosis.twin.diagnose_change import ChangeStudy, answer_change
+from diagnosis.twin.twin import make_twin
+
+T = np.arange(0.0, 6.0, 0.01)
+
+
+def log(name, drones=1):
+    zero = np.zeros((len(T), 3))
+    quat = np.tile([0.0, 0.0, 0.0, 1.0], (len(T), 1))
+    cmd = np.concatenate([zero, np.full((len(T), 1), 0.31)], axis=1)
+    one = DroneLog(t=T, pos=zero + 1.0, vel=zero, quat=quat, cmd=cmd)
+    return FlightLog(name, (one,) * drones)
+
+
+def flown(names, mass=0.032, drones=1):
+    vehicle = VehicleFile(name="a drone", drone="cf2x_L250", mass=mass)
+    return FlightSet(Path("flights"), vehicle, tuple(log(name, drones) for name in names), ())
+
+
+def study(change=(), n=8, odd=False):
+    """The question and the study of flights whose channels are made, not flown."""
+    before = [flight(i) for i in range(8)]
+    targets = [flight(100 + i, change) for i in range(n)]
+    if odd:
+        targets[0] = dataclasses.replace(targets[0], measured=targets[0].measured * 2.0)
+    twin = make_twin(before, LIBRARY, EVERY)
+    answer, scored = answer_change(twin, targets)
+    sets = flown([f.name for f in targets]), flown([f.name for f in before])
+    driven = [Inputs(one.flights, False, "commands", ()) for one in sets]
+    question = Question(sets[0], reference=sets[1])
+    return question, ChangeStudy(driven[0], driven[1], twin, answer, scored)
+
+
+def diagnosis_of(*args, **settings):
+    found = as_diagnosis(*study(*args, **settings))
+    assert Diagnosis.of_json(found.to_json()) == found  # a file holds all of it
+    return found
+
+
+def test_a_change_becomes_an_effect_with_its_size_and_a_smaller_drift():
+    found = diagnosis_of([(column("attitude_gain", "g"), 0.06)])
+    assert found.verdict in ("effect", "partly")
+    (effect,) = found.blamed
+    assert effect.name == "attitude_gain"
+    size = effect.parameter("g")
+    assert size.low is not None
+    assert size.high is not None
+    assert 0.0 < size.low < 0.06 < size.high
+    assert found.probability == effect.probability
+    assert 0.5 < effect.probability < 1.0
+    assert found.shrink.percent is not None
+    assert found.shrink.percent > 50.0
+    assert found.support[0].confirmed
+    assert sum(c.share for c in found.where) == pytest.approx(1.0)
+    assert found.remainder.share < 0.5
+
+
+def test_no_change_says_none_and_how_small_a_change_would_have_been_seen():
+    found = diagnosis_of()
+    assert (found.verdict, found.probability, found.effects) == ("none", None, ())
+    assert found.remainder.share == 0.0
+    assert found.shrink.reason == "no effect was found"
+    sizes = {(x.effect, x.parameter): x.smallest for x in found.details.limits}
+    smallest = sizes["attitude_gain", "g"]
+    assert smallest is not None
+    assert 0.0 < smallest < 0.06
+    assert len(found.details.followed) == 6
+
+
+def test_silence_of_three_flights_is_not_none():
+    assert diagnosis_of(n=3).verdict == "too_few"
+
+
+def test_a_flight_that_nothing_explains_is_left_out_with_the_reason():
+    found = diagnosis_of(odd=True)
+    assert [(x.name, "far more than of the other" in x.reason) for x in found.flights.left_out] == [
+        ("flight 100", True)
+    ]
+    assert "flight 100" not in [x.name for x in found.flights.used]
+
+
+def test_masses_that_were_weighed_anew_go_to_the_twin_and_are_each_their_own():
+    light, heavy = flown(["one"]), flown(["two"], mass=0.042)
+    assert weighed_anew(Question(heavy, reference=light))
+    assert not weighed_anew(Question(light, reference=light))
+    assert not weighed_anew(Question(light))
+    # Only flights of one drone: several are compared by the simulator itself.
+    assert not weighed_anew(Question(flown(["two"], mass=0.042, drones=2), reference=light))
+    assert not alone(Question(light, reference=flown(["two"], drones=2)))
