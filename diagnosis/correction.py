@@ -14,7 +14,8 @@ def corrected(diagnosis: Diagnosis | Path | str, *, likeliest: bool = False) -> 
 
     Airframe and mass are those of the flights. If the diagnosis had reference flights, what they
     already showed is in the simulator too, and the sizes act on top of it. Under the verdict
-    `none`, it is the simulator as it was.
+    `none`, it is the simulator as it was. An effect with an onset, such as a gust, sets in at that
+    time after every reset.
 
     Args:
         diagnosis: A diagnosis, or the path of a `diagnosis.json`.

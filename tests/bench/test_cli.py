@@ -1,7 +1,13 @@
+import contextlib
+import fcntl
 import json
+import os
+import pty
 import re
+import struct
 import subprocess
 import sys
+import termios
 from importlib.metadata import version
 from pathlib import Path
 from shutil import which
@@ -212,6 +218,38 @@ def test_the_leaderboard_loses_no_column_at_the_edge_of_80(capsys, monkeypatch, 
     assert len(rows) >= 8
     assert all(line.endswith("5 ok") for line in rows)
     assert f"Leaderboard: {tmp_path / 'leaderboard.md'}" in lines
+
+
+def shown_on_a_terminal(command, columns):
+    """What a command writes to a terminal of that width, and its exit status."""
+    ours, its = pty.openpty()
+    fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    variables = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
+    variables |= {"TERM": "xterm-256color"}
+    child = subprocess.Popen(command, stdin=its, stdout=its, stderr=its, env=variables)
+    os.close(its)
+    parts = []
+    with contextlib.suppress(OSError):  # Linux ends a terminal that nobody writes to in this way
+        while part := os.read(ours, 65536):
+            parts.append(part)
+    os.close(ours)
+    return b"".join(parts).decode(), child.wait()
+
+
+def test_a_run_on_a_terminal_of_80_columns_breaks_no_name(plugins, write_suite, tmp_path):
+    out = tmp_path / ("a_folder_with_a_name_that_is_far_too_long_for_one_line_" + 40 * "x")
+    suite = write_suite("instant", "failing")
+    command = ["run", str(suite), "--out", str(out), "--jobs", "1"]
+    script = "import sys; from bench.cli.app import main; sys.exit(main())"
+    text, status = shown_on_a_terminal([sys.executable, "-c", script, *command], 80)
+    assert status == 1
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text).replace("\r\n", "\n")
+    (traceback,) = out.glob("runs/failing-*/traceback.txt")
+    assert f"Traceback: {traceback}\n" in text
+    assert f"Leaderboard: {out / 'leaderboard.md'}\n" in text
+    for method, end in (("instant", "ok"), ("failing", "failed")):
+        assert re.search(rf"\[\d/2\] {method} spread n2 s0 \(horizon=5\): {end}, ", text)
+    assert re.search(r"^instant, .* 1 ok *$", text, re.MULTILINE)
 
 
 def test_a_suite_of_broken_plugins_alone_is_listed_with_the_reason(capsys, monkeypatch):
