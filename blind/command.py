@@ -2,11 +2,11 @@
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import cyclopts
 
-from bench.cli.checks import check_flights, check_names, check_unused
+from bench.cli.checks import check_flights, check_unused
 from bench.cli.options import Repeatable
 from bench.text.errors import UsageError
 
@@ -17,7 +17,7 @@ NOTES = "Markdown file with remarks on failures; default: blind_notes.md beside 
 def blind(
     *,
     cases: int | None = None,
-    reality: str | None = None,
+    reality: Literal["crazyflow", "rotorpy"] | None = None,
     out: Path | None = None,
     seed: int | None = None,
     jobs: int | None = None,
@@ -71,7 +71,6 @@ def blind(
     if report or studies:
         check_unused(given, "with --report" if report else "with a study instead of cases")
     _check_inject(inject, reference, {"--reality": reality, "--notes": notes, **_on(studies)})
-    check_names("simulator", [reality] if reality else ())
     from bench.execution.environment import environment
 
     os.environ.update(environment())

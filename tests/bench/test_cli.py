@@ -65,7 +65,7 @@ MISSPELT = {
     "check drg": "Did you mean 'drag'?",
     "check drag --simulator crazyflo": "Did you mean 'crazyflow'?",
     "profile hybird circle": "Did you mean 'hybrid'?",
-    "blind --reality crazyflo": "Did you mean 'crazyflow'?",
+    "blind --reality crazyflo": 'Did you mean "crazyflow"?',
     "blind --inject fligths": "Did you mean 'flights'?",
     "list method": 'Did you mean "methods"?',
 }
