@@ -13,9 +13,10 @@ def corrected(diagnosis: Diagnosis | Path | str, *, likeliest: bool = False) -> 
     """The diagnosed simulator with the effects that the verdict blames, at their sizes.
 
     Airframe and mass are those of the flights. If the diagnosis had reference flights, what they
-    already showed is in the simulator too, and the sizes act on top of it. Under the verdict
-    `none`, it is the simulator as it was. An effect with an onset, such as a gust, sets in at that
-    time after every reset.
+    already showed is in the simulator too, and the sizes act on top of it; if a twin was learned
+    from them (`followed`), no effect says what they showed, and only what changed is in the
+    simulator. Under `none` and `too_few`, it is the simulator as it was. An effect with an onset,
+    such as a gust, sets in at that time after every reset.
 
     Args:
         diagnosis: A diagnosis, or the path of a `diagnosis.json`.
