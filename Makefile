@@ -16,7 +16,7 @@ GOLDEN ?=
 PYTEST ?=
 TESTS := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile -p no:benchmark $(PYTEST)
 
-.PHONY: help run test test-exhaustive test-isa test-all golden reports lint bench clean
+.PHONY: help run test test-exhaustive test-isa test-all golden reports docs lint bench clean
 
 help:
 	@echo "make run       install, then train and compare everything in the quick suite"
@@ -25,6 +25,7 @@ help:
 	@echo "               test-isa (the tests that train, as on processors with $(ISAS))"
 	@echo "make golden    install, then make answers again that a change of structure must not move"
 	@echo "make reports   install, then write the pages in reports/ again from the tables in results/"
+	@echo "make docs      install, then build the documentation into site/"
 	@echo "make lint      install, then check style, types and layers"
 	@echo "make bench     install, then measure the speed of what is slow"
 	@echo "make clean     remove .venv, caches and the results of the quick suite"
@@ -69,6 +70,12 @@ reports: $(READY)
 	@$(BIN)/python -m bench.paper.tuning results/tuning reports/tuning.md
 	@$(BIN)/bench blind --report
 
+docs: $(READY)
+	@$(BIN)/python -c "import material, mkdocstrings" 2> /dev/null || $(BIN)/python -m pip install --quiet \
+		--disable-pip-version-check -c constraints.txt -e '.[dev,docs]'
+	@echo "Building the documentation into site/."
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
 lint: $(READY)
 	@echo "Checking style, types and layers."
 	@$(BIN)/ruff check .
@@ -84,7 +91,7 @@ bench: $(READY)
 
 clean:
 	@echo "Removing .venv, caches and the results of the quick suite."
-	@rm -rf .venv *.egg-info .pytest_cache .ruff_cache .hypothesis .benchmarks .import_linter_cache
+	@rm -rf .venv site *.egg-info .pytest_cache .ruff_cache .hypothesis .benchmarks .import_linter_cache
 	@rm -rf "$$HOME/.cache/fidelity-bench/tests"
 	@rm -rf results/quick reports/quick examples/plugin/build examples/plugin/*.egg-info
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

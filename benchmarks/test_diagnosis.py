@@ -14,7 +14,7 @@ from flights_for_tests import SIGMA, flight_set, fly
 from log_tables import folder, table
 
 from diagnosis.decide.prepared import make_likelihood
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.logs.flights import load_flights
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay

@@ -2,10 +2,11 @@
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import cyclopts
 
+from bench.cli.checks import check_flights, check_unused
 from bench.cli.options import Repeatable
 from bench.text.errors import UsageError
 
@@ -16,7 +17,7 @@ NOTES = "Markdown file with remarks on failures; default: blind_notes.md beside 
 def blind(
     *,
     cases: int | None = None,
-    reality: str | None = None,
+    reality: Literal["crazyflow", "rotorpy"] | None = None,
     out: Path | None = None,
     seed: int | None = None,
     jobs: int | None = None,
@@ -30,8 +31,8 @@ def blind(
     """Make flights whose cause is withheld, diagnose them, and score the answers.
 
     Every diagnosis runs in a process of its own that gets a folder of flights and nothing else.
-    The SHA-256 of the labels is printed before the first one and checked after the last. Running
-    again with the same folder continues.
+    The SHA-256 of the labels is printed before the first one and checked after the last. The same
+    command with the same folder resumes.
 
     Parameters
     ----------
@@ -43,8 +44,8 @@ def blind(
         also gets reference flights.
     out
         Folder for tables, report and flights; default: results/blind/REALITY for the tables and
-        reports/blind.md for the report on all realities; with `--inject`, everything goes to
-        results/blind/injected/NAME of the flights.
+        reports/blind.md for the report on all realities; with `--inject`,
+        results/blind/injected/NAME for flights in a folder NAME.
     seed
         Seed of the cases; default: drawn by the operating system.
     jobs
@@ -62,18 +63,16 @@ def blind(
     reference
         With `--inject`, give each diagnosis the other half of the flights as its reference.
     """
-    from bench.execution.environment import environment
-
     studies = [name for name, on in (("next_flight", next_flight), ("limits", limits)) if on]
     given = {"--cases": cases, "--seed": seed, "--jobs": jobs}
     if report:
         given |= {"--reality": reality, "--next-flight": next_flight or None}
         given |= {"--limits": limits or None, "--inject": inject, "--reference": reference or None}
-    needless = [name for name, value in given.items() if value is not None]
-    if needless and (report or studies):
-        word = "--report" if report else "a study instead of cases"
-        raise UsageError(f"Leave out {', '.join(needless)}: not used with {word}.")
+    if report or studies:
+        check_unused(given, "with --report" if report else "with a study instead of cases")
     _check_inject(inject, reference, {"--reality": reality, "--notes": notes, **_on(studies)})
+    from bench.execution.environment import environment
+
     os.environ.update(environment())
     from blind.run.command import rebuild_report, run_blind
 
@@ -100,6 +99,5 @@ def _check_inject(inject: Path | None, reference: bool, others: dict[str, object
         if reference:
             raise UsageError("`--reference` needs `--inject FLIGHTS`, whose other half it uses.")
         return
-    needless = [name for name, value in others.items() if value is not None]
-    if needless:
-        raise UsageError(f"Leave out {', '.join(needless)}: not used with --inject.")
+    check_unused(others, "with --inject")
+    check_flights(inject)

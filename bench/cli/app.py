@@ -23,7 +23,11 @@ def make_app() -> cyclopts.App:
     app = cyclopts.App(
         name="bench",
         help="How should drone-swarm policies be trained across simulator fidelities?",
-        version_flags=[],
+        version=_version,
+        version_flags=["--version"],
+    )
+    app.register_install_completion_command(
+        help="Install completion for bash, zsh or fish: for the shell that runs this command."
     )
     for name in registry.names("command"):
         try:
@@ -62,6 +66,12 @@ def main(arguments: list[str] | None = None) -> int:
         _complain("interrupted.")
         return 130
     return status or 0
+
+
+def _version() -> str:
+    import importlib.metadata
+
+    return f"fidelity-bench {importlib.metadata.version('fidelity-bench')}"
 
 
 def _complain(text: str) -> None:

@@ -5,12 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import cyclopts
 
-from bench.text.errors import UsageError
-
 if TYPE_CHECKING:
     from bench.plan.suite import Suite
 
-Repeatable = cyclopts.Parameter(negative=())
+Repeatable = cyclopts.Parameter(negative=(), show_default=False)
 """For an option that has no opposite called `--no-...`."""
 
 
@@ -26,29 +24,27 @@ class Part:
     method: Annotated[list[str] | None, Repeatable] = None
     """Only this method; may be repeated."""
     residual: Annotated[list[str] | None, Repeatable] = None
-    """Only methods with this residual, and methods without any that --method names; may be
+    """Only methods with this residual; those that take none are kept if --method names them; may be
     repeated."""
     seeds: int | None = None
-    """Only so many seeds, from the suite's first on; rows with fewer seeds keep theirs."""
+    """Only this many seeds, counted from the suite's first; rows with fewer seeds keep theirs."""
+    setting: Annotated[list[str] | None, Repeatable] = None
+    """Another value for a setting of the methods, such as trainer.epochs=50, of the tasks, such as
+    task_settings.horizon=100, or of the point mass, such as nominal.attitude_tau=0.05; may be
+    repeated. `bench list methods --settings` shows what there is."""
 
     def of(self, suite: str) -> "Suite":
         """The chosen part of the suite called `suite`."""
+        from bench.plan.keys import parse_settings
+        from bench.plan.override import overridden
         from bench.plan.suite import load_suite
 
-        return load_suite(suite).select(
+        settings = parse_settings(self.setting or ())
+        chosen = load_suite(suite).select(
             self.task or (),
             self.team_size or (),
             self.method or (),
             self.residual or (),
             self.seeds,
         )
-
-
-def check_number(option: str, value: int | None) -> None:
-    """Refuses a number below 1; None stands for an option that was not given.
-
-    Raises:
-        UsageError: It is smaller.
-    """
-    if value is not None and value < 1:
-        raise UsageError(f"`--{option}` must be at least 1, got {value}.")
+        return overridden(chosen, settings)

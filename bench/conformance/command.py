@@ -4,7 +4,6 @@ import dataclasses
 import importlib
 import json
 import sys
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -14,7 +13,9 @@ from rich.text import Text
 from bench.conformance import effects, methods, residuals, simulators, tasks
 from bench.conformance.suite import Check, Finding, execute
 from bench.plan.expansion import REALITY
-from bench.plan.settings import Setting, build
+from bench.plan.keys import Setting, nested, parse_settings
+from bench.plan.names import kind_of
+from bench.plan.settings import build
 from bench.text.errors import UsageError
 from bench.text.say import say
 from methods.contract import AbstractMethod
@@ -60,7 +61,7 @@ def check(plugin: str, assignments: Sequence[str], simulator_names: Sequence[str
     else:
         chosen = simulator_names or [REALITY]
         realities = {name: registry.load("simulator", name) for name in chosen}
-    settings = parse(assignments)
+    settings = nested(parse_settings(assignments))
     say(console, f"Checking {kind} {getattr(cls, '__qualname__', repr(cls))} of {cls.__module__}.")
     if kind == "method" and _has_fields(cls):
         used = methods.short_settings(cls, settings)
@@ -104,46 +105,11 @@ def findings(
 
 def find(plugin: str) -> tuple[str, type]:
     """Kind and class of a plug-in by registered name, kind:name, or module:Class."""
-    first, _, second = plugin.partition(":")
-    if second and first in registry.GROUPS:
-        return first, registry.load(first, second)
-    if second:
-        return _imported(first, second)
-    kinds = [kind for kind in registry.GROUPS if plugin in registry.names(kind)]
-    if len(kinds) > 1:
-        ways = " or ".join(f"{kind}:{plugin}" for kind in kinds)
-        raise UsageError(f"'{plugin}' is registered as {' and '.join(kinds)}. Ask for {ways}.")
-    if kinds:
-        return kinds[0], registry.load(kinds[0], plugin)
-    every = [name for kind in registry.GROUPS for name in registry.names(kind)]
-    raise UsageError(
-        f"{registry.unknown('plug-in', plugin, every)} A class that is not registered yet is "
-        "given as module:Class."
-    )
-
-
-def parse(assignments: Sequence[str]) -> dict[str, Setting]:
-    """Settings from KEY=VALUE texts, values as in TOML; what is no TOML is a text."""
-    found: dict[str, Setting] = {}
-    for text in assignments:
-        key, equals, value = text.partition("=")
-        if not equals or not key:
-            raise UsageError(
-                f"`--setting` must be KEY=VALUE, such as trainer.epochs=3, got '{text}'."
-            )
-        try:
-            parsed = tomllib.loads(f"x = {value}")["x"]
-        except tomllib.TOMLDecodeError:
-            parsed = value
-        *tables, last = key.split(".")
-        place = found
-        for name in tables:
-            inner = place.setdefault(name, {})
-            if not isinstance(inner, dict):
-                raise UsageError(f"`--setting` gives '{name}' both a value and fields: '{text}'.")
-            place = inner
-        place[last] = parsed
-    return found
+    module, _, name = plugin.partition(":")
+    if name and module not in registry.GROUPS:
+        return _imported(module, name)
+    kind, name = kind_of(plugin)
+    return kind, registry.load(kind, name)
 
 
 def _imported(module: str, name: str) -> tuple[str, type]:

@@ -17,7 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from bench.conformance.suite import Check, declaration_checks, demand, equal, finite
-from bench.plan.settings import Setting, build
+from bench.plan.keys import Setting
+from bench.plan.settings import build
 from bench.store.record import load_policy, policy_bytes
 from bench.store.tables import SCHEMAS, STATUSES, UNITS
 from methods.contract import AbstractMethod, Ledger, Setup, Trained

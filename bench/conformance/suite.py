@@ -13,7 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bench.plan.settings import SettingsError, build, describe_fields
+from bench.plan.keys import SettingsError
+from bench.plan.settings import build, describe_fields
 
 
 class Violation(Exception):  # noqa: N818 - it is what the author did, not what failed here

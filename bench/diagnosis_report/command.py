@@ -9,10 +9,8 @@ from rich.console import Console
 from bench.diagnosis_report.documents import NAMES, check_place, write_documents
 from bench.diagnosis_report.numbers import clean
 from bench.diagnosis_report.terminal import DiagnosisProgress, show_summary
-from bench.text.errors import UsageError
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.logs.flights import LogError, load_flights
-from simulators import registry
 
 
 def run_diagnosis(
@@ -27,10 +25,6 @@ def run_diagnosis(
     Raises:
         UsageError: The request makes no sense.
     """
-    registry.load("simulator", simulator)
-    for effect in exclude:
-        if effect not in registry.names("effect"):
-            raise UsageError(registry.unknown("effect", effect, registry.names("effect")))
     name = flights.resolve().name or "flights"
     out = out or Path("reports") / "diagnosis" / name
     check_place(out)

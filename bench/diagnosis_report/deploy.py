@@ -24,6 +24,7 @@ from bench.plan.realities import parse_reality, written
 from bench.stats.statistics import COUNTED, FAILURES
 from bench.text import markdown
 from bench.text.errors import UsageError
+from bench.text.say import say
 from methods.contract import Setup, Trained
 from methods.policy import PolicyController
 from methods.training.context import Context
@@ -75,7 +76,7 @@ def deploy(
         for name, text in zip(names, texts, strict=True):
             (out / name).write_text(text, encoding="utf-8")
     _show(content, console)
-    console.print(f"Written: {out / 'deploy.md'}", markup=False)
+    say(console, f"Written: {out / 'deploy.md'}")
     return 0
 
 
@@ -112,7 +113,7 @@ def _seed(
                 }
             )
             said = f" ({trained.status})" if trained.status in FAILURES else ""
-            console.print(f"seed {seed}, {way}: reward {deployed.reward:.1f}{said}", markup=False)
+            say(console, f"seed {seed}, {way}: reward {deployed.reward:.1f}{said}")
     return rows
 
 

@@ -142,16 +142,16 @@ def expectations(
     if known:
         lines.append(
             f"Expected: {number(minutes, 0)} HF fleet-minutes and {seconds(total)} of training, "
-            f"{seconds(max(total / jobs, chain))} on {jobs} worker{'s' * (jobs > 1)}; compilation "
-            "is in it, evaluation is not."
+            f"{seconds(max(total / jobs, chain))} on {jobs} worker{'s' * (jobs > 1)}; this "
+            "includes compilation, but not evaluation."
         )
     parts = [f"{used[basis]} from the {basis}".replace("the other", "another") for basis in BASES]
     parts = [part for part, basis in zip(parts, BASES, strict=True) if used[basis]]
     if idle := used["no training"]:
         parts.append(f"{idle} that train nothing")
     if unknown := len(missing) - len(known):
-        parts.append(f"{unknown} unknown, because no run like them is in the past rows")
-    lines.append(f"That rests on {n_past} past runs: {', '.join(parts)}.")
+        parts.append(f"{unknown} unknown, because no past run is like them")
+    lines.append(f"The estimate rests on {n_past} past runs: {', '.join(parts)}.")
     return lines
 
 

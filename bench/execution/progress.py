@@ -115,7 +115,7 @@ class SweepProgress:
         overall = Table.grid(padding=(0, 1))
         overall.add_row(
             Text(f"{self.count}/{self._total} runs", "bold"),
-            ProgressBar(total=self._cost, completed=done, width=30),
+            ProgressBar(total=self._cost, completed=done, width=20),
             Text(f"{_clock(elapsed)} elapsed, about {_clock(left)} left"),
         )
         lines = Table.grid(padding=(0, 2))

@@ -24,6 +24,10 @@ from bench.text.say import say
 
 WIDE = 150
 """Width of a terminal that has room for the whole leaderboard [characters]."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C."""
+MOST_TRACEBACKS = 3
+"""Tracebacks of failed runs whose paths are printed."""
 NARROW = {
     "method": "method",
     "settled reward (n)": "settled reward (n)",
@@ -34,6 +38,12 @@ NARROW = {
     "runs": "runs",
 }
 """Columns that a narrower terminal shows, with the headings there."""
+MEDIUM = 100
+"""Width of a terminal that has room for all of these columns [characters]."""
+NARROWEST = {k: v for k, v in NARROW.items() if k != "HF training crashes"} | {
+    "HF fleet-minutes": "HF min"
+}
+"""Columns that one of 80 characters has room for."""
 
 
 def sweep(
@@ -129,7 +139,7 @@ def sweep(
                     store.status(run.name) not in ("", "failed") for run in standing.missing
                 )
                 say(errors, _interruption(kept, len(plan.runs)))
-                return 130
+                return INTERRUPTED
         sound |= store.sound(warn, [run.name for run in missing])
         found = store.tables(sound, {run.name for run in plan.runs})
         arrived = {run for run, end in found.statuses().items() if end != "failed"}
@@ -147,6 +157,8 @@ def sweep(
         first = next((run for run in failed if causes.get(run.name)), failed[0])
         said = f"{first.label}: {causes.get(first.name, '')}"
         say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {said}")
+        for path in [p for run in failed if (p := store.traceback(run.name))][:MOST_TRACEBACKS]:
+            say(errors, f"Traceback: {path}")
     if left := len(missing) - len(status):
         say(errors, f"Stopped at the first failure: {left} runs are still to do.")
     return 1 if failed or plan.broken else 0
@@ -192,6 +204,7 @@ def show(tables: Tables, console: Console) -> None:
     """Prints the leaderboard, a table a cell; on a narrow terminal without some columns."""
     rows = leaderboard_rows(tables)
     heads = {c.heading: c.heading for c in COLUMNS} if console.width >= WIDE else NARROW
+    heads = NARROWEST if console.width < MEDIUM else heads
     columns = [column for column in COLUMNS if column.heading in heads]
     for cell in dict.fromkeys(row["cell"] for row in rows):
         table = Table(
@@ -236,5 +249,5 @@ def _announcement(standing: Standing, slots: int) -> str:
 def _interruption(kept: int, planned: int) -> str:
     return (
         f"Interrupted: {kept} of {planned} runs are finished and kept. Give the same command again "
-        "to go on."
+        "to resume."
     )

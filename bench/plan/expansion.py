@@ -21,6 +21,7 @@ import jax
 import rfc8785
 
 from bench.plan import settings
+from bench.plan.keys import Setting
 from bench.plan.provenance import digest
 from bench.plan.realities import parse_reality, written
 from bench.plan.sources import own_source, shared_sources
@@ -65,15 +66,15 @@ class Run:
     """Number of drones."""
     seed: int
     """Seed of training and of the evaluation's initial states."""
-    overrides: Mapping[str, settings.Setting]
+    overrides: Mapping[str, Setting]
     """Fields of the method that are not as by default."""
-    task_overrides: Mapping[str, settings.Setting]
+    task_overrides: Mapping[str, Setting]
     """Fields of the task that are not as by default."""
-    nominal_overrides: Mapping[str, settings.Setting]
+    nominal_overrides: Mapping[str, Setting]
     """Fields of the low-fidelity simulator that are not as by default."""
     parents: Mapping[str, str]
     """Folder of each parent's run, by method."""
-    resolved: Mapping[str, settings.Setting]
+    resolved: Mapping[str, Setting]
     """Everything that determines the result, as JSON; the key is its hash."""
     sources: Mapping[str, str]
     """Hash of the source of each plug-in, and of what it imports, to notice changes that no version
@@ -167,7 +168,7 @@ def expand(suite: Suite) -> Plan:
 class _Recipe:
     """The runs of a row in one cell, whatever their seed: what is slow is done once for all."""
 
-    resolved: Mapping[str, settings.Setting]
+    resolved: Mapping[str, Setting]
     """What determines a result, but for the seed and the parents."""
     given: Mapping[str, Any]
     """The other fields of its runs."""
@@ -314,7 +315,7 @@ def _make_recipe(
     return _Recipe(resolved, given, parents)
 
 
-def _nominal(row: Row) -> tuple[dict[str, settings.Setting], dict[str, settings.Setting]]:
+def _nominal(row: Row) -> tuple[dict[str, Setting], dict[str, Setting]]:
     """The low-fidelity simulator of a row as JSON, and what of it is not as by default."""
     found, where = registry.load("simulator", NOMINAL), f"Simulator '{NOMINAL}'"
     default = _defaults(f"simulator {NOMINAL}", found)
@@ -342,8 +343,8 @@ def _reality(row: Row) -> AbstractSimulator:
 
 
 def _describe(
-    cls: type, overrides: Mapping[str, settings.Setting], where: str, **given: settings.Setting
-) -> dict[str, settings.Setting]:
+    cls: type, overrides: Mapping[str, Setting], where: str, **given: Setting
+) -> dict[str, Setting]:
     """All fields of a plug-in as JSON, with some overridden."""
     return settings.describe_fields(settings.build(cls, overrides, where, **given), where)
 
@@ -374,12 +375,12 @@ def _version(plugin: str, cls: type) -> str:
 
 
 @functools.cache
-def _defaults(plugin: str, cls: type) -> dict[str, settings.Setting]:
+def _defaults(plugin: str, cls: type) -> dict[str, Setting]:
     """All fields of a plug-in as JSON."""
     return _describe(cls, {}, f"Plug-in '{plugin}'")
 
 
-def _numerics() -> dict[str, settings.Setting]:
+def _numerics() -> dict[str, Setting]:
     """What of JAX's configuration changes numbers."""
     return {"x64": bool(jax.config.read("jax_enable_x64")), "backend": jax.default_backend()}
 

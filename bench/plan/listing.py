@@ -1,26 +1,47 @@
-"""What there is to run: plug-ins with the package that each comes from, and suites."""
+"""What there is to run: plug-ins with their settings, and suites."""
 
+import dataclasses
 import sys
+from collections.abc import Collection
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from bench.plan.expansion import PlanError, expand
+from bench.plan.setting_lines import setting_lines
 from bench.plan.suite import built_in, load_suite
 from simulators import registry
 
+OURS = "fidelity-bench"
+"""The package of the built-in plug-ins, which is not shown beside them."""
 
-def show_plugins(console: Console) -> None:
-    """Prints every registered plug-in; one that cannot be imported with the reason."""
-    for kind in registry.GROUPS:
+
+def show_plugins(console: Console, kinds: Collection[str], settings: bool = False) -> None:
+    """Prints registered plug-ins; one that cannot be imported with the reason.
+
+    Args:
+        console: Where they are shown.
+        kinds: Which kinds of them.
+        settings: Whether each is followed by its settings with defaults and meanings.
+    """
+    for kind in kinds:
         table = _table(f"{kind.capitalize()}s")
         for name in registry.names(kind):
             try:
-                text = Text(_summary(registry.load(kind, name)))
+                cls = registry.load(kind, name)
+                text = Text(_summary(cls))
             except registry.BrokenPluginError as error:
-                text = Text(f"broken: {error}", "red")
-            table.add_row(Text(name, "bold"), Text(registry.distribution(kind, name), "dim"), text)
+                cls, text = None, Text(f"broken: {error}", "red")
+            package = registry.distribution(kind, name)
+            if package.split()[0] != OURS:
+                text.append(f" ({package})", "dim")
+            table.add_row(Text(name, "bold"), text)
+            if settings and isinstance(cls, type) and dataclasses.is_dataclass(cls):
+                for line in setting_lines(cls):
+                    table.add_row(
+                        f"  {line.key}", Text.assemble((line.default, "cyan"), "  ", line.meaning)
+                    )
         console.print(table)
 
 
@@ -32,13 +53,10 @@ def show_suites(console: Console) -> None:
         try:
             plan = expand(suite)
         except PlanError as error:
-            table.add_row(Text(name, "bold"), Text("0 runs", "dim"), Text(str(error), "red"))
+            table.add_row(Text(name, "bold"), Text(f"0 runs. {error}", "red"))
             continue
-        table.add_row(
-            Text(name, "bold"),
-            Text(f"{len(plan.runs)} runs", "dim"),
-            Text(suite.description + (" Some are left out: broken plug-ins." * bool(plan.broken))),
-        )
+        left_out = " Some runs are left out, because a plug-in is broken." * bool(plan.broken)
+        table.add_row(Text(name, "bold"), f"{len(plan.runs)} runs. {suite.description}{left_out}")
     console.print(table)
 
 
@@ -52,7 +70,7 @@ def _summary(cls: type) -> str:
 
 def _table(title: str) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", box=None)
-    for _ in range(3):
-        table.add_column(overflow="fold")
+    table.add_column(no_wrap=True, overflow="ignore")
+    table.add_column()
     table.show_header = False
     return table

@@ -5,37 +5,22 @@ itself a module (such as a method's `trainer`) is overridden field by field.
 """
 
 import dataclasses
-import difflib
 import json
 import math
 import typing
-from collections.abc import Iterable, Mapping
-from typing import Any, TypeAlias, TypeVar
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 import equinox as eqx
 import numpy as np
 
-from bench.text.errors import UsageError
+from bench.plan.keys import Setting, SettingsError, unknown_key
 
-Setting: TypeAlias = bool | int | float | str | list | tuple | dict | None
-"""What a setting can be in a file; tables are dicts."""
 NEUTRAL = {"neutral": True}
 """Metadata of a field that came later and changes nothing at its default."""
 LARGEST = 2**53 - 1
 """The largest whole number that JSON holds exactly (RFC 8785)."""
 T = TypeVar("T", bound=eqx.Module)
-
-
-class SettingsError(UsageError):
-    """Settings that a plug-in does not have or does not accept."""
-
-
-def unknown_key(where: str, key: str, allowed: Iterable[str]) -> str:
-    """One line: where an unknown key stands, what was probably meant, and what there is."""
-    allowed = sorted(allowed)
-    close = difflib.get_close_matches(key, allowed, n=1, cutoff=0.5)
-    hint = f" Did you mean '{close[0]}'?" if close else ""
-    return f"{where} has no key '{key}'.{hint} Allowed: {', '.join(allowed)}."
 
 
 def build(cls: type[T], overrides: Mapping[str, Setting], where: str, **given: Setting) -> T:

@@ -35,7 +35,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from bench.plan.settings import Setting, unknown_key
+from bench.plan.keys import Setting, unknown_key
+from bench.plan.names import require
 from bench.text.errors import UsageError
 from simulators import registry
 
@@ -134,10 +135,10 @@ class Suite:
                 raise SuiteError(f"{where}: `{name}` must not be empty.")
         _check_names(self.tasks, self.team_sizes)
         for row in self.methods:
-            _check("method", row.method)
+            require("method", row.method)
             for kind, name in (("residual", row.residual), ("simulator", row.simulator)):
                 if name:
-                    _check(kind, name)
+                    require(kind, name)
             _check_names(row.tasks or (), row.team_sizes or ())
             if row.reality and row.deploys:
                 raise SuiteError(
@@ -166,7 +167,7 @@ class Suite:
             UnknownPluginError: A chosen name is not registered.
         """
         for residual in residuals:
-            _check("residual", residual)
+            require("residual", residual)
         rows = [row for row in self.methods if not methods or row.method in methods]
         known = {row.method for row in rows}
         rows += [
@@ -329,12 +330,7 @@ def _list(where: str, table: Mapping[str, Setting], key: str, kind: type[T]) -> 
 
 def _check_names(tasks: Sequence[str], team_sizes: Sequence[int]) -> None:
     for task in tasks:
-        _check("task", task)
+        require("task", task)
     for size in team_sizes:
         if size < 2:
             raise SuiteError(f"A team size must be at least 2, got {size}.")
-
-
-def _check(kind: str, name: str) -> None:
-    if name not in registry.names(kind):
-        raise registry.UnknownPluginError(registry.unknown(kind, name, registry.names(kind)))

@@ -7,7 +7,8 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.plan.expansion import NOMINAL, REALITY
-from bench.plan.settings import Setting, build
+from bench.plan.keys import Setting
+from bench.plan.settings import build
 from bench.text.errors import UsageError
 from methods.contract import AbstractMethod, Setup
 from methods.training.profile import NoTrainerError, Profile, profile, trained_in

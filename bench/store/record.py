@@ -27,6 +27,8 @@ from simulators.effects.chain import canonical
 
 FILES = ("metrics.json", "curves.parquet", "trajectory.parquet", "policy.npz")
 """What the folder of a trained run holds beside run.json."""
+TRACEBACK = "traceback.txt"
+"""What the folder of a failed run holds beside run.json."""
 STRUCTURE = "structure"
 """Name of the entry in `policy.npz` that says how a policy of another architecture is made."""
 
@@ -75,7 +77,7 @@ def run_files(outcome: Outcome) -> dict[str, bytes]:
         if outcome.trained.residual is not None:
             files["residual.npz"] = _arrays(outcome.trained.residual)
     if outcome.details:
-        files["traceback.txt"] = outcome.details.encode("utf-8", "backslashreplace")
+        files[TRACEBACK] = outcome.details.encode("utf-8", "backslashreplace")
     return files
 
 

@@ -34,6 +34,7 @@ from bench.store.checkpoints import Checkpoints
 from bench.store.disk import Disk
 from bench.store.record import (
     FILES,
+    TRACEBACK,
     Outcome,
     UnreadableRunError,
     checksum,
@@ -51,11 +52,11 @@ from methods.residuals.contract import blank
 from simulators import registry
 
 LONGEST_CLAIM = 600.0
-"""Time for which a run that another process is at is waited for [s]."""
+"""Longest wait for another process that trains the same run [s]."""
 
 
 class ClaimedError(RuntimeError):
-    """A run that another process is at."""
+    """Another process is training this run."""
 
 
 class Store:
@@ -84,7 +85,7 @@ class Store:
 
     @contextlib.contextmanager
     def claim(self, name: str, longest: float = LONGEST_CLAIM) -> Iterator[None]:
-        """Inside, no other process is at this run; waits for one that is.
+        """Inside, no other process trains this run; waits for one that does.
 
         A process that dies loses its claim.
 
@@ -175,6 +176,11 @@ class Store:
             return self.read(name)["status"]
         except UnreadableRunError:
             return ""
+
+    def traceback(self, name: str) -> Path | None:
+        """Where the traceback of a failed run lies; None where there is none."""
+        path = self.runs / name / TRACEBACK
+        return path if path.is_file() else None
 
     def names(self) -> list[str]:
         """Names of all runs in place."""

@@ -197,6 +197,18 @@ class Tables:
         """Tables without rows."""
         return cls(**{name: table(name, []) for name in SCHEMAS})
 
+    def to_pandas(self) -> pd.DataFrame:
+        """One row per run, failed ones too: what it is, how it ended, and a column per metric.
+
+        A metric that a run does not have is NaN; `UNITS` says the unit of each.
+        """
+        metrics = self.results.pivot(index="run", columns="metric", values="value")
+        metrics.columns.name = None
+        deployed = ["simulator", "trained_effects", "deployed_effects", "calibration_flights"]
+        flown = self.results.drop_duplicates("run").set_index("run")[deployed]
+        runs = self.runs[["run", *IDENTITY, "status", "cause"]]
+        return runs.join(flown, on="run").join(metrics, on="run")
+
     def statuses(self) -> dict[str, str]:
         """How each run ended, by name."""
         return dict(zip(self.runs["run"], self.runs["status"], strict=True))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flights_for_tests import fly
 
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.logs.flights import VehicleFile, load_flights, write_flights
 from simulators.contract import replayable_class, with_effects
 from simulators.effects.drag import Drag

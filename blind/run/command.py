@@ -54,7 +54,7 @@ def run_blind(
     """
     counts = None if cases is None else scaled_counts(cases)
     folders = Folders(out or RESULTS / reality)
-    jobs = _check(folders, reality, seed, jobs)
+    jobs = _check(folders, seed, jobs)
     if folders.state.is_file():
         check_state(folders, reality, counts)
     console = Console()
@@ -142,10 +142,8 @@ def _injected(document: Path) -> list[InjectedTables]:
     return [InjectedTables.load(place) for place in places if is_injected(place)]
 
 
-def _check(folders: Folders, reality: str, seed: int | None, jobs: int | None) -> int:
+def _check(folders: Folders, seed: int | None, jobs: int | None) -> int:
     """The number of processes, after everything that was asked for was checked."""
-    if reality not in REALITIES:
-        raise UsageError(f"`--reality` must be one of {', '.join(REALITIES)}, got '{reality}'.")
     if seed is not None and seed < 0:
         raise UsageError(f"`--seed` must be at least 0, got {seed}.")
     if jobs is not None and jobs < 1:

@@ -10,7 +10,7 @@ from pathlib import Path
 from blind.draw.folders import write_json
 from blind.run.answering import PROGRAM, sources_digest
 from blind.run.children import leave_with_parent
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.logs.flights import LogError, load_flights
 
 

@@ -247,7 +247,18 @@ def nominal_simulator(name: str, flights: FlightSet, limited: bool = True) -> Ab
             f"{flights.path}/vehicle.toml: drone must be an airframe that '{name}' knows "
             f"({', '.join(sorted(kind.airframes))}), got '{drone}'."
         )
-    spec = dataclasses.replace(kind.airframes[drone], mass=flights.vehicle.mass)
+    return believed_simulator(name, drone, flights.vehicle.mass, limited)
+
+
+def believed_simulator(
+    name: str, drone: str, mass: float, limited: bool = True
+) -> AbstractSimulator:
+    """A registered simulator with an airframe that it knows, at a mass [kg].
+
+    A thrust that was measured is not `limited` to what the airframe can be commanded.
+    """
+    kind = replayable_class(name)
+    spec = dataclasses.replace(kind.airframes[drone], mass=mass)
     if not limited:
         spec = dataclasses.replace(spec, thrust_min=0.0, thrust_max=MEASURED * spec.thrust_max)
     # Buffers of effects are as fine as the simulator's own step, so that is the replay's.

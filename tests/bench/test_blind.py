@@ -1,19 +1,23 @@
 """A blind run end to end with a stub in the place of `bench diagnose`, and what may go wrong."""
 
 import dataclasses
+import inspect
 import json
 import os
 import shutil
 import sys
 from pathlib import Path
+from typing import get_args
 
 import pandas as pd
 import pytest
 from blind_for_tests import CLEAN, GAIN, MASS, STUB, answer, answered, made, measured, tables
 
 from bench.cli.app import main
+from blind import command as options
 from blind.draw.cases import read_labels
 from blind.draw.folders import write_json
+from blind.fly.realities import REALITIES
 from blind.report import page as report
 from blind.report import sections
 from blind.report.failures import failed
@@ -162,7 +166,7 @@ def test_labels_that_change_meanwhile_are_noticed_after(
     ("arguments", "message"),
     [
         (["--cases", "2"], "`--cases` must be at least 5"),
-        (["--reality", "mars"], "`--reality` must be one of crazyflow, rotorpy, got 'mars'."),
+        (["--reality", "mars"], '"mars" for --reality. Choose from: "crazyflow", "rotorpy"'),
         (["--jobs", "0"], "`--jobs` must be at least 1, got 0."),
         (["--seed", "-1"], "`--seed` must be at least 0, got -1."),
         (["--report"], "is missing; `bench blind` writes it"),
@@ -297,3 +301,8 @@ def test_labels_hold_what_was_withheld(tmp_path):
     folders = made(tmp_path, (MASS, "mass"))
     assert read_labels(folders.labels)[MASS.id].effects == MASS.effects
     assert len(json.loads(folders.labels.read_text())["salt"]) == 64
+
+
+def test_the_command_offers_every_reality():
+    (offered, _) = get_args(inspect.signature(options.blind).parameters["reality"].annotation)
+    assert get_args(offered) == tuple(REALITIES)

@@ -7,8 +7,9 @@ import jaxtyping
 import pytest
 
 from bench.cli.app import main
-from bench.conformance.command import behaviour, declarations, find, findings, parse
+from bench.conformance.command import behaviour, declarations, find, findings
 from bench.conformance.suite import execute
+from bench.plan.keys import nested, parse_settings
 from simulators.point_mass import PointMass
 
 POINT_MASS = {"point_mass": PointMass}
@@ -166,13 +167,13 @@ def test_a_wrong_request_gets_one_line(arguments, message, capsys):
 
 def test_what_is_no_class_is_told_to_be_one(monkeypatch, capsys):
     monkeypatch.setattr("bench.conformance.command.find", lambda plugin: ("method", print))
-    assert main(["check", "printer"]) == 1
+    assert main(["check", "a:printer"]) == 1
     assert "it must be a class, got <built-in function print>" in capsys.readouterr().out
 
 
 def test_settings_are_read_as_in_a_suite():
     texts = ["trainer.epochs=3", "trainer.lr=0.1", "residual=mlp", "quoted='a b'", "on=true"]
-    assert parse(texts) == {
+    assert nested(parse_settings(texts)) == {
         "trainer": {"epochs": 3, "lr": 0.1},
         "residual": "mlp",
         "quoted": "a b",

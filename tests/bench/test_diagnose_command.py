@@ -23,9 +23,9 @@ def engine(monkeypatch):
         options["progress"]("fitting", 0.5)
         return diagnoses_for_tests.load(diagnoses_for_tests.effect())
 
-    fake = types.ModuleType("diagnosis.diagnose")
+    fake = types.ModuleType("diagnosis.engine")
     fake.diagnose = diagnose
-    monkeypatch.setitem(sys.modules, "diagnosis.diagnose", fake)
+    monkeypatch.setitem(sys.modules, "diagnosis.engine", fake)
     monkeypatch.delitem(sys.modules, "bench.diagnosis_report.command", raising=False)
     importlib.import_module("bench.diagnosis_report.command")
     yield asked

@@ -71,6 +71,7 @@ def test_failures_and_deaths_cost_only_their_runs_and_are_retried(
     assert "ended by SIGKILL" in runs["dying", 0][1]
     assert "the propellers fell off" in (failed / "traceback.txt").read_text()
     assert "3 of 5 runs failed" in captured.err
+    assert f"Traceback: {failed / 'traceback.txt'}\n" in captured.err
     assert "Left out: The method 'shattered'" in captured.err
     assert captured.out.count("spread n2 s0 (horizon=5") >= 5
     assert (out / "leaderboard.md").is_file()

@@ -4,7 +4,7 @@ import pytest
 
 from bench.execution import worker
 from bench.plan.expansion import expand
-from bench.plan.settings import SettingsError
+from bench.plan.keys import SettingsError
 from bench.plan.suite import Row, Suite, SuiteError, load_suite
 from bench.store.store import Store
 from methods.training.context import Context

@@ -188,7 +188,7 @@ def test_the_command_shows_the_plan_and_writes_nothing(
     assert "2 runs, 0 finished in" in text
     assert "Left out: The method 'shattered'" in text
     assert "2 never run: instant spread n2 s0" in text
-    assert "2 unknown, because no run like them is in the past rows" in text
+    assert "2 unknown, because no past run is like them" in text
     assert "child spread n2 s0 (horizon=5): never run; cost unknown" in text
     assert content(tmp_path) == before
     assert not out.exists()

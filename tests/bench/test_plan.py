@@ -10,9 +10,11 @@ from outcomes import outcome
 
 from bench.execution.worker import _parents, _trained_in
 from bench.plan.expansion import PlanError, expand
+from bench.plan.keys import SettingsError
+from bench.plan.override import overridden
 from bench.plan.realities import parse_reality
-from bench.plan.settings import SettingsError, describe
-from bench.plan.suite import Row, Suite
+from bench.plan.settings import describe
+from bench.plan.suite import Row, Suite, load_suite
 from bench.store.store import Store
 from bench.text.errors import UsageError
 from methods.contract import AbstractMethod
@@ -366,3 +368,14 @@ def test_effects_of_the_simulator_that_was_trained_in_are_noted(tmp_path, method
     trained = dataclasses.replace(outcome(run).trained, effects=(Drag(c=0.5),))
     reality = parse_reality(run.reality)
     assert _trained_in(run, Store(tmp_path), trained, reality) == noted
+
+
+def test_settings_of_the_command_line_replace_those_of_every_row(plugins, write_suite):
+    suite = load_suite(str(write_suite('method = "instant"\nsettings.inner = { lr = 0.1 }')))
+    given = {"inner.epochs": 7, "settings.log": "here", "task_settings.horizon": 6}
+    (run,) = expand(overridden(suite, given | {"nominal.attitude_tau": 0.2})).runs
+    assert run.overrides == {"inner": {"lr": 0.1, "epochs": 7}, "log": "here"}
+    assert run.task_overrides == {"horizon": 6}
+    assert run.nominal_overrides == {"attitude_tau": 0.2}
+    assert "inner.epochs=7" in run.variant
+    assert expand(overridden(suite, {})) == expand(suite)

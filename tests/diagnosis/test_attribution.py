@@ -17,7 +17,7 @@ from diagnosis.decide.verdict import (
     structure,
 )
 from diagnosis.decision import Decision
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.fit.equations import dispersion
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.outliers import beyond

@@ -11,7 +11,7 @@ from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
 from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decision import Decision
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.fit import gap, shrinkage
 from diagnosis.logs.flights import LeftOut, LogError
 from diagnosis.replay.library import make_library

@@ -7,7 +7,7 @@ import pytest
 from flights_for_tests import SIGMA, point_mass_set
 from log_writers import write_ulog
 
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.importing.convert import import_logs
 from diagnosis.logs.flights import load_flights
 from diagnosis.logs.noise import estimate_noise

@@ -7,7 +7,7 @@ import pytest
 from flights_for_tests import SIGMA, flight_set, fly, rotor_speeds
 
 from diagnosis.decide.prepared import make_likelihood, noise_of
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.fit.gap import drifts, rms
 from diagnosis.logs.flights import LogError
 from diagnosis.logs.inputs import VOLTS, choose_inputs, on_ground, thrust_of_pwm, thrust_of_rotors

@@ -13,7 +13,7 @@ from diagnosis.decide.prepared import nominal_simulator, reference_of
 from diagnosis.decide.study import Study
 from diagnosis.decide.verdict import Structure
 from diagnosis.decision import Decision
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.logs.inputs import PRESCRIBED, choose_inputs
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay

@@ -10,7 +10,7 @@ from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decide.support import judge_supported, support
 from diagnosis.decide.verdict import Floor, intervals
 from diagnosis.decision import Decision
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.fit import shrinkage
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.search import Fits, polish, refit, without

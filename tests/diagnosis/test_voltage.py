@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flights_for_tests import flight_set, fly
 
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from simulators.point_mass import PointMass
 
 K = 0.3

@@ -19,7 +19,7 @@ from bench.plan.provenance import processor
 from bench.plan.suite import load_suite
 from bench.store.tables import Tables
 from blind.draw.cases import Case, draw_cases, fly_case, make_case, write_flights
-from diagnosis.diagnose import diagnose
+from diagnosis.engine import diagnose
 from diagnosis.logs.flights import load_flights
 from diagnosis.statements import judged_of
 

@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Annotated
 
-from bench.cli.options import Part, Repeatable, check_number
+from bench.cli.checks import check_number
+from bench.cli.options import Part, Repeatable
 
 
 def plan(
@@ -34,8 +35,8 @@ def plan(
     retry_failed
         Count runs that failed in an earlier call as missing.
     """
-    chosen = (part or Part()).of(suite)
     check_number("jobs", jobs)
+    chosen = (part or Part()).of(suite)
     from rich.console import Console
 
     from bench.execution.outlook import show_plan

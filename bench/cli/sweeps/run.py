@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 from typing import Annotated, Literal
 
-from bench.cli.options import Part, Repeatable, check_number
-from bench.text.errors import UsageError
+from bench.cli.checks import check_number, check_place
+from bench.cli.options import Part, Repeatable
 
 
 def run(
@@ -48,12 +48,12 @@ def run(
         Train runs again that another version of the program or another machine trained, and
         replace their rows.
     """
-    chosen = (part or Part()).of(suite)
     check_number("jobs", jobs)
     check_number("together", together)
+    chosen = (part or Part()).of(suite)
     tables_dir = out or Path("results") / chosen.name
     documents_dir = out or Path("reports") / chosen.name
-    _check_folders(tables_dir, documents_dir)
+    check_place(tables_dir, documents_dir)
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # leave it to the workers
     from bench.execution.sweep import sweep
     from bench.plan.expansion import expand
@@ -69,11 +69,3 @@ def run(
         retry_failed=retry_failed,
         replace=replace,
     )
-
-
-def _check_folders(*directories: Path) -> None:
-    for directory in directories:
-        if directory.exists() and not directory.is_dir():
-            raise UsageError(
-                f"{directory} must be a folder, but it is a file. Choose another one with --out."
-            )

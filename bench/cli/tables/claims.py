@@ -5,7 +5,7 @@ from typing import Annotated
 
 import cyclopts
 
-from bench.text.pages import documents_of
+from bench.cli.checks import check_files, check_tables
 
 NOTES = "Markdown file to append, such as reports/paper_notes.md."
 """Help of `--notes`: a docstring has no parameter of that name, only a section."""
@@ -28,8 +28,11 @@ def claims(
         Markdown file to write; default: reports/NAME.md for results/NAME, else claims.md in
         DIRECTORY.
     """
+    check_tables(directory)
+    check_files([notes] if notes else [])
     from bench.paper.page import write_claims
     from bench.store.tables import Tables
+    from bench.text.pages import documents_of
 
     documents = documents_of(directory)
     default = directory / "claims.md" if documents == directory else documents.with_suffix(".md")

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from bench.cli.checks import check_tables
+
 
 def compare(a: str, b: str, /, *, results: Path | None = None) -> int:
     """Say whether A is better than B, in words and by the exit status.
@@ -17,6 +19,8 @@ def compare(a: str, b: str, /, *, results: Path | None = None) -> int:
     results
         Folder with results.parquet and its companions, such as results/paper.
     """
+    if results is not None:
+        check_tables(results)
     from rich.console import Console
 
     from bench.stats.compare import load_side, report

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 from typing import Annotated
 
+from bench.cli.checks import check_names, check_reality, check_tables
 from bench.cli.options import Repeatable
 
 
@@ -31,6 +32,11 @@ def deploy(
     method
         Only this method; may be repeated.
     """
+    check_tables(directory)
+    check_names("task", [task])
+    check_names("method", method or ())
+    if reality:
+        check_reality(reality)
     from bench.execution.environment import environment
 
     os.environ.update(environment())

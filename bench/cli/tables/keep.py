@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
+from bench.cli.checks import check_names, check_tables
 from bench.cli.options import Repeatable
 
 
@@ -28,6 +29,8 @@ def keep(
     team_size
         Only this number of drones; may be repeated.
     """
+    check_tables(directory)
+    check_names("task", task or ())
     from bench.execution.policies import keep as keep_policies
 
     for path, count in keep_policies(directory, task or (), team_size or ()).items():

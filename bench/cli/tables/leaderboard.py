@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from bench.text.pages import documents_of
+from bench.cli.checks import check_tables
 
 
 def leaderboard(directory: Path, /, *, out: Path | None = None) -> int:
@@ -15,10 +15,12 @@ def leaderboard(directory: Path, /, *, out: Path | None = None) -> int:
     out
         Folder to write to; default: reports/NAME for results/NAME, else DIRECTORY.
     """
+    check_tables(directory)
     from rich.console import Console
 
     from bench.execution.sweep import rebuild_leaderboard
     from bench.store.tables import Tables
+    from bench.text.pages import documents_of
 
     rebuild_leaderboard(Tables.load(directory), out or documents_of(directory), Console())
     return 0

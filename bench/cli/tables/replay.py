@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from bench.cli.checks import check_tables
+
 
 def replay(
     run: str,
@@ -24,6 +26,8 @@ def replay(
     video
         Also render a film with MuJoCo into this file: .gif, .webp or animated .png.
     """
+    if tables is not None:
+        check_tables(tables)
     from bench.report.replay import replay as replay_run
 
     return replay_run(run, tables, out, video)

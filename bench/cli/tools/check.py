@@ -3,6 +3,7 @@
 import os
 from typing import Annotated
 
+from bench.cli.checks import check_names, check_registered
 from bench.cli.options import Repeatable
 
 
@@ -26,6 +27,8 @@ def check(
     simulator
         Only this simulator: effects are attached to it, methods deployed in it.
     """
+    check_registered(plugin)
+    check_names("simulator", simulator or ())
     from bench.execution.environment import environment
 
     os.environ.update(environment())

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 from typing import Annotated
 
+from bench.cli.checks import check_flights, check_names, check_reality, check_unused
 from bench.cli.options import Repeatable
 from bench.text.errors import UsageError
 
@@ -50,18 +51,23 @@ def diagnose(
     seeds
         Number of seeds for --deploy; default: 1.
     """
-    from bench.execution.environment import environment
-
     if (flights is None) == (deploy is None) or (deploy is None) != (reality is None):
         raise UsageError("Give either a folder of flights, or --deploy TASK with --reality.")
     if deploy is None:
-        word, given = "without", {"--team-size": team_size, "--seeds": seeds}
+        check_unused({"--team-size": team_size, "--seeds": seeds}, "without --deploy")
     else:
-        word = "with"
         given = {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
-    needless = [name for name, value in given.items() if value is not None]
-    if needless:
-        raise UsageError(f"Leave out {', '.join(needless)}: not used {word} --deploy.")
+        check_unused(given, "with --deploy")
+    for folder in (flights, reference):
+        if folder is not None:
+            check_flights(folder)
+    check_names("simulator", [simulator] if simulator else ())
+    check_names("effect", exclude or ())
+    check_names("task", [deploy] if deploy else ())
+    if reality is not None:
+        check_reality(reality)
+    from bench.execution.environment import environment
+
     os.environ.update(environment())
     if flights is not None:
         from bench.diagnosis_report.command import run_diagnosis

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
+from bench.cli.checks import check_files
 from bench.cli.options import Repeatable
 from bench.text.errors import UsageError
 
@@ -34,26 +35,28 @@ def import_(
     sources
         Log files; or folders: a ROS 2 bag, the CSV files of one Crazyflie flight, several logs.
     out
-        The folder to write; must not be there yet.
+        Folder to write; it must not exist yet.
     vehicle
         A vehicle.toml to copy, instead of --drone and --mass.
     drone
         Airframe, such as cf21B_500.
     mass
-        Mass that you believe [kg].
+        Mass of the vehicle, as you believe it [kg].
     format
-        Format of all sources, where content does not tell: ulog, ros, ardupilot, usd, cflib, table.
+        Format of all sources, if their content does not tell it: ulog, ros, ardupilot, usd, cflib,
+        table.
     full_thrust
-        Thrust of all rotors together at the largest command [N]; for PX4 and ArduPilot, the logged
-        hover thrust says it otherwise, for a Crazyflie the airframe.
+        Thrust of all rotors together at the largest command [N]. Default: computed from the logged
+        hover thrust (PX4, ArduPilot), or the airframe's (Crazyflie).
     topic
-        Which ROS topic holds a field, where several could: vel=/cf1/twist.
+        ROS topic to read a field from, if several could hold it, such as vel=/cf1/twist; may be
+        repeated.
     columns
-        The columns.toml of a table; without it, the one beside the table is read.
+        The columns.toml that describes a table; default: the one beside the table.
     truncated
-        Use a file that breaks off up to there.
+        Use the beginning of a file that breaks off, instead of refusing it.
     recipe
-        Print what to log before you fly, for crazyflie or px4; takes no sources.
+        Print which quantities to log, for crazyflie or px4, and do nothing else.
     """
     if recipe is not None:
         if sources:
@@ -69,6 +72,7 @@ def import_(
         raise UsageError(
             "Give --drone and --mass together, such as --drone cf21B_500 --mass 0.0434."
         )
+    check_files([*sources, *(path for path in (vehicle, columns) if path is not None)])
     if full_thrust is not None and not 0.0 < full_thrust < 1e4:
         raise UsageError(f"`--full-thrust` must be above 0 N, got {full_thrust:g}.")
     return _import(

@@ -3,6 +3,7 @@
 import os
 from typing import Annotated
 
+from bench.cli.checks import check_names
 from bench.cli.options import Repeatable
 
 
@@ -29,10 +30,14 @@ def profile(
     setting
         Setting of the method, such as trainer.n_worlds=4; may be repeated.
     """
+    from bench.plan.keys import nested, parse_settings
+
+    check_names("method", [method])
+    check_names("task", [task])
+    settings = nested(parse_settings(setting or ()))
     from bench.execution.environment import environment
 
     os.environ.update(environment())
-    from bench.conformance.command import parse
     from bench.report.profile import run_profile
 
-    return run_profile(method, task, team_size or (3, 12, 18), parse(setting or ()))
+    return run_profile(method, task, team_size or (3, 12, 18), settings)

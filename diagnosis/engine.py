@@ -7,35 +7,43 @@ vehicles were weighed anew: each is flown with its own mass.
 """
 
 from collections.abc import Collection
+from pathlib import Path
 
 from diagnosis.answer import answer
 from diagnosis.decide.prepared import Progress, Question, prepare, silent
 from diagnosis.decide.study import study
 from diagnosis.decision import Decision
-from diagnosis.logs.flights import FlightSet
+from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.result import Diagnosis
 from diagnosis.twin.as_diagnosis import alone, beside_twin, weighed_anew
 
 
 def diagnose(
-    flights: FlightSet,
+    flights: FlightSet | Path | str,
     *,
     simulator: str = "crazyflow",
-    reference: FlightSet | None = None,
+    reference: FlightSet | Path | str | None = None,
     exclude: Collection[str] = (),
     decision: Decision = Decision(),
     progress: Progress = silent,
 ) -> Diagnosis:
     """The diagnosis of `flights` against a registered simulator.
 
-    `decision` holds every threshold. `progress` is told each stage's name and the share of the
-    work that is done.
+    Args:
+        flights: The flights that may have a gap, or the path of their folder.
+        simulator: Registered name of the simulator that they are compared with.
+        reference: Flights of the same vehicle before something changed, or the path of their
+            folder; the diagnosis then says what changed.
+        exclude: Effects that may not be blamed; with each, those that look like it.
+        decision: Every threshold.
+        progress: Called with each stage's name and the share of the work that is done.
 
     Raises:
-        LogError: No flight has an input that can be replayed, or the reference flew another
-            vehicle or logged another input.
+        LogError: A folder holds no usable flight, no flight has an input that can be replayed, or
+            the reference flew another vehicle or logged another input.
     """
-    question = Question(flights, simulator, reference, exclude, decision)
+    compared = None if reference is None else _loaded(reference)
+    question = Question(_loaded(flights), simulator, compared, exclude, decision)
     if weighed_anew(question):
         found = beside_twin(question, progress)
     else:
@@ -46,3 +54,7 @@ def diagnose(
             found = answer(question, study(question, prepared, progress))
     progress("done", 1.0)
     return found
+
+
+def _loaded(flights: FlightSet | Path | str) -> FlightSet:
+    return flights if isinstance(flights, FlightSet) else load_flights(Path(flights))

@@ -1,0 +1,105 @@
+"""The simulator that a diagnosis makes, beside one that has the effects by construction."""
+
+import dataclasses
+import json
+
+import diagnoses_for_tests as made
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flights_for_tests import point_mass_set
+
+import diagnosis
+from diagnosis.result_parts import SharedParameter
+from simulators.contract import with_effects
+from simulators.crazyflow import Crazyflow
+from simulators.effects.mass import Mass
+from simulators.effects.wind import Wind
+from simulators.point_mass import PointMass
+
+HOVER = jnp.asarray([[0.0, 0.0, 0.0, 0.44]])
+
+
+def flown(simulator, steps=50):
+    """Position after one second at a constant command."""
+    state = simulator.reset(jnp.asarray([[0.0, 0.0, 1.0]]), jax.random.key(0))
+    for _ in range(steps):
+        state = simulator.step_cmd(state, HOVER, 0.02)
+    return np.asarray(simulator.flight(state).pos)
+
+
+def sizes(simulator):
+    """Attached effects with their parameters."""
+    return {
+        type(effect).__name__: {p: float(getattr(effect, p)) for p in effect.parameters}
+        for effect in simulator.effects
+    }
+
+
+@pytest.fixture(scope="module")
+def windy():
+    return diagnosis.diagnose(point_mass_set(Wind(x=0.5), n_flights=6), simulator="point_mass")
+
+
+def test_a_diagnosed_wind_blows_in_the_corrected_simulator(windy, tmp_path):
+    path = tmp_path / "diagnosis.json"
+    path.write_text(json.dumps(windy.to_json()))
+    simulator = diagnosis.corrected(path)
+    truth = with_effects(PointMass(dt=simulator.dt), [Wind(x=0.5)])
+    off = np.abs(flown(simulator) - flown(truth)).max()
+    assert off < 0.05 * np.abs(flown(PointMass(dt=simulator.dt)) - flown(truth)).max()
+    assert sizes(diagnosis.corrected(str(path))) == sizes(diagnosis.corrected(windy))
+
+
+def effect():
+    """A diagnosis of a heavier drone in crazyflow."""
+    return made.load(made.effect())
+
+
+def test_the_simulator_airframe_and_mass_are_those_of_the_flights():
+    found = effect()
+    simulator = diagnosis.corrected(found)
+    assert isinstance(simulator, Crazyflow)
+    assert simulator.spec.name == found.flights.drone
+    assert simulator.spec.mass == found.flights.mass
+    e = found.effects[0].parameter("e").value
+    assert sizes(simulator)["Mass"]["e"] == pytest.approx(e)
+
+
+def test_sizes_act_on_top_of_what_reference_flights_show():
+    """A mass factor multiplies: 10 % on top of 20 % are 32 %; a wind adds."""
+    found, (mass, *_) = effect(), effect().effects
+    mass = dataclasses.replace(
+        mass, parameters=(dataclasses.replace(mass.parameter("e"), value=0.1),)
+    )
+    shared = tuple(
+        SharedParameter(effect=name, parameter=parameter, value=value, unit="")
+        for name, parameter, value in (("mass", "e", 0.2), ("wind", "x", 0.3))
+    )
+    details = dataclasses.replace(found.details, shared=shared)
+    simulator = diagnosis.corrected(dataclasses.replace(found, effects=(mass,), details=details))
+    assert Mass.parameters["e"].factor
+    assert sizes(simulator)["Mass"]["e"] == pytest.approx(0.32)
+    assert sizes(simulator)["Wind"]["x"] == pytest.approx(0.3)
+
+
+def test_without_a_cause_the_simulator_stays_as_it_was():
+    assert diagnosis.corrected(made.load(made.none())).effects == ()
+
+
+def test_an_unexplained_gap_is_corrected_only_on_request():
+    found = made.load(made.unexplained())
+    with pytest.raises(ValueError, match="'unexplained': no effect is confirmed"):
+        diagnosis.corrected(found)
+    assert len(diagnosis.corrected(found, likeliest=True).effects) == len(found.effects)
+
+
+def test_a_size_or_mass_that_the_file_does_not_hold_is_named():
+    found = effect()
+    bare = dataclasses.replace(found.effects[0], parameters=())
+    with pytest.raises(ValueError, match="has no size of 'mass'"):
+        diagnosis.corrected(dataclasses.replace(found, effects=(bare,)))
+    flights = dataclasses.replace(found.flights, mass=None)
+    with pytest.raises(ValueError, match="does not say the vehicle's mass"):
+        diagnosis.corrected(dataclasses.replace(found, flights=flights))
