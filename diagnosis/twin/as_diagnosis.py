@@ -12,7 +12,7 @@ import simulators
 from diagnosis.decide.advice import blind_to, next_flight
 from diagnosis.decide.prepared import Progress, Question, silent
 from diagnosis.decision import Decision
-from diagnosis.fit.shrinkage import shrink_of, unknown_shrink
+from diagnosis.fit.shrinkage import unknown_shrink
 from diagnosis.flights_used import flights_used
 from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.inputs import Inputs
@@ -52,7 +52,7 @@ from diagnosis.statements import (
 from diagnosis.twin.answer import Change, ChangedParameter
 from diagnosis.twin.channels import CHANNELS, FEWEST_SAMPLES, UNITS
 from diagnosis.twin.diagnose_change import ChangeStudy, diagnose_change
-from diagnosis.twin.drift import Scored
+from diagnosis.twin.drift import Scored, drift_shrink
 
 VERDICTS: dict[Change, VerdictKind] = {
     Change.EFFECT: "effect",
@@ -317,11 +317,6 @@ def _shrink(study: ChangeStudy, decision: Decision) -> Shrink:
     scored = study.scored
     if not study.answer.effects:
         return unknown_shrink(len(scored), "no effect was found")
-    before, after = (
-        np.concatenate([one.drift(getattr(one, which)) for one in scored])
-        for which in ("before", "after")
-    )
-    flown = np.repeat(np.arange(len(scored)), [len(one.drift(one.before)) for one in scored])
     by_channel = []
     for c in study.twin.colour.seen:
         a, b = (
@@ -332,7 +327,7 @@ def _shrink(study: ChangeStudy, decision: Decision) -> Shrink:
         by_channel.append(
             ChannelShrink(channel=CHANNELS[c], before=a, after=b, percent=percent, unit=UNITS[c])
         )
-    return shrink_of(before, after, flown, tuple(by_channel), True, decision)
+    return drift_shrink(scored, tuple(by_channel), decision)
 
 
 def _limits(study: ChangeStudy) -> list[tuple[int, float]]:

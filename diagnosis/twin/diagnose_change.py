@@ -12,7 +12,7 @@ from diagnosis.logs.flights import FlightSet
 from diagnosis.logs.inputs import Inputs
 from diagnosis.twin.answer import TwinAnswer, followed
 from diagnosis.twin.channels import Channels
-from diagnosis.twin.drift import Scored, score_flights
+from diagnosis.twin.drift import Scored, drift_shrink, score_flights
 from diagnosis.twin.flown import Fly, driven_alike, flight_of, seen, twin_replay
 from diagnosis.twin.naming import name_change
 from diagnosis.twin.twin import Twin, make_twin, standing_out
@@ -95,7 +95,7 @@ def answer_change(
     reference, target = make_group(twin.scores, width), refly(np.zeros(len(width)))
     named = name_change(library, reference, target, decision, refly if fly else None)
     scored = score_flights(twin, kept, flown_at(named.at.change), named.at)
-    if named.effects and not _helps(twin, scored):
+    if named.effects and not _helps(twin, scored, decision):
         named = named.unexplained()
         scored = score_flights(twin, kept, kept, named.at)
     fields = {field.name for field in dataclasses.fields(TwinAnswer)}
@@ -113,16 +113,14 @@ def answer_change(
     return answer, scored
 
 
-def _helps(twin: Twin, scored: Sequence[Scored]) -> bool:
-    """Whether effects that were fitted to other flights lower both the misfit and the drift."""
+def _helps(twin: Twin, scored: Sequence[Scored], decision: Decision) -> bool:
+    """Whether effects that were fitted to other flights lower the misfit, and no drift grows."""
     if len(scored) < 2:
         return True  # there is no other flight
     before, after = _misfit(twin, scored)
-    drifts = [
-        np.nanmean(np.concatenate([one.drift(getattr(one, which)) for one in scored]) ** 2)
-        for which in ("before", "after")
-    ]
-    return after < before and bool(drifts[1] < drifts[0])
+    shrink = drift_shrink(scored, (), decision)
+    grows = shrink.high is not None and shrink.high < 0.0
+    return after < before and not grows
 
 
 def _misfit(twin: Twin, scored: Sequence[Scored]) -> tuple[float, float]:

@@ -1,11 +1,15 @@
 """How far named effects shrink the drift of the changed flights, beside the twin alone."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from diagnosis.decision import Decision
+from diagnosis.fit.shrinkage import shrink_of
 from diagnosis.logs.segments import NODE_DT, WINDOW
+from diagnosis.result_parts import ChannelShrink, Shrink
 from diagnosis.twin.channels import ANGLES, Channels
 from diagnosis.twin.hypothesis import Hypothesis
 from diagnosis.twin.twin import Twin
@@ -72,3 +76,14 @@ def score_flights(
             after = twin.errors(flight) - np.tensordot(further, slopes, axes=1)
         made.append(Scored(plain.name, plain.valid, before, after))
     return tuple(made)
+
+
+def drift_shrink(
+    scored: Sequence[Scored], by_channel: tuple[ChannelShrink, ...], decision: Decision
+) -> Shrink:
+    """How far the drift of the flights shrinks."""
+    before = [one.drift(one.before) for one in scored]
+    after = [one.drift(one.after) for one in scored]
+    flown = np.repeat(np.arange(len(scored)), [len(x) for x in before])
+    joined = np.concatenate(before), np.concatenate(after)
+    return shrink_of(*joined, flown, by_channel, lofo=True, decision=decision)

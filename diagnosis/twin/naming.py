@@ -73,10 +73,11 @@ def name_change(
     nothing = Hypothesis((), (), comparison, weigh(comparison, every), np.zeros(len(library.slots)))
     alone = {e: nothing.of(library, (e,)) for e in effects}
     seen = [e for e in effects if _shows(alone[e].estimate, decision)]
-    p_none, n = nothing.p_left, max(len(seen), 1)
+    # Effects that look alike fail and pass together: there are as many tests as directions.
+    p_none, n = nothing.p_left, max(min(len(seen), len(nothing.evidence.delta)), 1)
     alone = _scaled(_settled(library, alone, seen, every, refly, decision), seen)
-    candidates = _candidates(library, [alone[e] for e in seen], decision)
-    sure = _sure(candidates, p_none, decision)
+    candidates = _candidates(library, [alone[e] for e in seen], n, decision)
+    sure = _sure(candidates, p_none, n, decision)
     share, aliases = _class_of(sure, candidates, decision)
     rest = {
         "candidates": candidates,
@@ -192,7 +193,7 @@ def changed(
 
 
 def _candidates(
-    library: Library, alone: Sequence[Hypothesis], decision: Decision
+    library: Library, alone: Sequence[Hypothesis], n: int, decision: Decision
 ) -> tuple[Candidate, ...]:
     odds = np.asarray([0.0, *(one.log_evidence - decision.effect_cost for one in alone)])
     shares = np.exp(odds - odds.max()) / np.exp(odds - odds.max()).sum()
@@ -202,7 +203,7 @@ def _candidates(
             p=one.estimate.p(),
             log_evidence=one.log_evidence,
             share=float(share),
-            parameters=changed(library, one.effects, one.estimate, len(alone), decision),
+            parameters=changed(library, one.effects, one.estimate, n, decision),
         )
         for one, share in zip(alone, shares[1:], strict=True)
     ]
@@ -210,17 +211,21 @@ def _candidates(
 
 
 def _sure(
-    candidates: Sequence[Candidate], p_none: float, decision: Decision
+    candidates: Sequence[Candidate], p_none: float, n: int, decision: Decision
 ) -> tuple[Candidate, ...]:
     """Candidates that undisturbed flights show too rarely, and whose size is not zero.
 
     Each may raise its part of the false alarms. Where all directions together say that something
     changed, each may raise all of them: with few flights, effects that look alike fail one by one.
+    So may a likelier effect that looks like one that is sure.
     """
     chance = decision.alarm_chance
-    if p_none >= chance:
-        chance /= max(len(candidates), 1)
-    return tuple(c for c in candidates if c.p < chance and any(p.clear for p in c.parameters))
+    clear = [c for c in candidates if c.p < chance and any(p.clear for p in c.parameters)]
+    sure = [c for c in clear if c.p < (chance if p_none < chance else chance / n)]
+    least = max((c.log_evidence for c in sure), default=np.inf)
+    return tuple(
+        c for c in clear if c in sure or 0.0 < c.log_evidence - least < decision.alias_nats
+    )
 
 
 def _class_of(
