@@ -55,14 +55,22 @@ class Section(NamedTuple):
     legend: list[Key]
 
 
-def write_report(tables: Tables, path: Path, suite: str = "") -> None:
-    """Writes the report as one HTML file to `path`; `suite` is the name in its title."""
+def write_report(tables: Tables, path: Path, suite: str = "", home: str = "") -> None:
+    """Writes the report as one HTML file to `path`.
+
+    Args:
+        tables: What it shows.
+        path: File to write.
+        suite: Name in its title.
+        home: Address of a page that leads here; none by default.
+    """
     rows, lines = leaderboard_rows(tables), run_lines(tables)
     settings, versions = settings_groups(tables.runs), version_groups(tables.runs)
     page = environment().get_template("report.html.j2")
     text = page.render(
         title=f"{suite}: which method at which cost" if suite else "Which method at which cost",
-        facts=_facts(tables),
+        home=home,
+        facts=facts(tables),
         answer=[render_markdown(line, inline=True) for line in answer(tables, rows)],
         cost=cost_panels(tables),
         how_to_read=[_inline(line) for line in (*HOW_TO_READ, HOW_TO_READ_STANDINGS)],
@@ -85,7 +93,7 @@ def write_report(tables: Tables, path: Path, suite: str = "") -> None:
 def write_page(markdown_text: str, path: Path, title: str) -> None:
     """Writes a Markdown text as an HTML page in the style of the report."""
     page = environment().get_template("page.html.j2")
-    write_text(path, page.render(title=title, body=render_markdown(markdown_text)))
+    write_text(path, page.render(title=title, body=render_markdown(markdown_text), home=""))
 
 
 def render_markdown(text: str, inline: bool = False) -> Markup:
@@ -129,7 +137,8 @@ def _pooled(pool: Pool, salt: str) -> dict[str, Any]:
     }
 
 
-def _facts(tables: Tables) -> list[tuple[str, str]]:
+def facts(tables: Tables) -> list[tuple[str, str]]:
+    """When, by which commits, and how much was run: name and text."""
     runs = tables.runs
     if runs.empty:
         return []

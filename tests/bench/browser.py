@@ -59,8 +59,12 @@ class Tab:
             deviceScaleFactor=1,
             mobile=False,
         )
-        self.ask("Page.navigate", url=path.absolute().as_uri())
-        self.wait_for("document.readyState === 'complete'")
+        self.go(path.absolute().as_uri())
+
+    def go(self, url):
+        """Loads an address."""
+        self.ask("Page.navigate", url=url)
+        self.wait_for(f"document.readyState === 'complete' && location.href === {url!r}")
 
     def run(self, script):
         """The value of a JavaScript expression."""

@@ -48,8 +48,8 @@ function keepAddress() {
 }
 function followBoard() {
   const asked = new URLSearchParams(location.hash.slice(1));
+  following = true; // what is drawn now must not overwrite the address, such as that of a run
   if (location.hash.includes("=")) {
-    following = true;
     for (const select of filters.querySelectorAll("select")) {
       select.value = asked.get(select.name) ?? "";
       if (select.selectedIndex < 0) select.value = "";
@@ -58,9 +58,9 @@ function followBoard() {
     const [name, direction] = (asked.get("sort") ?? "").split(/:(?=asc$|desc$)/);
     const index = boards.length ? columnOf(boards[0], name) : -1;
     if (index >= 0) boards[0].order([index, direction]);
-    following = false;
   }
   show();
+  following = false;
 }
 filters.hidden = boards.length === 0;
 filters.addEventListener("change", () => { show(); keepAddress(); });
