@@ -13,7 +13,7 @@ from bench.execution.executor import Name, make_executor
 from bench.execution.progress import SweepProgress
 from bench.plan.expansion import Plan
 from bench.plan.provenance import moved, provenance
-from bench.report.leaderboard import filled, leaderboard_rows, split, write_leaderboard
+from bench.report.leaderboard import MAIN, filled, leaderboard_rows, split, write_leaderboard
 from bench.report.page import write_report
 from bench.store.kept import KeptRuns
 from bench.store.resume import Standing, make_standing, reproduces, stale_lines
@@ -23,15 +23,13 @@ from bench.text.errors import UsageError
 from bench.text.say import say
 
 WIDE = 150
-"""Width of a terminal that has room for the whole leaderboard [characters]."""
+"""Width of a terminal that has room for all columns that a page shows first [characters]."""
 NARROW = {
     "rank": "rank",
     "method": "method",
     "settled reward (n)": "settled reward (n)",
-    "position error [m]": "error [m]",
     "crashes per episode": "crashes",
-    "HF fleet-minutes": "HF fleet min",
-    "HF training crashes": "HF train crashes",
+    "HF fleet-minutes": "HF min",
     "runs": "runs",
 }
 """Columns that a narrower terminal shows, with the headings there."""
@@ -192,7 +190,7 @@ def rebuild_report(tables: Tables, directory: Path, console: Console) -> None:
 def show(tables: Tables, console: Console) -> None:
     """Prints the leaderboard, a table a cell; on a narrow terminal without some columns."""
     for columns, rows in split(leaderboard_rows(tables)):
-        heads = {c.heading: c.heading for c in columns} if console.width >= WIDE else NARROW
+        heads = {h: h for h in (*MAIN, "runs")} if console.width >= WIDE else NARROW
         shown = [c for c in filled(columns, rows) if c.heading in heads]
         for cell in dict.fromkeys(row["cell"] for row in rows):
             table = Table(

@@ -42,7 +42,7 @@ def _ties(choice: Choice) -> str:
     if not choice.tied:
         return ""
     named = (
-        f"{markdown.escape(tie.entry.label)} (its mean score at most {significant(tie.high)} lower)"
+        f"{markdown.escape(tie.entry.label)} (score at most {significant(tie.high)} lower)"
         for tie in choice.tied
     )
     return f", not separated from {' and '.join(named)}"

@@ -111,7 +111,7 @@ def test_the_first_screen_names_the_suite_its_origin_and_the_answer(page):
     assert said.partition("from 80 fleet-minutes on hf_hotstart, not separated from hybrid (mlp) ")[
         1
     ]
-    assert "hybrid (affine) (its mean score at most 80 lower)" in said
+    assert "hybrid (affine) (score at most 80 lower)" in said
     details = [i for i, (tag, _) in enumerate(page.tags) if tag == "details"]
     figure = [i for i, (_, attrs) in enumerate(page.tags) if attrs.get("class") == "first"]
     board = [i for i, (_, attrs) in enumerate(page.tags) if attrs.get("class") == "board"]
@@ -142,7 +142,7 @@ def test_the_answer_of_each_team_size_is_a_sentence_with_ties():
     first, second = answer(tables, leaderboard_rows(tables))
     assert first == (
         "N = 3 (spread): without high-fidelity flight **lf_baseline**; from 40 fleet-minutes on "
-        "**costly**, not separated from near (its mean score at most 0.0015 lower)."
+        "**costly**, not separated from near (score at most 0.0015 lower)."
     )
     assert second.startswith("N = 12 (spread): ")
 

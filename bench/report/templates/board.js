@@ -16,7 +16,7 @@ const boards = boardTables.map((table) => new DataTable(table, {
     topStart: "info",
     topEnd: { buttons: [{ extend: "csv", text: "Download CSV", filename: table.dataset.name }] },
   },
-  language: { info: "_TOTAL_ rows", infoEmpty: "no rows", infoFiltered: "of _MAX_" },
+  language: { info: "rows: _TOTAL_", infoEmpty: "rows: 0", infoFiltered: "of _MAX_" },
 }));
 const headingsOf = new Map(boards.map((board) => [board, board.columns().header().toArray()]));
 const titleOf = (heading) => (heading.querySelector(".dt-column-title") ?? heading).textContent.trim();
