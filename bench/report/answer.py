@@ -18,9 +18,9 @@ def answer(tables: Tables, rows: Iterable[Row]) -> list[str]:
     found: dict[int, list[Choice]] = {}
     for choice in choices(tables):
         own = found.setdefault(choice.team_size, [])
-        if own and own[-1].best == choice.best:
-            own.pop()  # more methods are affordable now, the best one is the same
-        own.append(choice)
+        # More flight that leaves the same method the best buys nothing.
+        if not own or own[-1].best != choice.best:
+            own.append(choice)
     if found:
         return [_sentence(n, own) for n, own in found.items()]
     return _best_of_cells(rows)
