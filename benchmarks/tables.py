@@ -17,7 +17,7 @@ import seaborn
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from bench.paper.figures import STYLE
-from bench.report.figures import COLORS
+from bench.report.pictures.looks import COLORS
 from blind.report.canvas import saved
 
 TABLE = Path("results/performance/benchmarks.parquet")

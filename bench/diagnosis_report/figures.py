@@ -1,29 +1,16 @@
-"""Pictures of a diagnosis as small SVG panels that stand inside a page.
+"""Pictures of a diagnosis as small SVG panels that stand inside a page."""
 
-Each panel is drawn in stand-in colours that are then replaced by the page's CSS variables, so that
-a picture follows the page into dark mode and onto paper. Text stays text.
-"""
-
-import dataclasses
-import io
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-import matplotlib
 import numpy as np
 from jaxtyping import Float
-from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from bench.diagnosis_report.numbers import clean, is_number, rounded, scale_of, shorten, with_unit
+from bench.report.pictures.svg import AFTER, BEFORE, INK, SOFT, Panel, render
 from diagnosis.result import Diagnosis
 from diagnosis.result_parts import ChannelGap, RegimeGap
-
-INK, SOFT, LINE, BEFORE, AFTER = "#010101", "#010102", "#010103", "#010104", "#010105"
-VARIABLES = {INK: "ink", SOFT: "soft", LINE: "line", BEFORE: "before", AFTER: "after"}
-"""Stand-in colours and the CSS variables that take their places."""
 
 MOST_FLIGHTS = 6
 """Flights with a before/after panel."""
@@ -31,35 +18,6 @@ MOST_CHANNELS = 4
 """Channels with panels, those with the largest share of the gap."""
 MOST_POINTS = 300
 """Points of a line: what keeps a page small."""
-
-STYLE = {
-    "svg.fonttype": "none",
-    "font.size": 8.0,
-    "text.color": INK,
-    "text.parse_math": False,
-    "axes.labelcolor": SOFT,
-    "axes.edgecolor": LINE,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.facecolor": "none",
-    "figure.facecolor": "none",
-    "savefig.facecolor": "none",
-    "xtick.color": LINE,
-    "ytick.color": LINE,
-    "xtick.labelcolor": SOFT,
-    "ytick.labelcolor": SOFT,
-    "lines.linewidth": 1.4,
-}
-
-
-@dataclasses.dataclass(frozen=True)
-class Panel:
-    """A picture with the words that stand for it."""
-
-    title: str
-    svg: Markup
-    alt: str
 
 
 def before_after_panels(diagnosis: Diagnosis) -> list[Panel]:
@@ -82,7 +40,7 @@ def before_after_panels(diagnosis: Diagnosis) -> list[Panel]:
         ]
         name = clean(line.flight)
         alt = f"Drift along {name}: median {middles[0]} before, {middles[1]} after."
-        panels.append(Panel(shorten(name, 40), _svg(draw, f"before-after-{i}"), alt))
+        panels.append(Panel(shorten(name, 40), render(draw, f"before-after-{i}"), alt))
     return panels
 
 
@@ -116,7 +74,7 @@ def time_panels(diagnosis: Diagnosis) -> list[Panel]:
             axes.set_ylim(bottom=0.0)
 
         alt = _range_text(f"Gap of {clean(line.channel)} in time", gap, unit)
-        panels.append(Panel(clean(line.channel), _svg(draw, f"time-{i}"), alt))
+        panels.append(Panel(clean(line.channel), render(draw, f"time-{i}"), alt))
     return panels
 
 
@@ -148,7 +106,7 @@ def _regime_panel(channel: ChannelGap, regime: RegimeGap, salt: str) -> Panel:
         axes.set(xlabel=_axis(variable, shown), ylabel=_axis("gap", unit))
 
     alt = _range_text(f"Gap of {clean(channel.channel)} by {variable}", gap, unit)
-    return Panel(f"by {variable}", _svg(draw, salt), alt)
+    return Panel(f"by {variable}", render(draw, salt), alt)
 
 
 def _axis(name: str, unit: str) -> str:
@@ -203,22 +161,3 @@ def _thinned(
 
 def _middle(values: Float[np.ndarray, " time"]) -> float:
     return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
-
-
-def _svg(draw: Callable[[Axes], None], salt: str) -> Markup:
-    """A panel as SVG for the inside of a page; `salt` keeps its ids apart from other panels'."""
-    style: Any = {**STYLE, "svg.hashsalt": salt}
-    with matplotlib.rc_context(style):
-        figure = Figure(figsize=(3.5, 2.1), layout="constrained")
-        draw(figure.subplots())
-        text = io.StringIO()
-        empty = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        figure.savefig(text, format="svg", metadata=empty)
-    svg = text.getvalue()
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r'<g id="[^"]*"', "<g", svg)
-    svg = re.sub(r'(<svg)[^>]*?( viewBox="[^"]*")[^>]*', r'\1\2 aria-hidden="true"', svg, count=1)
-    for color, variable in VARIABLES.items():
-        svg = re.sub(rf"{color}(?![0-9a-f])", f"var(--{variable})", svg)
-    return Markup(svg)  # matplotlib escapes every text

@@ -13,7 +13,7 @@ from bench.execution.executor import Name, make_executor
 from bench.execution.progress import SweepProgress
 from bench.plan.expansion import Plan
 from bench.plan.provenance import moved, provenance
-from bench.report.leaderboard import COLUMNS, leaderboard_rows, write_leaderboard
+from bench.report.leaderboard import MAIN, filled, leaderboard_rows, split, write_leaderboard
 from bench.report.page import write_report
 from bench.store.kept import KeptRuns
 from bench.store.resume import Standing, make_standing, reproduces, stale_lines
@@ -23,27 +23,20 @@ from bench.text.errors import UsageError
 from bench.text.say import say
 
 WIDE = 150
-"""Width of a terminal that has room for the whole leaderboard [characters]."""
+"""Width of a terminal that has room for all columns that a page shows first [characters]."""
 INTERRUPTED = 130
 """Exit status after Ctrl-C."""
 MOST_TRACEBACKS = 3
 """Tracebacks of failed runs whose paths are printed."""
 NARROW = {
+    "rank": "rank",
     "method": "method",
     "settled reward (n)": "settled reward (n)",
-    "position error [m]": "error [m]",
     "crashes per episode": "crashes",
-    "HF fleet-minutes": "HF fleet min",
-    "HF training crashes": "HF train crashes",
+    "HF fleet-minutes": "HF min",
     "runs": "runs",
 }
 """Columns that a narrower terminal shows, with the headings there."""
-MEDIUM = 100
-"""Width of a terminal that has room for all of these columns [characters]."""
-NARROWEST = {k: v for k, v in NARROW.items() if k != "HF training crashes"} | {
-    "HF fleet-minutes": "HF min"
-}
-"""Columns that one of 80 characters has room for."""
 
 
 def sweep(
@@ -196,40 +189,39 @@ def rebuild_report(tables: Tables, directory: Path, console: Console) -> None:
     """Writes report.html into a folder."""
     directory.mkdir(parents=True, exist_ok=True)
     path = directory / "report.html"
-    write_report(tables, path)
+    write_report(tables, path, directory.absolute().name)
     say(console, f"Report: {path}")
 
 
 def show(tables: Tables, console: Console) -> None:
     """Prints the leaderboard, a table a cell; on a narrow terminal without some columns."""
-    rows = leaderboard_rows(tables)
-    heads = {c.heading: c.heading for c in COLUMNS} if console.width >= WIDE else NARROW
-    heads = NARROWEST if console.width < MEDIUM else heads
-    columns = [column for column in COLUMNS if column.heading in heads]
-    for cell in dict.fromkeys(row["cell"] for row in rows):
-        table = Table(
-            title=Text(cell.label, "bold"),
-            title_justify="left",
-            box=SIMPLE_HEAD,
-            padding=(0, 1, 0, 0),
-            show_edge=False,
-        )
-        for column in columns:
-            words = [*heads[column.heading].split()]
-            if column.heading == "method":
-                words += [row["entry"].method for row in rows]
-            table.add_column(
-                heads[column.heading],
-                overflow="fold",
-                justify="left" if column.heading in ("method", "runs") else "right",
-                no_wrap=column.heading == "settled reward (n)",
-                min_width=max(map(len, words)) + (column.heading == "method"),
+    for columns, rows in split(leaderboard_rows(tables)):
+        heads = {h: h for h in (*MAIN, "runs")} if console.width >= WIDE else NARROW
+        shown = [c for c in filled(columns, rows) if c.heading in heads]
+        for cell in dict.fromkeys(row["cell"] for row in rows):
+            table = Table(
+                title=Text(cell.label, "bold"),
+                title_justify="left",
+                box=SIMPLE_HEAD,
+                padding=(0, 1, 0, 0),
+                show_edge=False,
             )
-        for row in rows:
-            if row["cell"] == cell:
-                style = "bold" if row["best"] else ""
-                table.add_row(*(Text(column.text(row), style) for column in columns))
-        console.print(table)
+            for column in shown:
+                words = [*heads[column.heading].split()]
+                if column.heading == "method":
+                    words += [row["entry"].method for row in rows]
+                table.add_column(
+                    heads[column.heading],
+                    overflow="fold",
+                    justify="left" if column.left else "right",
+                    no_wrap=column.heading == "settled reward (n)",
+                    min_width=max(map(len, words)) + (column.heading == "method"),
+                )
+            for row in rows:
+                if row["cell"] == cell:
+                    style = "bold" if row["best"] else ""
+                    table.add_row(*(Text(column.text(row), style) for column in shown))
+            console.print(table)
 
 
 def _announcement(standing: Standing, slots: int) -> str:

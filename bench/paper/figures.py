@@ -9,12 +9,13 @@ import matplotlib.pyplot as plt
 import pandas as pd
 import seaborn
 
-from bench.paper.budget import name_of
 from bench.paper.rule import relative
-from bench.paper.values import HYBRID, LF, NAMES, off_spec, undisturbed
-from bench.report.figures import BUILT_IN, COLORS
-from bench.stats.scores import UPPER, primary
-from bench.stats.statistics import COUNTED, Entry, entry_of, estimate, matched, records
+from bench.paper.values import HYBRID, LF, NAMES, name_of, off_spec
+from bench.report.pictures import cost
+from bench.report.pictures.cost import STYLE
+from bench.report.pictures.looks import look_of, ordered
+from bench.stats.scores import UPPER, primary, undisturbed
+from bench.stats.statistics import COUNTED, entry_of, estimate, matched, records
 from bench.store.tables import Tables
 
 ROWS = {
@@ -23,10 +24,14 @@ ROWS = {
     "training_crash_step_rate": "share of training\nsteps in contact",
 }
 """Metrics from top to bottom, and their axis labels."""
-STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
-"""Settings of every figure."""
-MARKERS = "osD^PX*vh<>p"
-"""One a method, repeated."""
+
+
+def write_cost(tables: Tables, path: Path) -> bool:
+    """Writes a PNG: gap to the upper reference against fleet-minutes, a panel a team size.
+
+    Nothing is written, and False returned, where nothing has a score.
+    """
+    return cost.write_cost(tables, path, lambda entry: plain(name_of(entry)))
 
 
 def write_summary(tables: Tables, path: Path) -> bool:
@@ -184,19 +189,6 @@ def _draw(
 def plain(name: str) -> str:
     """A name that matplotlib does not read as mathematics."""
     return name.replace("$", r"\$")
-
-
-def ordered(entries: set[Entry]) -> list[Entry]:
-    """The built-in methods in their usual order, then the others by name."""
-    known = [entry for entry in BUILT_IN if entry in entries]
-    return known + sorted(entries - set(BUILT_IN))
-
-
-def look_of(entry: Entry, entries: list[Entry]) -> tuple[str, str]:
-    """Colour and marker; whoever shares a colour has another marker."""
-    order = [*BUILT_IN, *(e for e in entries if e not in BUILT_IN)]
-    turn, place = divmod(order.index(entry), len(COLORS))
-    return COLORS[place], MARKERS[(place + turn) % len(MARKERS)]
 
 
 def data_uri(path: Path) -> str:

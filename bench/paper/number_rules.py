@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 
 from bench.paper.rule import UNTESTED, AbstractRule, Finding, counts_text, range_text, summary
-from bench.paper.values import NAMES, of_size, sizes, undisturbed
+from bench.paper.values import NAMES, of_size, sizes
+from bench.stats.scores import undisturbed
 from bench.stats.statistics import Cell, Entry, difference, estimate
 from bench.stats.verdicts import Verdict, by_cell, every, in_cell, test_of
 from bench.store.tables import Tables

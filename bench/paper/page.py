@@ -5,14 +5,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.paper.budget import Tie, choices, name_of
 from bench.paper.claims import BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
-from bench.paper.cost_figure import write_cost
-from bench.paper.figures import data_uri, write_flights, write_summary, write_worlds
+from bench.paper.figures import data_uri, write_cost, write_flights, write_summary, write_worlds
 from bench.paper.pictures import write_pipeline, write_top_views
 from bench.paper.rule import Finding
+from bench.paper.values import name_of
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
+from bench.stats.choices import Tie, choices
 from bench.stats.scores import PRIMARY, UPPER, primary
 from bench.stats.statistics import difference, estimate, matched, seed_values
 from bench.stats.verdicts import Verdict, in_cell

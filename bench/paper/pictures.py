@@ -8,8 +8,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from bench.paper.figures import STYLE
 from bench.paper.values import GREY_BOX, HYBRID, NAMES
+from bench.report.pictures.cost import STYLE
 from bench.stats.statistics import Entry, entry_of, records
 from bench.store.tables import Tables
 

@@ -15,8 +15,8 @@ from bench.paper.rule import (
     relative,
     summary,
 )
-from bench.paper.values import HYBRID, NAMES, Source, undisturbed
-from bench.stats.scores import scored
+from bench.paper.values import HYBRID, NAMES, Source
+from bench.stats.scores import scored, undisturbed
 from bench.stats.statistics import Cell, Entry, Values, difference, estimate, matched, seed_values
 from bench.stats.verdicts import Test, Verdict, below, by_cell, every, in_cell, over_cells, test_of
 from bench.store.tables import Tables

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from bench.stats.scores import UPPER
-from bench.stats.statistics import REALITY, Entry, Values, names_world, records, seed_values
+from bench.stats.scores import home_of, undisturbed
+from bench.stats.statistics import Entry, Values, seed_values
 from bench.store.tables import Tables
 
 LF = Entry("lf_baseline")
@@ -36,31 +36,6 @@ Source = Callable[[Tables, str], Values]
 """Values of a metric."""
 
 
-def home_of(tables: Tables) -> str:
-    """The high-fidelity simulator of a sweep: that of the rows that name no other world."""
-    found = {row["simulator"] for row in records(tables.results.drop_duplicates("run"))
-             if not names_world(row["variant"])}  # fmt: skip
-    return REALITY if REALITY in found or not found else min(found)
-
-
-def at_home(values: Values, tables: Tables) -> Values:
-    """Those of the undisturbed high-fidelity simulator."""
-    home = home_of(tables)
-    return {
-        cell: own
-        for cell, own in values.items()
-        if cell.simulator == home and not cell.deployed_effects
-    }
-
-
-def undisturbed(tables: Tables, metric: str) -> Values:
-    """Values in the undisturbed high-fidelity simulator, without the upper reference."""
-    return {
-        cell: {entry: seeds for entry, seeds in own.items() if entry.method != UPPER}
-        for cell, own in at_home(seed_values(tables.results, metric), tables).items()
-    }
-
-
 def off_spec(tables: Tables, metric: str) -> Values:
     """Values in each world in which something was recalibrated, by what it is there."""
     nominal, home, found = undisturbed(tables, metric), home_of(tables), {}
@@ -79,6 +54,11 @@ def off_spec(tables: Tables, metric: str) -> Values:
         if named[RECALIBRATED]:
             found[cell] = {entry: values for entry, values in named.items() if values}
     return found
+
+
+def name_of(entry: Entry) -> str:
+    """What a page calls an entry."""
+    return NAMES.get(entry, entry.label)
 
 
 def sizes(values: Values) -> list[int]:

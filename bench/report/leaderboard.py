@@ -1,7 +1,7 @@
 """Who does how well, cell by cell and overall, as Markdown.
 
-The numbers are those of `bench/stats/leaderboard_rows.py` (cells), `bench/stats/standings.py` (over
-cells) and `bench/stats/pooled.py` (scores pooled).
+The numbers are those of `bench/stats/leaderboard_rows.py` (cells), `bench/report/standings.py`
+(over cells) and `bench/stats/pooled.py` (scores pooled).
 """
 
 import math
@@ -19,34 +19,52 @@ from bench.report.pooled_text import (
     pool_remarks,
     pool_title,
 )
+from bench.report.standings import (
+    AXIS_HEADINGS,
+    HOW_TO_READ_STANDINGS,
+    STANDING_HEADINGS,
+    axis_lines,
+    standing_lines,
+)
 from bench.stats.leaderboard_rows import AXES, TARGET_MINUTES, TARGET_SECONDS, Row, leaderboard_rows
 from bench.stats.pooled import Pool, pools
-from bench.stats.standings import AXIS_HEADINGS, STANDING_HEADINGS, axis_lines, standing_lines
+from bench.stats.statistics import Estimate
 from bench.stats.target import REFERENCE, TOLERANCE
 from bench.store.tables import Tables
 from bench.text import markdown
-from bench.text.numbers import MISSING, mean_std, number, seconds, significant, span
+from bench.text.numbers import (
+    MISSING,
+    mean_std,
+    measured,
+    places,
+    seconds,
+    significant,
+    span,
+)
 
 HOW_TO_READ = (
-    "The settled reward is the return in the high-fidelity simulator from 2 s on, after take-off; "
-    "the reward is that of the whole episode. Higher is better: mean ± standard deviation over the "
-    "training seeds (n of them), then the 95 % t-interval of the settled reward's mean.",
-    "Methods share a rank where the 95 % t-interval of their difference in settled reward (paired "
-    "by seed where the seeds match, else Welch's; not corrected for the number of comparisons) "
-    "contains 0, so a method that varies much between seeds can share a rank with better means. "
-    "With one seed there is no interval and no order is claimed. `upper_reference` says what a "
-    "score of 1 means and has no rank.",
+    "The settled reward is the return in the high-fidelity simulator from 2 s on, after take-off;"
+    " the reward is that of the whole episode. Higher is better: mean ± standard deviation over "
+    "the training seeds (n of them), then the 95 % t-interval of the settled reward's mean.",
+    "A rank is an interval and follows the means: whoever is shown to be better than one method, "
+    "by the 95 % t-interval of the difference in settled reward (paired by seed where the seeds "
+    "match, else Welch's; not corrected for the number of comparisons), is ranked before all of "
+    "lower mean. Methods that share a letter are not separated, which does not make them as good:"
+    " *behind the best* says how far the mean lies below the best one, and how far it may. `bench"
+    " compare` gives the same number. With one seed there is no interval and no order is claimed."
+    " `upper_reference` says what a score of 1 means and has no rank; nor have settings other "
+    "than the default, which have a table of their own.",
     "A run that diverged counts with the policy that it left; a failed one left none. The last "
-    "column counts and names both. `budget`: a run that its epochs ended where patience was meant "
-    "to.",
-    "`#` is the rank on an axis beside the reward, by the same rule, lower is better. "
-    "Fleet-minutes and training time are a run's own, without those of what it starts from. To "
-    "target: what it costs until the return of an episode comes within "
-    f"{100 * TOLERANCE:.0f} % (of the return at the spawn) of the mean of `{REFERENCE.label}`, the "
-    "costs of all runs over the runs that get there. Methods are ranked on it only if all their "
-    "runs get there.",
-    "A crash is the onset of a contact, per agent: another drone closer than 0.30 m, or the floor. "
-    "Contacts are flags in this simulator: drones never push each other.",
+    "column counts and names both. `budget`: a run that its epochs ended where patience was meant"
+    " to.",
+    "Digits are those that the intervals allow. `#` is the first rank on an axis beside the "
+    "reward, by the same rule, lower is better. Fleet-minutes and training time are a run's own, "
+    "without those of what it starts from. To target: what it costs until the return of an "
+    f"episode comes within {100 * TOLERANCE:.0f} % (of the return at the spawn) of the mean of "
+    f"`{REFERENCE.label}`, the costs of all runs over the runs that get there. Methods are ranked "
+    "on it only if all their runs get there.",
+    "A crash is the onset of a contact, per agent: another drone closer than 0.30 m, or the "
+    "floor. Contacts are flags in this simulator: drones never push each other.",
 )
 """What a reader must know, in Markdown."""
 
@@ -57,7 +75,9 @@ class Column(NamedTuple):
     heading: str
     text: Callable[[Row], str]
     order: Callable[[Row], float | str]
-    """Value to sort by."""
+    """Value to sort by; NaN where there is none."""
+    left: bool = False
+    """Whether it is text, aligned left."""
 
 
 def write_leaderboard(tables: Tables, path: Path) -> None:
@@ -70,13 +90,20 @@ def write_leaderboard(tables: Tables, path: Path) -> None:
     else:
         for pool in pools(tables):
             parts += _pool_parts(pool)
-        parts += ["## Overall", _table(STANDING_HEADINGS, standing_lines(rows))]
-        parts += ["## In how many cells best or tied", _table(AXIS_HEADINGS, axis_lines(rows))]
-    for cell in dict.fromkeys(row["cell"] for row in rows):
-        body = [[column.text(row) for column in COLUMNS] for row in rows if row["cell"] == cell]
-        headings = [column.heading for column in COLUMNS]
-        left = (1, len(headings) - 1)
-        parts += [f"## {markdown.escape(cell.label)}", _table(headings, body, left)]
+        if any(row["rank"] for row in rows):
+            parts += ["## Overall", _table(STANDING_HEADINGS, standing_lines(rows))]
+            parts += [HOW_TO_READ_STANDINGS]
+            parts += ["## In how many cells the rank may be the first"]
+            parts += [_table(AXIS_HEADINGS, axis_lines(rows))]
+    for columns, own in split(rows):
+        for cell in dict.fromkeys(row["cell"] for row in own):
+            here = [row for row in own if row["cell"] == cell]
+            shown = filled(columns, here)
+            headings = [column.heading for column in shown]
+            left = [i for i, column in enumerate(shown) if column.left]
+            body = [[column.text(row) for column in shown] for row in here]
+            title = cell.label + (", other settings" if columns is VARIANT_COLUMNS else "")
+            parts += [f"## {markdown.escape(title)}", _table(headings, body, left)]
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
@@ -112,8 +139,35 @@ def _table(
     return markdown.table([markdown.escape(heading) for heading in headings], escaped, left)
 
 
-def _interval(row: Row) -> str:
-    return span(row["reward_low"], row["reward_high"], 1)
+def split(rows: Iterable[Row]) -> list[tuple[tuple[Column, ...], list[Row]]]:
+    """The rows that are ranked, then those of other settings, each with their columns."""
+    rows = list(rows)
+    ranked = [row for row in rows if row["default"] is None]
+    variants = [row for row in rows if row["default"] is not None]
+    return [(COLUMNS, ranked)] * bool(ranked) + [(VARIANT_COLUMNS, variants)] * bool(variants)
+
+
+def filled(columns: Iterable[Column], rows: Sequence[Row]) -> list[Column]:
+    """The columns in which some row has something."""
+    return [c for c in columns if any(c.text(row) != MISSING for row in rows)]
+
+
+def _half(row: Row) -> float:
+    """Half the interval of the settled reward."""
+    return 0.5 * (row["reward_high"] - row["reward_low"])
+
+
+def _reward(row: Row) -> str:
+    if not row["n"]:
+        return MISSING
+    if row["n"] == 1:
+        return f"{significant(row['reward_mean'], 3)} (n = 1)"
+    shown = mean_std(row["reward_mean"], row["reward_std"], places(_half(row)))
+    return f"{shown} (n = {row['n']})"
+
+
+def _apart(found: Estimate | None) -> str:
+    return measured(found.mean, found.low, found.high) if found else MISSING
 
 
 def _metric(heading: str, name: str, text: Callable[[float], str]) -> Column:
@@ -121,7 +175,7 @@ def _metric(heading: str, name: str, text: Callable[[float], str]) -> Column:
 
     def cell(row: Row) -> str:
         rank = row["axis_ranks"].get(name)
-        return text(row["metrics"][name]) + (f" (#{rank})" if rank is not None else "")
+        return text(row["metrics"][name]) + (f" (#{rank.first})" if rank is not None else "")
 
     def order(row: Row) -> float:
         value = row["metrics"][name]
@@ -147,38 +201,76 @@ def _target(name: str, text: Callable[[float], str]) -> Column:
     return axis._replace(text=cell)
 
 
-def _digits(digits: int) -> Callable[[float], str]:
-    return lambda value: number(value, digits)
+def _three(value: float) -> str:
+    return significant(value, 3)
 
 
-COLUMNS = (
-    Column(
-        "rank",
-        lambda row: MISSING if row["rank"] is None else str(row["rank"]),
-        lambda row: math.nan if row["rank"] is None else row["rank"],
-    ),
-    Column("method", lambda row: row["method"], lambda row: row["method"]),
-    Column(
-        "settled reward (n)",
-        lambda row: (
-            f"{mean_std(row['reward_mean'], row['reward_std'])} (n = {row['n']})"
-            if row["n"]
-            else MISSING
-        ),
-        lambda row: row["reward_mean"],
-    ),
-    Column("95 % t-interval", _interval, lambda row: row["reward_low"]),
-    _metric("reward", "reward", _digits(1)),
-    _metric("settling time [s]", "settling_time", _digits(1)),
-    _metric("position error [m]", "position_error", _digits(3)),
-    _axis("crashes", _digits(2)),
+_METHOD = Column("method", lambda row: row["method"], lambda row: row["method"], left=True)
+_REWARD = Column("settled reward (n)", _reward, lambda row: row["reward_mean"])
+_INTERVAL = Column(
+    "95 % t-interval",
+    lambda row: span(row["reward_low"], row["reward_high"], places(_half(row))),
+    lambda row: row["reward_low"],
+)
+_RUNS = Column("runs", lambda row: row["runs"], lambda row: row["runs"], left=True)
+_COSTS = (
+    _metric("reward", "reward", _three),
+    _metric("settling time [s]", "settling_time", significant),
+    _metric("position error [m]", "position_error", significant),
+    _axis("crashes", significant),
     _axis("fleet_minutes", significant),
-    _axis("training_crashes", _digits(0)),
-    _metric("LF training collisions", "lf_collisions", _digits(0)),
-    _metric("epochs", "epochs", _digits(0)),
+    _axis("training_crashes", significant),
+    _metric("LF training collisions", "lf_collisions", significant),
+    _metric("epochs", "epochs", significant),
     _axis("train_seconds", seconds),
     _target(TARGET_MINUTES, significant),
     _target(TARGET_SECONDS, seconds),
-    Column("runs", lambda row: row["runs"], lambda row: row["runs"]),
+    _RUNS,
+)
+COLUMNS = (
+    Column(
+        "rank",
+        lambda row: row["rank"].text if row["rank"] else MISSING,
+        lambda row: row["rank"].place if row["rank"] else math.nan,
+    ),
+    Column(
+        "ties",
+        lambda row: row["rank"].ties if row["rank"] else MISSING,
+        lambda row: row["rank"].ties if row["rank"] else math.nan,
+        left=True,
+    ),
+    _METHOD,
+    _REWARD,
+    _INTERVAL,
+    Column(
+        "behind the best",
+        lambda row: _apart(row["rank"].behind if row["rank"] else None),
+        lambda row: row["rank"].behind.mean if row["rank"] and row["rank"].behind else math.nan,
+    ),
+    *_COSTS,
 )
 """Columns of a leaderboard, in order."""
+VARIANT_COLUMNS = (
+    _METHOD,
+    _REWARD,
+    _INTERVAL,
+    Column(
+        "above its default",
+        lambda row: _apart(row["beside_default"]),
+        lambda row: row["beside_default"].mean if row["beside_default"] else math.nan,
+    ),
+    *_COSTS,
+)
+"""Columns of the table of other settings: compared with the default, by the same interval."""
+MAIN = (
+    "rank",
+    "ties",
+    "method",
+    "settled reward (n)",
+    "behind the best",
+    "above its default",
+    AXES["fleet_minutes"],
+    AXES["crashes"],
+    AXES["train_seconds"],
+)
+"""Headings that a page shows before it is asked for all."""

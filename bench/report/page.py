@@ -1,29 +1,27 @@
-"""One HTML page that opens offline: leaderboards, figures, runs.
+"""One HTML page that opens offline: the answer, the board, figures, runs.
 
 The page is a function of the tables. It loads nothing: scripts, styles and data are inside, and
-its content security policy forbids the rest. Figures are drawn when they come into view, and a
-click on a method or run opens its settings, metrics, training curve and flight.
+its content security policy forbids the rest. A click on a method or run opens its settings,
+metrics, training curve and flight.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from markdown_it import MarkdownIt
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
-from bench.report.figures import CURVES_INTRO, Drawing, curve_drawings, styles, summary_drawings
-from bench.report.leaderboard import (
-    COLUMNS,
-    HOW_TO_READ,
-    MISSING,
-    STANDING_HEADINGS,
-    Column,
-    Row,
-    leaderboard_rows,
-    standing_lines,
-)
-from bench.report.pooled_figures import pooled_drawings
+from bench.report.answer import answer
+from bench.report.board import boards, filters
+from bench.report.leaderboard import HOW_TO_READ, leaderboard_rows
+from bench.report.pictures.cost import cost_panels
+from bench.report.pictures.curves import CURVES_INTRO, curve_panels
+from bench.report.pictures.looks import Key
+from bench.report.pictures.pooled import MEANS_NOTE, pooled_panels
+from bench.report.pictures.summary import SUMMARY_INTRO, summary_panels
+from bench.report.pictures.svg import Panel
+from bench.report.pictures.top_view import TOP_VIEW_INTRO, top_views
 from bench.report.pooled_text import (
     EXCLUDES_HALF,
     HOW_TO_READ_POOLED,
@@ -35,44 +33,59 @@ from bench.report.pooled_text import (
     pool_title,
 )
 from bench.report.run_details import details, first_runs, run_lines, settings_groups, version_groups
-from bench.report.top_view import TOP_VIEW_INTRO, trajectory_drawings
+from bench.report.standings import HOW_TO_READ_STANDINGS, STANDING_HEADINGS, standing_lines
 from bench.stats.pooled import Pool, pools
-from bench.stats.statistics import Cell, Entry
 from bench.store.tables import Tables
-from bench.text.pages import environment, harmless_json, write_text
+from bench.text.numbers import MISSING
+from bench.text.pages import environment, write_text
+
+VENDOR = Path(__file__).parent / "vendor"
+"""Libraries that pages bring along, as they were published."""
+TABLES = ("dataTables.min.js", "dataTables.buttons.min.js")
+"""DataTables and its buttons (datatables.net), which sort, filter and export tables."""
 
 
-def write_report(tables: Tables, path: Path, title: str = "Benchmark report") -> None:
-    """Writes the report as one HTML file to `path`."""
+class Section(NamedTuple):
+    """Figures under one heading."""
+
+    title: str
+    intro: str
+    groups: list[tuple[str, list[Panel]]]
+    """Panels under a heading of their own; it may be empty."""
+    legend: list[Key]
+
+
+def write_report(tables: Tables, path: Path, suite: str = "", home: str = "") -> None:
+    """Writes the report as one HTML file to `path`.
+
+    Args:
+        tables: What it shows.
+        path: File to write.
+        suite: Name in its title.
+        home: Address of a page that leads here; none by default.
+    """
     rows, lines = leaderboard_rows(tables), run_lines(tables)
     settings, versions = settings_groups(tables.runs), version_groups(tables.runs)
-    sections = [
-        ("Cost and reward", "", summary_drawings(tables)),
-        ("Training curves", CURVES_INTRO, curve_drawings(tables)),
-        ("Flown paths", TOP_VIEW_INTRO, trajectory_drawings(tables)),
-    ]
-    pooled = [_pooled(tables, pool) for pool in pools(tables)]
-    opened = details(tables, lines, settings, versions)
-    drawn = any(drawings for *_, drawings in sections) or any(run["curve"] for run in opened)
     page = environment().get_template("report.html.j2")
     text = page.render(
-        title=title,
-        plotly=plotly_source() if drawn or pooled else "",
-        how_to_read=[render_markdown(line, inline=True) for line in HOW_TO_READ],
-        counts=_counts(tables),
-        how_to_read_pooled=HOW_TO_READ_POOLED,
-        pools=pooled,
+        title=f"{suite}: which method at which cost" if suite else "Which method at which cost",
+        home=home,
+        facts=facts(tables),
+        answer=[render_markdown(line, inline=True) for line in answer(tables, rows)],
+        cost=cost_panels(tables),
+        how_to_read=[_inline(line) for line in (*HOW_TO_READ, HOW_TO_READ_STANDINGS)],
+        filters=filters(rows),
+        boards=boards(rows, first_runs(tables, lines)),
         standing_headings=STANDING_HEADINGS,
-        standings=standing_lines(rows),
-        boards=_boards(rows, first_runs(tables, lines)),
-        sections=[
-            (name, intro, [(d, _figure_json(d)) for d in drawings])
-            for name, intro, drawings in sections
-        ],
+        standings=standing_lines(rows) if any(row["rank"] for row in rows) else [],
+        how_to_read_pooled=[_inline(line) for line in HOW_TO_READ_POOLED],
+        pools=[_pooled(pool, f"pool-{i}") for i, pool in enumerate(pools(tables))],
+        sections=_sections(tables),
         runs=lines,
         settings=settings,
         versions=versions,
-        details=opened,
+        details=details(tables, lines, settings, versions),
+        libraries=[library(name) for name in TABLES] if lines else [],
     )
     write_text(path, text)
 
@@ -80,7 +93,7 @@ def write_report(tables: Tables, path: Path, title: str = "Benchmark report") ->
 def write_page(markdown_text: str, path: Path, title: str) -> None:
     """Writes a Markdown text as an HTML page in the style of the report."""
     page = environment().get_template("page.html.j2")
-    write_text(path, page.render(title=title, body=render_markdown(markdown_text)))
+    write_text(path, page.render(title=title, body=render_markdown(markdown_text), home=""))
 
 
 def render_markdown(text: str, inline: bool = False) -> Markup:
@@ -89,17 +102,30 @@ def render_markdown(text: str, inline: bool = False) -> Markup:
     return Markup(parser.renderInline(text) if inline else parser.render(text))
 
 
-def plotly_source() -> Markup:
-    """The plotting library, for a script element."""
-    return Markup(get_plotlyjs().replace("</script", "<\\/script"))
+def library(name: str) -> Markup:
+    """A file of `VENDOR`, for a script element."""
+    return Markup((VENDOR / name).read_text(encoding="utf-8").replace("</script", "<\\/script"))
 
 
-def _figure_json(drawing: Drawing) -> Markup:
-    return harmless_json(str(drawing.plot.to_json()))
+def _inline(line: str) -> Markup:
+    return render_markdown(line, inline=True)
 
 
-def _pooled(tables: Tables, pool: Pool) -> dict[str, Any]:
+def _sections(tables: Tables) -> list[Section]:
+    """The other figures; none without anything to draw."""
+    curves, keys = curve_panels(tables)
+    grids, summary_keys = summary_panels(tables)
+    found = [
+        Section("Cost and reward against team size", SUMMARY_INTRO, grids, summary_keys),
+        Section("Training curves", CURVES_INTRO, [("", curves)] if curves else [], keys),
+        Section("Flown paths", TOP_VIEW_INTRO, top_views(tables), []),
+    ]
+    return [section for section in found if section.groups]
+
+
+def _pooled(pool: Pool, salt: str) -> dict[str, Any]:
     """One pool: its tables, figures and remarks."""
+    panels, keys = pooled_panels(pool, salt)
     return {
         "title": pool_title(pool),
         "tables": [
@@ -107,42 +133,27 @@ def _pooled(tables: Tables, pool: Pool) -> dict[str, Any]:
             ("Who beats whom", improvement_headings(pool), improvement_lines(pool)),
         ],
         "remarks": [EXCLUDES_HALF, *pool_remarks(pool)],
-        "figures": [(d, _figure_json(d)) for d in pooled_drawings(pool, styles(tables))],
+        "figures": Section("", MEANS_NOTE, [("", panels)], keys),
     }
 
 
-def _boards(rows: list[Row], opens: dict[tuple[Cell, Entry], str]) -> list[dict[str, Any]]:
-    """One table per cell: its label, and lines of (text, value to sort by) with the run to open."""
-    return [
-        {
-            "label": cell.label,
-            "headings": [column.heading for column in COLUMNS],
-            "lines": [
-                {
-                    "best": row["best"],
-                    "opens": opens.get((cell, row["entry"]), ""),
-                    "cells": [_sortable(column, row) for column in COLUMNS],
-                }
-                for row in rows
-                if row["cell"] == cell
-            ],
-        }
-        for cell in dict.fromkeys(row["cell"] for row in rows)
-    ]
-
-
-def _sortable(column: Column, row: Row) -> tuple[str, str]:
-    order = column.order(row)
-    return column.text(row), "" if order != order else str(order)
-
-
-def _counts(tables: Tables) -> list[tuple[str, str]]:
+def facts(tables: Tables) -> list[tuple[str, str]]:
+    """When, by which commits, and how much was run: name and text."""
     runs = tables.runs
+    if runs.empty:
+        return []
     by_status = runs["status"].value_counts().sort_index()
+    dates = sorted({str(day)[:10] for day in runs["committed"]} - {""})
+    commits = runs.loc[runs["commit"].ne(""), "commit"].value_counts().index.tolist()
     return [
-        ("runs", str(len(runs))),
-        ("tasks", ", ".join(sorted(runs["task"].unique())) or MISSING),
-        ("team sizes", ", ".join(str(n) for n in sorted(runs["team_size"].unique())) or MISSING),
+        ("date", _ends(dates) or MISSING),
+        ("commit", ", ".join(str(commit)[:10] for commit in commits) or MISSING),
+        ("runs", ", ".join(f"{count} {name}" for name, count in by_status.items())),
+        ("tasks", ", ".join(sorted(runs["task"].unique()))),
+        ("team sizes", ", ".join(str(n) for n in sorted(runs["team_size"].unique()))),
         ("seeds", str(runs["seed"].nunique())),
-        ("status", ", ".join(f"{count} {name}" for name, count in by_status.items()) or MISSING),
     ]
+
+
+def _ends(values: Sequence[str]) -> str:
+    return " to ".join(dict.fromkeys([values[0], values[-1]])) if values else ""

@@ -4,15 +4,17 @@ from collections.abc import Sequence
 
 from bench.stats.bootstrap import Interval
 from bench.stats.pooled import Pool
-from bench.text.numbers import MISSING, number, span
+from bench.text.numbers import MISSING, measured, number
 
 HOW_TO_READ_POOLED = (
     "The score is the settled reward between that of a team that stays at its spawn (0) and that "
     "of the upper reference, a hot start with four times the epochs (1). IQM: mean of the middle "
     "half of all runs, cells weighing alike, with the 95 % percentile-bootstrap interval (seeds "
     "drawn within cells), which covers somewhat less than 95 % with few seeds.",
-    "A rank is an interval: what the differences of all IQMs leave open when their 95 % intervals "
-    "hold together. Methods that share a letter cannot be told apart.",
+    "*Behind the first*: how much lower the mean score is, over the cells that both flew, with the "
+    "95 % interval; `bench compare` gives the same number. A rank is an interval: what these "
+    "differences of all pairs leave open, with Holm's correction, in the order of the means. "
+    "Methods that share a letter are not separated, which does not make them as good.",
     "n: runs in the numbers (cells x seeds); in each cell they are the seeds that all methods of "
     "the table have, if two or more are. The last column counts runs that failed or diverged in "
     "any cell of this world; the diverged ones are in the numbers.",
@@ -36,8 +38,9 @@ def pool_headings(pool: Pool) -> list[str]:
         "rank",
         "method",
         "ties",
+        "mean score",
+        "behind the first",
         "IQM score",
-        "95 % interval",
         *shares,
         "n",
         "failed or diverged",
@@ -51,8 +54,9 @@ def pool_lines(pool: Pool) -> list[list[str]]:
             _rank(*row.rank),
             row.entry.label,
             row.groups,
-            number(row.iqm.value, 4),
-            span(row.iqm.low, row.iqm.high, 4),
+            number(row.mean, 4),
+            measured(row.behind.mean, row.behind.low, row.behind.high) if row.behind else MISSING,
+            measured(*row.iqm),
             *(_share(share) for share in row.shares),
             f"{row.n} ({len(pool.cells)} x {_rank(*row.seeds)})",
             str(row.lost),

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.report.figures import by_run
 from bench.report.flown import playable_all
-from bench.report.leaderboard import number
+from bench.report.pictures.curves import by_run
 from bench.stats.endings import places
 from bench.stats.statistics import FAILURES, Cell, Entry, cells_meant, entry_of, records
 from bench.store.tables import Tables
+from bench.text.numbers import significant
 
 MAX_POINTS = 100
 """Points of one run's training curve."""
@@ -35,7 +35,7 @@ def run_lines(tables: Tables) -> list[dict[str, Any]]:
             "status": row["status"],
             "lost": row["status"] in FAILURES,
             "cause": row["cause"],
-            "reward": number(reward.get(row["run"], float("nan")), 1),
+            "reward": significant(reward.get(row["run"], float("nan")), 3),
         }
         for row in records(tables.runs)
     ]

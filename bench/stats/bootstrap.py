@@ -6,22 +6,14 @@ A sample holds, for each stratum (a cell), one value per seed.
     profile(tau)        share of values above tau
     P(a > b)            mean over strata of the share of pairs with a above b, ties counting half
     interval            percentiles of the bootstrap, seeds drawn with replacement within a stratum
-    difference          IQM(a) - IQM(b) +- q s sqrt(n / (n - 1)), s the standard deviation over the
-                        bootstrap, q its quantile of |d* - d| / s brought to Student's t, n the
-                        fewest seeds
 
 A percentile interval covers less than 0.95: about 0.92 with 24 strata of five seeds, 0.88 with
-eight of three (simulated). Differences decide ranks, so they are mended: a bootstrap within strata
-of n seeds has (n - 1) / n of the variance, hence the square root, and s itself is known from few
-seeds, hence t. Its degrees of freedom are Satterthwaite's over the strata's jackknife variances.
-For differences, where two samples have the same seeds in a stratum the same seeds are drawn for
-both, because they began from the same initial states. P(a > b) is of two runs drawn independently,
-whatever their seeds, as its source has it. For several samples q is the quantile of the largest of
-all pairs, so that all intervals hold together; what they say about ranks then does too.
+eight of three (simulated). Nothing is decided by these intervals; differences of mean scores decide
+(`bench/stats/verdicts.py`). P(a > b) is of two runs drawn independently, whatever their seeds, as
+its source has it.
 
-Sources: Agarwal et al. (2021), "Deep RL at the edge of the statistical precipice" (IQM, stratified
-bootstrap, profiles, probability of improvement; package rliable); Mogstad et al. (2024), "Inference
-for ranks" (ranks from simultaneous differences); Efron (1982) (jackknife, the factor).
+Source: Agarwal et al. (2021), "Deep RL at the edge of the statistical precipice" (IQM, stratified
+bootstrap, profiles, probability of improvement; package rliable).
 """
 
 import functools
@@ -30,10 +22,8 @@ import zlib
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import networkx
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy import stats
+from jaxtyping import Float, Int
 
 from bench.stats.statistics import LEVEL
 
@@ -55,26 +45,6 @@ class Interval(NamedTuple):
     def excludes(self, value: float) -> bool:
         """Whether there is an interval and `value` lies outside."""
         return self.high < value or self.low > value
-
-
-class Differences(NamedTuple):
-    """IQMs of several samples and what their differences say."""
-
-    iqm: Float[np.ndarray, " samples"]
-    half: Float[np.ndarray, "samples samples"]
-    """Half widths of the simultaneous 95 % intervals of all differences."""
-
-    @property
-    def above(self) -> Bool[np.ndarray, "samples samples"]:
-        """Whether the row's IQM is above the column's, beyond the interval."""
-        return self.iqm[:, None] - self.iqm[None] > self.half
-
-    @property
-    def ranks(self) -> list[tuple[int, int]]:
-        """Best and worst rank of each sample that its differences leave open."""
-        above = self.above
-        worse, better = above.sum(axis=1), above.sum(axis=0)
-        return [(1 + int(b), len(above) - int(w)) for b, w in zip(better, worse, strict=True)]
 
 
 def iqm(
@@ -132,83 +102,6 @@ def probability_of_improvement(a: Sample, b: Sample, reps: int = REPS) -> Interv
         drawn += np.einsum("ri,ij,rj->r", first, wins, second, optimize=True)
     enough = _resamplable(a) and _resamplable(b)
     return _interval(float(np.mean(points)), drawn / len(strata), enough)
-
-
-def differences(samples: Sequence[Sample], reps: int = REPS) -> Differences:
-    """IQMs of samples over the same strata, with simultaneous intervals of all differences.
-
-    They have no end where some stratum has fewer than two seeds.
-    """
-    point = np.asarray([iqm(_values(s), _weights(s)) for s in samples])
-    drawn = np.stack([iqm(_resampled(s, reps), _weights(s)) for s in samples], axis=1)
-    first, second = np.triu_indices(len(samples), k=1)
-    half = np.zeros((len(samples), len(samples)))
-    if len(first) == 0:
-        return Differences(point, half)
-    if not all(_resamplable(sample) for sample in samples):
-        return Differences(point, np.where(np.eye(len(samples), dtype=bool), 0.0, math.inf))
-    apart = drawn[:, first] - drawn[:, second] - (point[first] - point[second])
-    spread = apart.std(axis=0)
-    safe = np.where(spread > 0.0, spread, 1.0)
-    quantile = np.quantile(np.abs(apart / safe).max(axis=1), LEVEL)
-    jackknives = [_jackknife(sample) for sample in samples]
-    half[first, second] = half[second, first] = [
-        _stretch(jackknives[i], jackknives[j], float(quantile)) * s
-        for i, j, s in zip(first, second, spread, strict=True)
-    ]
-    return Differences(point, half)
-
-
-def tie_groups(above: Bool[np.ndarray, "samples samples"]) -> list[tuple[int, ...]]:
-    """Largest groups of samples of which none is above another, in the order of their members.
-
-    Groups overlap where ties are not transitive (Piepho, 2004, "compact letter display").
-    """
-    tied = ~(above | above.T)
-    np.fill_diagonal(tied, False)
-    groups = networkx.find_cliques(networkx.from_numpy_array(tied))
-    return sorted(tuple(sorted(group)) for group in groups)
-
-
-Deviations = dict[Hashable, dict[int, float]]
-"""Stratum -> seed -> its share in the deviation of an IQM from what it is expected to be."""
-
-
-def _stretch(a: Deviations, b: Deviations, quantile: float) -> float:
-    """Half width of the difference of two samples over its bootstrap's standard deviation."""
-    fewest = min(len(seeds) for sample in (a, b) for seeds in sample.values())
-    parts = []
-    for stratum, first in a.items():
-        second = b.get(stratum, {})
-        if first.keys() == second.keys():
-            parts.append([first[seed] - second[seed] for seed in first])
-        else:
-            parts += [list(x.values()) for x in (first, second) if x]
-    variances = np.asarray([np.sum(np.square(part)) for part in parts])
-    scaled = np.sum(variances**2 / [len(part) - 1 for part in parts])
-    freedom = variances.sum() ** 2 / scaled if scaled > 0.0 else math.inf
-    student = stats.t.isf(stats.norm.sf(quantile), freedom)
-    return float(student) * math.sqrt(fewest / (fewest - 1))
-
-
-def _jackknife(sample: Sample) -> Deviations:
-    """What each seed contributes, from the IQMs without it; zero for the only one of a stratum."""
-    n = [len(values) for values in sample.values()]
-    stratum = np.repeat(np.arange(len(n)), n)
-    size = np.repeat(n, n)
-    rest = np.maximum(size - 1, 1)
-    weights = np.tile(1.0 / size, (len(size), 1))
-    same = stratum[:, None] == stratum[None]
-    weights = np.where(same, 1.0 / rest, weights)
-    weights[np.diag_indices(len(size))] = np.where(size > 1, 0.0, 1.0)
-    left = iqm(_values(sample), weights)
-    found, start = {}, 0
-    for name, values in sample.items():
-        own = left[start : start + len(values)]
-        start += len(values)
-        deviations = math.sqrt((len(values) - 1) / len(values)) * (own.mean() - own)
-        found[name] = dict(zip(sorted(values), deviations.tolist(), strict=True))
-    return found
 
 
 def _interval(

@@ -24,13 +24,13 @@ from bench.stats.statistics import FEWEST, Cell, Entry, difference, estimate, ma
 from bench.stats.verdicts import over_cells
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
-from bench.text.numbers import mean_std, number, seconds, significant, span
+from bench.text.numbers import mean_std, measured, number, places, seconds, significant, span
 from simulators.registry import unknown
 
 SECONDARY = {
-    "crashes": ("crashes per episode", lambda x: number(x, 2)),
+    "crashes": ("crashes per episode", significant),
     "fleet_minutes": ("HF fleet-minutes", significant),
-    "training_crashes": ("HF training crashes", lambda x: number(x, 0)),
+    "training_crashes": ("HF training crashes", significant),
     "train_seconds": ("training time", seconds),
 }
 """Metrics shown beside the answer, lower is better: heading and how a number is written."""
@@ -158,10 +158,13 @@ def _one(a: Mapping[int, float], b: Mapping[int, float], metric: str) -> tuple[V
     """The answer in one stratum."""
     first, second = (estimate(x.values()) for x in matched(a, b))
     apart = difference(a, b)
-    means = [f"{mean_std(x.mean, x.std)} (n = {x.n})" for x in (first, second)]
+    means = [
+        f"{mean_std(x.mean, x.std, places(0.5 * (x.high - x.low)))} (n = {x.n})"
+        for x in (first, second)
+    ]
     text = (
         f"{metric.replace('_', ' ').capitalize()} {means[0]} against {means[1]}: difference "
-        f"{number(apart.mean, 1)}, 95 % t-interval {span(apart.low, apart.high, 1)}."
+        f"{measured(apart.mean, apart.low, apart.high)}, 95 % t-interval."
     )
     if not apart.excludes_zero:
         return Verdict.NO_DIFFERENCE, [text]
@@ -186,8 +189,8 @@ def _several(a: Side, b: Side, shared: list[Stratum]) -> tuple[Verdict, list[str
     names = {s: s if a.entry is None else s[0] for s in shared}
     better = improvement(*({names[s]: own[s] for s in shared} for own in scores))
     lines = [
-        f"Score higher by {number(found.mean, 4)}, mean over cells, 95 % interval "
-        f"{span(found.low, found.high, 4)} ({found.n} pairs of seeds).",
+        f"Score higher by {measured(found.mean, found.low, found.high)}, mean over cells with its "
+        f"95 % interval ({found.n} pairs of seeds).",
         f"Probability that a run of the first is better: {number(better.value, 2)}, 95 % "
         f"percentile-bootstrap interval {span(better.low, better.high, 2)}.",
     ]

@@ -2,7 +2,8 @@
 
 Its numbers are means over all seeds that left a policy, diverged ones too; those and the failed
 ones are named beside it. The order is by the settled reward. Each axis beside it has a rank of its
-own, by the same rule. The upper reference stands among the rows and has no rank.
+own, by the same rule. The upper reference stands among the rows and has no rank, nor have settings
+other than the default: they are compared with their own default.
 """
 
 import math
@@ -10,8 +11,19 @@ from collections.abc import Mapping
 from typing import TypedDict
 
 from bench.stats.endings import Endings, endings, endings_text, lost
-from bench.stats.scores import UPPER, primary
-from bench.stats.statistics import Cell, Entry, estimate, ranks, seed_values
+from bench.stats.ranking import Rank, ranks
+from bench.stats.scores import UPPER, by_run, primary, upper_returns
+from bench.stats.statistics import (
+    Cell,
+    Entry,
+    Estimate,
+    cell_of,
+    default_of,
+    difference,
+    estimate,
+    records,
+    seed_values,
+)
 from bench.stats.target import ToTarget, costs_to_target
 from bench.store.tables import Tables
 
@@ -51,10 +63,16 @@ class Row(TypedDict):
     team_size: int
     method: str
     """Label, e.g. `hybrid (mlp)`."""
-    rank: int | None
+    rank: Rank | None
     """None where no order is claimed."""
     best: bool
-    """Best of its cell, or tied with the best."""
+    """Whether its rank may be the first."""
+    default: Entry | None
+    """The same with default settings, which a variant is compared with; None where it is that."""
+    beside_default: Estimate | None
+    """Settled reward less that of `default`; None without such a row."""
+    scale: float
+    """What a score of 1 is above one of 0, in settled reward; NaN without an upper reference."""
     reward_mean: float
     reward_std: float
     reward_low: float
@@ -63,7 +81,7 @@ class Row(TypedDict):
     """Seeds in the means."""
     metrics: dict[str, float]
     """Means of `METRICS`, expected costs to reach the target (infinite if no run does)."""
-    axis_ranks: dict[str, int | None]
+    axis_ranks: dict[str, Rank | None]
     """Rank on each of `AXES`; None where no order is claimed."""
     reached: tuple[int, int] | None
     """Runs that reach the target, and all runs; None where there is no target."""
@@ -77,7 +95,7 @@ def leaderboard_rows(tables: Tables) -> list[Row]:
     """Rows by cell; within one, higher mean reward first, entries without a number last."""
     rewards = seed_values(tables.results, primary(tables))
     metrics = {name: seed_values(tables.results, name) for name in METRICS}
-    ended, targets = endings(tables), costs_to_target(tables)
+    ended, targets, scales = endings(tables), costs_to_target(tables), _scales(tables)
     rows: list[Row] = []
     for cell in sorted({*rewards, *ended}):
         samples, how, goals = rewards.get(cell, {}), ended.get(cell, {}), targets.get(cell, {})
@@ -86,10 +104,14 @@ def leaderboard_rows(tables: Tables) -> list[Row]:
         axes = _axis_ranks(own, goals, how)
         found = []
         for entry in {*samples, *how}:
+            row = _row(cell, entry, samples, goals.get(entry), how.get(entry, {}))
+            row["rank"] = rank.get(entry)
+            row["best"] = row["rank"] is not None and row["rank"].first == 1
+            row["axis_ranks"] = {axis: rank_on.get(entry) for axis, rank_on in axes.items()}
             means = {name: estimate(v.get(entry, {}).values()).mean for name, v in own.items()}
-            places = {axis: rank_on.get(entry) for axis, rank_on in axes.items()}
-            numbers = (samples.get(entry, {}), rank.get(entry), means, places)
-            found.append(_row(cell, entry, *numbers, goals.get(entry), how.get(entry, {})))
+            row["metrics"] = means | row["metrics"]
+            row["scale"] = scales.get(cell, math.nan)
+            found.append(row)
         rows += sorted(found, key=lambda row: (row["n"] == 0, -_finite(row), row["method"]))
     return rows
 
@@ -98,7 +120,7 @@ def _axis_ranks(
     metrics: Mapping[str, Mapping[Entry, Mapping[int, float]]],
     goals: Mapping[Entry, ToTarget],
     how: Mapping[Entry, Endings],
-) -> dict[str, dict[Entry, int | None]]:
+) -> dict[str, dict[Entry, Rank]]:
     """Ranks by axis; on costs to target only of entries of which every run reaches it."""
     sure = {e: goal for e, goal in goals.items() if len(goal.minutes) == _n_runs(how.get(e, {}))}
     values = dict(metrics)
@@ -114,19 +136,28 @@ def _axis_ranks(
 
 def _competing(values: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Mapping[int, float]]:
     """Values of the entries that have a rank."""
-    return {entry: own for entry, own in values.items() if entry.method != UPPER}
+    return {e: own for e, own in values.items() if e.method != UPPER and default_of(e) == e}
+
+
+def _scales(tables: Tables) -> dict[Cell, float]:
+    """What a score of 1 is above one of 0, in settled reward, by cell."""
+    zeros, found = by_run(tables, "spawn_settled_reward"), {}
+    for row in records(tables.results.drop_duplicates("run")):
+        if (zero := zeros.get(row["run"])) is not None:
+            found.setdefault(cell_of(row), []).append(zero)
+    uppers = upper_returns(tables)
+    return {c: uppers[c] - estimate(own).mean for c, own in found.items() if c in uppers}
 
 
 def _row(
     cell: Cell,
     entry: Entry,
-    sample: Mapping[int, float],
-    rank: int | None,
-    means: dict[str, float],
-    places: dict[str, int | None],
+    samples: Mapping[Entry, Mapping[int, float]],
     goal: ToTarget | None,
     ended: Endings,
 ) -> Row:
+    """A row without what rests on the other rows of its cell."""
+    sample, default = samples.get(entry, {}), default_of(entry)
     reward = estimate(sample.values())
     costs = (goal.expected_minutes, goal.expected_seconds) if goal else (math.nan, math.nan)
     return Row(
@@ -135,15 +166,22 @@ def _row(
         task=cell.task,
         team_size=cell.team_size,
         method=entry.label,
-        rank=rank,
-        best=rank == 1,
+        rank=None,
+        best=False,
+        default=None if default == entry else default,
+        beside_default=(
+            difference(sample, samples[default])
+            if default != entry and default in samples and sample
+            else None
+        ),
+        scale=math.nan,
         reward_mean=reward.mean,
         reward_std=reward.std,
         reward_low=reward.low,
         reward_high=reward.high,
         n=reward.n,
-        metrics={**means, TARGET_MINUTES: costs[0], TARGET_SECONDS: costs[1]},
-        axis_ranks=places,
+        metrics={TARGET_MINUTES: costs[0], TARGET_SECONDS: costs[1]},
+        axis_ranks={},
         reached=(len(goal.minutes), _n_runs(ended)) if goal else None,
         lost=lost(ended),
         runs=endings_text(ended, set(sample)),

@@ -1,9 +1,15 @@
 """Who does how well over many cells: scores pooled, world by world, with ties as ties.
 
+The order is by the mean score, cells weighing alike. Who is above whom is decided by the difference
+of mean scores over the cells that both flew (`bench/stats/verdicts.py`), the number that `bench
+compare` gives, with Holm's correction over all pairs of the pool. The interquartile mean stands
+beside as the number that a few bad runs do not move.
+
 One cell has its t-intervals and is no pool. Only entries that flew the same cells can be pooled
-together. In each world the cells and entries are those that make the largest full table, each place
-in it with two seeds or more; what is not in it is named with the reason. How many runs failed or
-diverged in any cell of the world, pooled or not, stands beside; the diverged ones count.
+together, with default settings. In each world the cells and entries are those that make the largest
+full table, each place in it with two seeds or more; what is not in it is named with the reason. How
+many runs failed or diverged in any cell of the world, pooled or not, stands beside; the diverged
+ones count.
 """
 
 import itertools
@@ -15,15 +21,24 @@ import numpy as np
 from bench.stats.bootstrap import (
     Interval,
     Sample,
-    differences,
     iqm_interval,
     probability_of_improvement,
     profile,
-    tie_groups,
 )
 from bench.stats.endings import endings, lost
+from bench.stats.ranking import Above, intervals, letters
 from bench.stats.scores import UPPER, scored
-from bench.stats.statistics import FEWEST, Cell, Entry, Values, matched, seed_values
+from bench.stats.statistics import (
+    FEWEST,
+    Cell,
+    Entry,
+    Values,
+    default_of,
+    estimate,
+    matched,
+    seed_values,
+)
+from bench.stats.verdicts import Test, Verdict, by_cell, over_cells
 from bench.store.tables import Tables
 
 MOST_SETS = 10_000
@@ -36,12 +51,16 @@ class PooledRow(NamedTuple):
     """An entry over the cells of a pool."""
 
     entry: Entry
+    mean: float
+    """Mean score, cells weighing alike."""
     iqm: Interval
     """Interquartile mean of its scores."""
     rank: tuple[int, int]
-    """Best and worst rank that the simultaneous intervals of all differences leave open."""
+    """First and last rank that the differences of all pairs leave open."""
     groups: str
-    """Letters of its tie groups; entries that share one cannot be told apart."""
+    """Letters of its tie groups; entries that share one are not separated."""
+    behind: Test | None
+    """Mean score of the first row less its own, over the cells of both; None for the first."""
     shares: list[Interval]
     """Share of its runs with a score above each of the pool's thresholds."""
     profile: list[Interval]
@@ -61,7 +80,7 @@ class Pool(NamedTuple):
     deployed_effects: str
     cells: list[Cell]
     rows: list[PooledRow]
-    """Higher IQM first."""
+    """Higher mean score first."""
     thresholds: list[float]
     """Scores: quartiles of all runs of the pool."""
     grid: list[float]
@@ -76,11 +95,14 @@ class Pool(NamedTuple):
 
 def pools(tables: Tables) -> list[Pool]:
     """A pool for each world in which there is something to pool, the undisturbed one first."""
-    scores = seed_values(scored(tables), "score")
-    rewards = {
-        cell: {entry: values for entry, values in own.items() if entry.method != UPPER}
-        for cell, own in seed_values(tables.results, "reward").items()
-    }
+    scores, rewards = (
+        {
+            cell: {e: v for e, v in own.items() if e.method != UPPER and default_of(e) == e}
+            for cell, own in seed_values(rows, name).items()
+        }
+        for rows, name in ((scored(tables), "score"), (tables.results, "reward"))
+    )
+    scores = {cell: own for cell, own in scores.items() if own}
     gone = {
         (cell, entry): lost(ended)
         for cell, own in endings(tables).items()
@@ -131,29 +153,30 @@ def _pool(
     gone: Mapping[tuple[Cell, Entry], int],
 ) -> Pool:
     samples = _matched(cells, entries, scores)
-    iqms = {entry: iqm_interval(sample) for entry, sample in samples.items()}
-    entries = sorted(entries, key=lambda entry: -iqms[entry].value)
-    apart = differences([samples[entry] for entry in entries])
-    letters = [""] * len(entries)
-    for letter, group in enumerate(tie_groups(apart.above)):
-        for i in group:
-            letters[i] += ("," if letters[i] else "") + _letter(letter)
+    means = {
+        entry: estimate(estimate(own.values()).mean for own in sample.values()).mean
+        for entry, sample in samples.items()
+    }
+    entries = sorted(entries, key=lambda entry: (-means[entry], entry))
+    above = _above(entries, scores)
     values = [x for entry in entries for own in samples[entry].values() for x in own.values()]
     thresholds = [float(x) for x in np.quantile(values, [0.25, 0.5, 0.75])]
     grid = [float(x) for x in np.linspace(min(values), max(values), GRID)]
     rows = []
-    for entry, rank, groups in zip(entries, apart.ranks, letters, strict=True):
+    for entry, rank, groups in zip(entries, intervals(above), letters(above), strict=True):
         seeds = [len(samples[entry][cell]) for cell in cells]
         missing = sum(gone.get((cell, entry), 0) for cell in rewards)
-        above = profile(samples[entry], [*thresholds, *grid])
+        beyond = profile(samples[entry], [*thresholds, *grid])
         rows.append(
             PooledRow(
                 entry=entry,
-                iqm=iqms[entry],
+                mean=means[entry],
+                iqm=iqm_interval(samples[entry]),
                 rank=rank,
                 groups=groups,
-                shares=above[: len(thresholds)],
-                profile=above[len(thresholds) :],
+                behind=None if entry == entries[0] else behind(entries[0], entry, scores),
+                shares=beyond[: len(thresholds)],
+                profile=beyond[len(thresholds) :],
                 seeds=(min(seeds), max(seeds)),
                 n=sum(seeds),
                 lost=missing,
@@ -185,6 +208,23 @@ def _matched(
             kept = {seed: x for seed, x in values.items() if seed in common}
             found[entry][cell] = kept if len(common) >= FEWEST else dict(values)
     return found
+
+
+def behind(best: Entry, entry: Entry, scores: Values) -> Test:
+    """How much lower an entry scores, mean over the cells that both flew, as `bench compare`."""
+    return over_cells(
+        (own[best], own[entry]) for own in scores.values() if best in own and entry in own
+    )
+
+
+def _above(entries: Sequence[Entry], scores: Values) -> Above:
+    """Whether each entry is shown to score higher than each that follows."""
+    pairs = list(itertools.combinations(range(len(entries)), 2))
+    verdicts = by_cell([behind(entries[i], entries[j], scores) for i, j in pairs])
+    above = np.zeros((len(entries), len(entries)), dtype=bool)
+    for pair, verdict in zip(pairs, verdicts, strict=True):
+        above[pair] = verdict is Verdict.SUPPORTED
+    return above
 
 
 def improvement(a: Sample, b: Sample) -> Interval:
@@ -236,9 +276,3 @@ def _without(
         reason = f"fewer than {FEWEST} seeds of {', '.join(few)}"
         found.append((cell, reason if own else "no upper reference"))
     return found
-
-
-def _letter(index: int) -> str:
-    """a, b, ..., z, a2, b2, ..."""
-    turn, place = divmod(index, 26)
-    return chr(ord("a") + place) + (str(turn + 1) if turn else "")

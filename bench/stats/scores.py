@@ -14,7 +14,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.stats.statistics import Cell, Entry, cell_of, entry_of, records
+from bench.stats.statistics import (
+    REALITY,
+    Cell,
+    Entry,
+    Values,
+    cell_of,
+    entry_of,
+    names_world,
+    records,
+    seed_values,
+)
 from bench.store.tables import Tables
 
 UPPER = "upper_reference"
@@ -55,6 +65,31 @@ def scored(tables: Tables) -> pd.DataFrame:
     zero = np.asarray([zeros.get(run, np.nan) for run in rows["run"]], float)
     score = (np.asarray(rows["value"], float) - zero) / (upper - zero)
     return rows.assign(metric="score", value=score).loc[np.isfinite(score)]
+
+
+def home_of(tables: Tables) -> str:
+    """The high-fidelity simulator of a sweep: that of the rows that name no other world."""
+    found = {row["simulator"] for row in records(tables.results.drop_duplicates("run"))
+             if not names_world(row["variant"])}  # fmt: skip
+    return REALITY if REALITY in found or not found else min(found)
+
+
+def at_home(values: Values, tables: Tables) -> Values:
+    """Those of the undisturbed high-fidelity simulator."""
+    home = home_of(tables)
+    return {
+        cell: own
+        for cell, own in values.items()
+        if cell.simulator == home and not cell.deployed_effects
+    }
+
+
+def undisturbed(tables: Tables, metric: str) -> Values:
+    """Values in the undisturbed high-fidelity simulator, without the upper reference."""
+    return {
+        cell: {entry: seeds for entry, seeds in own.items() if entry.method != UPPER}
+        for cell, own in at_home(seed_values(tables.results, metric), tables).items()
+    }
 
 
 def flown_settings(tables: Tables, cell: Cell, entry: Entry | None = None) -> dict[str, set[str]]:

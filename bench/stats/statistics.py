@@ -147,30 +147,6 @@ def matched(
     return {seed: a[seed] for seed in common}, {seed: b[seed] for seed in common}
 
 
-def ranks(samples: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, int | None]:
-    """Rank of each entry, higher values first; entries that cannot be told apart share one.
-
-    The best mean takes rank 1 together with all that are not shown to be below it: the interval of
-    the difference, over the seeds that both have, reaches 0 or beyond. The best of the rest takes
-    the next rank in the same way (1, 1, 3, ...). An entry with fewer than two seeds has no
-    interval, so no order is claimed: its rank is None.
-    """
-    result: dict[Entry, int | None] = dict.fromkeys(samples)
-    rest = [entry for entry, values in samples.items() if len(values) >= 2]
-    rank = 1
-    while rest:
-        best = max(rest, key=lambda entry: estimate(samples[entry].values()).mean)
-        tied = [
-            entry
-            for entry in rest
-            if entry == best or not difference(samples[best], samples[entry]).low > 0.0
-        ]
-        result.update(dict.fromkeys(tied, rank))
-        rest = [entry for entry in rest if entry not in tied]
-        rank += len(tied)
-    return result
-
-
 def seed_values(results: pd.DataFrame, metric: str) -> Values:
     """Values of one metric by cell, entry and seed, of runs that count, cells in order.
 
@@ -216,6 +192,12 @@ def cell_of(row: Mapping[str, Any]) -> Cell:
 def names_world(variant: str) -> bool:
     """Whether a variant names the world in which its policy is deployed."""
     return bool(_WORLD.search(variant))
+
+
+def default_of(entry: Entry) -> Entry:
+    """`entry` with default settings, in the same world; itself if it has them."""
+    world = _WORLD.search(entry.variant)
+    return entry._replace(variant=world[0] if world else "")
 
 
 def cells_meant(task: str, team_size: int, variant: str, known: Collection[Cell]) -> set[Cell]:

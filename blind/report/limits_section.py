@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from bench.report.figures import COLORS
+from bench.report.pictures.looks import COLORS
 from bench.stats.statistics import records
 from bench.text import markdown
 from blind.report.canvas import OUR_COLOR, saved

@@ -5,7 +5,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from bench.report.figures import COLORS
+from bench.report.pictures.looks import COLORS
 from bench.stats.statistics import records
 from bench.text import markdown
 from blind.report.canvas import OUR_COLOR, saved

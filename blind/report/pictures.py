@@ -11,7 +11,7 @@ import seaborn
 from matplotlib.axes import Axes
 
 from bench.paper.figures import STYLE
-from bench.report.figures import COLORS
+from bench.report.pictures.looks import COLORS
 from bench.stats.statistics import records
 from blind.report import limits_section as limits
 from blind.report import next_flight_section as next_flight

@@ -217,15 +217,13 @@ def _sure(
 
     Each may raise its part of the false alarms. Where all directions together say that something
     changed, each may raise all of them: with few flights, effects that look alike fail one by one.
-    So may a likelier effect that looks like one that is sure.
+    So may a likelier effect than one that is sure.
     """
     chance = decision.alarm_chance
     clear = [c for c in candidates if c.p < chance and any(p.clear for p in c.parameters)]
     sure = [c for c in clear if c.p < (chance if p_none < chance else chance / n)]
-    least = max((c.log_evidence for c in sure), default=np.inf)
-    return tuple(
-        c for c in clear if c in sure or 0.0 < c.log_evidence - least < decision.alias_nats
-    )
+    most = max((c.log_evidence for c in sure), default=np.inf)
+    return tuple(c for c in clear if c in sure or c.log_evidence > most)
 
 
 def _class_of(

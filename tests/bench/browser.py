@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import time
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +15,10 @@ CHROMIUM = next(
 )
 needs_chromium = pytest.mark.skipif(
     CHROMIUM is None, reason="needs Chromium or Chrome on the PATH to open pages"
+)
+AXE = Path(__file__).parents[2] / "node_modules" / "axe-core" / "axe.min.js"
+needs_axe = pytest.mark.skipif(
+    not AXE.is_file(), reason="needs axe-core in node_modules to check pages for accessibility"
 )
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--mute-audio")
 # Chromium reads commands from descriptor 3 and answers on 4.
@@ -54,8 +59,12 @@ class Tab:
             deviceScaleFactor=1,
             mobile=False,
         )
-        self.ask("Page.navigate", url=path.absolute().as_uri())
-        self.wait_for("document.readyState === 'complete'")
+        self.go(path.absolute().as_uri())
+
+    def go(self, url):
+        """Loads an address."""
+        self.ask("Page.navigate", url=url)
+        self.wait_for(f"document.readyState === 'complete' && location.href === {url!r}")
 
     def run(self, script):
         """The value of a JavaScript expression."""
@@ -69,6 +78,20 @@ class Tab:
         while not self.run(script):
             assert time.monotonic() < end, f"still not true: {script}"
             time.sleep(0.05)
+
+    def prefer(self, scheme):
+        """Opens pages from now on in a `light` or `dark` scheme of colours."""
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        self.ask("Emulation.setEmulatedMedia", features=features)
+
+    def violations(self):
+        """What axe-core finds wrong with the page: rule, and the first element that breaks it."""
+        self.run(AXE.read_text(encoding="utf-8") + ";0")
+        self.run("delete window.found, axe.run().then((all) => window.found = all.violations), 0")
+        self.wait_for("window.found !== undefined")
+        return self.run(
+            "window.found.map((v) => [v.id, v.nodes[0].html, v.nodes[0].failureSummary])"
+        )
 
     def press(self, key, code):
         """Presses a key, as a person at the keyboard would."""

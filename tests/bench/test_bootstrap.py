@@ -1,7 +1,6 @@
-"""Pooled numbers: frozen values of rliable, simulated coverage, ranks and ties."""
+"""Pooled numbers: frozen values of rliable, and simulated coverage."""
 
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -9,13 +8,10 @@ from scipy import stats
 
 from bench.stats import bootstrap
 from bench.stats.bootstrap import (
-    Differences,
-    differences,
     iqm,
     iqm_interval,
     probability_of_improvement,
     profile,
-    tie_groups,
 )
 
 # Rows are seeds, columns are cells. The expected values below are those of rliable 1.2.0
@@ -97,18 +93,15 @@ def test_cells_weigh_alike_however_many_seeds_are_left():
     assert profile(lost, [0.5])[0].value == pytest.approx(0.5)
 
 
-def test_one_seed_in_a_cell_means_no_interval_and_no_order():
+def test_one_seed_in_a_cell_means_no_interval():
     lonely = {"x": {0: 1.0, 1: 2.0}, "y": {0: 1.0}}
     full = {"x": {0: -9.0, 1: -8.0}, "y": {0: -9.0, 1: -9.5}}
     assert np.isnan(iqm_interval(lonely).low)
     assert not iqm_interval(lonely).excludes(99.0)
     assert np.isnan(probability_of_improvement(full, lonely).low)
-    assert not differences([lonely, full]).above.any()
 
 
 def test_intervals_do_not_depend_on_who_else_competes():
-    pair, more = differences([sample(A), sample(B)]), differences([sample(A), sample(B)] * 2)
-    assert pair.iqm[0] == more.iqm[0]
     alone = iqm_interval(sample(A))
     bootstrap._draw.cache_clear()
     iqm_interval(sample(B))
@@ -119,43 +112,6 @@ def test_intervals_are_the_same_in_every_process():
     """Of numbers that anyone can type in again; what is drawn depends on no process."""
     found = iqm_interval({"x": {s: s**1.7 for s in range(7)}, "y": {s: -1.3 * s for s in range(5)}})
     assert (found.low, found.high) == pytest.approx((-1.0550707438982194, 3.8514860408846165))
-
-
-def test_a_gap_that_all_seeds_share_is_seen_through_their_spread():
-    spread = np.random.default_rng(1).normal(size=(3, 8))
-    apart = differences([sample(spread + 0.01), sample(spread)])
-    assert apart.above.tolist() == [[False, True], [False, False]]  # same seeds: paired
-    other = {cell: {seed + 10: v for seed, v in x.items()} for cell, x in sample(spread).items()}
-    assert not differences([sample(spread + 0.01), other]).above.any()  # other seeds: not
-
-
-def test_ranks_leave_open_what_differences_do_not_decide():
-    found = Differences(np.array([3.0, 2.0, 1.0]), np.full((3, 3), 1.5))
-    assert found.ranks == [(1, 2), (1, 3), (2, 3)]
-    assert tie_groups(found.above) == [(0, 1), (1, 2)]
-
-
-def test_tie_groups_of_samples_that_are_all_alike_or_all_apart():
-    assert tie_groups(np.zeros((3, 3), bool)) == [(0, 1, 2)]
-    assert tie_groups(np.triu(np.ones((3, 3), bool), k=1)) == [(0,), (1,), (2,)]
-    assert differences([sample(A)]).ranks == [(1, 1)]
-
-
-def test_tie_groups_are_all_largest_ones_and_many_ties_take_no_time():
-    n = 30
-    assert tie_groups(np.zeros((n, n), bool)) == [tuple(range(n))]
-    above = np.triu(np.random.default_rng(0).random((7, 7)) < 0.4, k=1)
-    apart = above | above.T
-    subsets = [s for k in range(1, 8) for s in itertools.combinations(range(7), k)]
-    tied = [set(s) for s in subsets if not apart[np.ix_(s, s)].any()]
-    largest = [tuple(sorted(s)) for s in tied if not any(s < other for other in tied)]
-    assert tie_groups(above) == sorted(largest)
-
-
-def test_one_seed_in_a_stratum_decides_nothing():
-    found = differences([sample(A[:1] + 100.0), sample(A[:1])])
-    assert found.half.tolist() == [[0.0, math.inf], [math.inf, 0.0]]
-    assert not found.above.any()
 
 
 def test_no_common_cell_is_an_error():
@@ -178,31 +134,6 @@ def test_interval_of_the_pooled_iqm_covers_what_it_says_or_little_less():
         found = iqm_interval(sample(simulated(rng), f"{trial} "), reps=400)
         hits += found.low <= truth <= found.high
     assert 0.87 <= hits / trials <= 0.97  # percentile bootstrap of five seeds: about 0.92
-
-
-def test_simultaneous_differences_seldom_part_what_is_equal():
-    rng = np.random.default_rng(3)
-    trials, wrong = 300, 0
-    for trial in range(trials):
-        samples = [sample(simulated(rng, n_seeds=3, n_cells=8), f"{trial} ") for _ in range(4)]
-        wrong += differences(samples, reps=300).above.any()
-    assert wrong / trials <= 0.085  # 0.05, and three standard errors of 300 trials
-
-
-def test_rank_intervals_hold_the_true_ranks_together():
-    rng = np.random.default_rng(4)
-    shifts = (0.06, 0.03, 0.03, 0.0)
-    truth = [(1, 1), (2, 3), (2, 3), (4, 4)]
-    trials, held, decided = 200, 0, 0
-    for trial in range(trials):
-        samples = [sample(simulated(rng, shift), f"{trial} ") for shift in shifts]
-        ranks = differences(samples, reps=300).ranks
-        held += all(
-            a <= low and high <= b for (a, b), (low, high) in zip(ranks, truth, strict=True)
-        )
-        decided += ranks[0] == (1, 1)
-    assert held / trials >= 0.92
-    assert decided / trials >= 0.5  # not by saying nothing
 
 
 def test_interval_of_the_probability_of_improvement_covers():

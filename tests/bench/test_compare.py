@@ -17,6 +17,7 @@ from bench.stats.pooled import pools
 from bench.stats.statistics import Entry
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
+from bench.text.numbers import measured
 
 GOOD, BAD = (-50.0, -51.0, -52.5), (-60.0, -61.5, -62.0)
 
@@ -65,7 +66,7 @@ def test_several_cells_are_decided_by_pooled_scores():
     found = compare(*sides(two_cells()))
     assert found.verdict is Verdict.BETTER
     apart = np.mean([np.mean(GOOD) - np.mean(BAD), np.mean(BAD) + 81.0]) / (-40.0 - SPAWN_SETTLED)
-    assert found.lines[0].startswith(f"Score higher by {apart:.4f}, mean over cells, 95 % interval")
+    assert found.lines[0].startswith(f"Score higher by {apart:.4f} (0.0164 to 0.0183), mean over ")
     assert found.lines[0].endswith("(6 pairs of seeds).")
     assert "Probability that a run of the first is better: 1.00" in found.lines[1]
     assert "2 cells: spread, N = 3; spread, N = 12, 3 seeds of good, 3 seeds" in found.lines[2]
@@ -81,7 +82,7 @@ def test_a_lost_seed_does_not_make_a_method_better_in_several_cells():
         sheet.add("bad", rewards=(-50.1, -50.9, -52.0, -90.0, -95.0), team_size=team_size)
     found = compare(*sides(sheet))
     assert found.verdict is Verdict.NO_DIFFERENCE
-    assert found.lines[0].startswith("Score higher by 0.0000, ")
+    assert found.lines[0].startswith("Score higher by 0.00000 (")
     assert found.lines[0].endswith("(15 pairs of seeds).")
     better, fewer = Sheet(), Sheet()  # all seeds of the other one would make it better
     for team_size in (3, 5, 7, 9, 12):
@@ -114,7 +115,7 @@ def test_compare_and_the_leaderboard_give_one_number_for_one_comparison(tmp_path
     (pool,) = pools(tables)
     assert (len(pool.cells), len(pool.rows)) == (4, 4)
     write_leaderboard(tables, tmp_path / "leaderboard.md")
-    text = (tmp_path / "leaderboard.md").read_text().partition("probability that a run of")[2]
+    board, _, text = (tmp_path / "leaderboard.md").read_text().partition("probability that a run")
     lines = [line.strip("| ").split(" | ") for line in text.partition("\n\n")[0].splitlines()]
     shown = {name: [x.replace("\\*", "*") for x in numbers] for name, *numbers in lines[2:]}
     entries = [row.entry for row in pool.rows]
@@ -125,6 +126,13 @@ def test_compare_and_the_leaderboard_give_one_number_for_one_comparison(tmp_path
         value, low, high = map(float, re.search(numbers, line).groups())
         assert value == pytest.approx(pool.improvement[i][j].value, abs=0.0051)
         assert shown[one.label][j].rstrip("*") == f"{value:.2f}"
+        if i == 0:  # the board's distance from the first is the difference that decides here
+            behind = pool.rows[j].behind
+            said = measured(behind.mean, behind.low, behind.high)
+            assert found.lines[0].startswith(f"Score higher by {said}, mean over cells")
+            assert f"| {other.label} |" in board
+            assert f" | {said} | " in board.partition(f"| {other.label} |")[2].partition("\n")[0]
+            assert (found.verdict is Verdict.BETTER) == (behind.low > 0.0)
         if i < j:  # the other way round is the same interval from 1 downwards
             assert (low, high) == pytest.approx(pool.improvement[i][j][1:], abs=0.0051)
             assert shown[one.label][j].endswith("*") == (high < 0.5 or low > 0.5)
@@ -186,10 +194,7 @@ def test_other_axes_and_lost_runs_stand_beside_the_answer():
     assert (
         "HF fleet-minutes: 40 against 400 (means over cells); lower in 1, higher in 0 of 1" in lines
     )
-    assert (
-        "Crashes per episode: 3.00 against 1.00 (means over cells); lower in 0, higher in 1"
-        in lines
-    )
+    assert "Crashes per episode: 3 against 1 (means over cells); lower in 0, higher in 1" in lines
 
 
 def test_diverged_runs_count_with_the_policy_that_they_left():

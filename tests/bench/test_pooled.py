@@ -2,16 +2,14 @@
 
 import math
 
-import numpy as np
 import pandas as pd
 import pytest
 from markdown_it import MarkdownIt
 from tables_for_tests import SPAWN_SETTLED, Sheet
 
-from bench.report.figures import styles
 from bench.report.leaderboard import write_leaderboard
 from bench.report.page import write_report
-from bench.report.pooled_figures import pooled_drawings
+from bench.report.pictures.pooled import pooled_panels
 from bench.report.pooled_text import improvement_lines, pool_lines, pool_remarks
 from bench.stats.pooled import pools
 from bench.stats.scores import PRIMARY, primary, scored, upper_returns
@@ -163,6 +161,7 @@ def test_a_seed_that_one_entry_lost_is_in_no_entry():
     first, second = pool.rows
     assert (first.n, second.n) == (4, 4)
     assert first.iqm.value == second.iqm.value
+    assert first.mean == second.mean
     assert first.rank == second.rank == (1, 2)
 
 
@@ -212,9 +211,9 @@ def test_the_page_has_the_pool_with_its_figures_and_harmless_names(tmp_path):
     assert 'id="pool-1">Pooled over 2 cells' in html
     for heading in ("Interquartile means", "Performance profiles", "Who beats whom"):
         assert heading in html
-    drawings = pooled_drawings(pools(sheet.tables())[0], styles(sheet.tables()))
-    means, profiles = (drawing.plot for drawing in drawings)
-    assert [trace.x[0] for trace in means.data] == sorted(trace.x[0] for trace in means.data)
-    lines = [trace for trace in profiles.data if trace.name]
-    assert all(trace.y[0] >= trace.y[-1] for trace in lines)
-    assert all((np.diff(trace.y) <= 1e-12).all() for trace in lines)
+    panels, keys = pooled_panels(pools(sheet.tables())[0], "salt")
+    assert [key.label for key in keys] == [row.entry.label for row in pools(sheet.tables())[0].rows]
+    for panel in panels:
+        assert "<script>x" not in panel.svg
+        assert "&lt;script&gt;x&lt;/script&gt;|y" in panel.svg
+    assert "hf_hotstart 0.9877" in panels[0].alt

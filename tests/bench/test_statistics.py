@@ -14,7 +14,6 @@ from bench.stats.statistics import (
     cells_meant,
     difference,
     estimate,
-    ranks,
     seed_values,
 )
 from bench.store.tables import table
@@ -108,28 +107,6 @@ def test_one_seed_has_a_mean_and_no_interval():
 
 def test_no_value_is_not_a_number():
     assert math.isnan(estimate([]).mean)
-
-
-def test_what_cannot_be_told_from_the_best_shares_its_rank():
-    samples = {
-        A: by_seed(-10.0, -11.0, -12.0),
-        B: by_seed(-10.5, -10.9, -12.6),  # differences 0.5, -0.1, 0.6: the interval contains 0
-        C: by_seed(-20.0, -21.2, -22.1),
-        D: by_seed(-40.0, -41.5, -42.1),
-    }
-    assert ranks(samples) == {A: 1, B: 1, C: 3, D: 4}
-
-
-def test_what_is_shown_to_be_better_is_not_ranked_worse():
-    """B has the lower mean, because it lacks the seeds that are easy."""
-    samples = {A: by_seed(-10.0, -10.1, -1.0, -1.0, -1.0), B: by_seed(-9.0, -9.11)}
-    assert difference(samples[B], samples[A]).low > 0.0
-    assert ranks(samples) == {A: 1, B: 1}
-
-
-def test_one_seed_takes_no_rank_and_gives_none_away():
-    samples = {A: by_seed(-1.0), B: by_seed(-10.0, -11.0), C: by_seed(-20.0, -21.5)}
-    assert ranks(samples) == {A: None, B: 1, C: 2}
 
 
 def test_a_diverged_run_counts_with_the_policy_it_left_and_a_failed_one_does_not():

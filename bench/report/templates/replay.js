@@ -1,6 +1,7 @@
 "use strict";
 // Plays stored flights on a canvas. Everything that can be clicked is an element of the page
 // (button, range, select), so keyboards and screen readers work without more.
+const inkOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`);
 const TRAIL = 2.0; // seconds
 const VIEWS = { oblique: [0.6, 0.5], above: [0, Math.PI / 2], side: [0, 0] };
 
@@ -154,7 +155,7 @@ class Replay {
   drawGround(pen) {
     const [[x0, y0], [x1, y1]] = this.frame.ground;
     const step = this.frame.grid;
-    pen.strokeStyle = "#dbe2ea";
+    pen.strokeStyle = inkOf("line");
     pen.lineWidth = 1;
     pen.beginPath();
     const line = (a, b) => {
@@ -164,12 +165,12 @@ class Replay {
     for (let x = x0; x <= x1 + 1e-9; x += step) line([x, y0, 0], [x, y1, 0]);
     for (let y = y0; y <= y1 + 1e-9; y += step) line([x0, y, 0], [x1, y, 0]);
     pen.stroke();
-    pen.fillStyle = "#52606d";
+    pen.fillStyle = inkOf("soft");
     pen.font = "12px system-ui, sans-serif";
     pen.textAlign = "left";
     pen.textBaseline = "alphabetic";
     pen.fillText(`floor grid: ${step} m`, 10, this.height - 10);
-    pen.strokeStyle = "#52606d";
+    pen.strokeStyle = inkOf("soft");
     pen.beginPath();
     line([x0, y0, 0], [x0 + step, y0, 0]);
     line([x0, y0, 0], [x0, y0 + step, 0]);
@@ -200,7 +201,7 @@ class Replay {
 
   drawDrone(pen, place, d, [x, y], touching) {
     const [fx, fy] = this.project([place[0], place[1], 0]);
-    pen.strokeStyle = "#9aa5b1";
+    pen.strokeStyle = inkOf("soft");
     pen.lineWidth = 1;
     pen.beginPath();
     pen.moveTo(x, y);
@@ -212,7 +213,7 @@ class Replay {
     pen.arc(x, y, size, 0, 2 * Math.PI);
     pen.fill();
     if (touching) {
-      pen.strokeStyle = "#b00020";
+      pen.strokeStyle = inkOf("bad");
       pen.lineWidth = 4;
       pen.stroke();
     }

@@ -25,14 +25,19 @@ function showCurve(curve) {
   plot.hidden = !curve;
   document.getElementById("run-no-curve").hidden = Boolean(curve);
   if (!curve) return;
-  const axis = { showline: true, linecolor: "#9aa5b1", zeroline: false, gridcolor: "#e4e9ef" };
-  Plotly.react(plot, [{ x: curve.epoch, y: curve.reward, mode: "lines", line: { color: "#00527f" } }], {
-    xaxis: { ...axis, title: { text: "epoch" }, rangemode: "tozero" },
-    yaxis: { ...axis, title: { text: "training return" } },
-    margin: { l: 70, r: 20, t: 10, b: 45 },
-    height: 260,
-    font: { family: "system-ui, sans-serif", size: 13, color: "#1f2933" },
-  }, { responsive: true, displayModeBar: false });
+  const known = curve.reward.filter((y) => y !== null);
+  const [low, high, last] = [Math.min(...known), Math.max(...known), curve.epoch.at(-1)];
+  const place = (x, y) => `${(900 * x / (last || 1)).toFixed(1)} ${(220 * (high - y) / (high - low || 1)).toFixed(1)}`;
+  let line = "", pen = "M";
+  curve.reward.forEach((y, i) => {
+    if (y !== null) line += pen + place(curve.epoch[i], y);
+    pen = y === null ? "M" : "L";
+  });
+  plot.innerHTML = '<svg viewBox="-4 -4 908 228" preserveAspectRatio="none"><path/></svg>';
+  plot.querySelector("path").setAttribute("d", line);
+  const ends = document.createElement("p");
+  ends.textContent = `Training return from ${low} to ${high} (height) over ${Math.round(last) + 1} epochs (width).`;
+  plot.append(ends);
 }
 function showRun(index) {
   const run = allDetails()[index];
@@ -77,6 +82,6 @@ document.getElementById("run-close").addEventListener("click", () => runDialog.c
 runDialog.addEventListener("close", () => {
   runReplay.stop();
   // By now a link may have asked for another run.
-  if (location.hash === `#run-${runShown}`) history.replaceState(null, "", location.pathname + location.search);
+  if (location.hash === `#run-${runShown}`) history.replaceState(null, "", boardAddress());
 });
 followAddress();

@@ -3,9 +3,9 @@
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
-from bench.paper.budget import BUDGETS, choices, minutes_of, name_of
 from bench.paper.page import _whom
-from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH
+from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH, name_of
+from bench.stats.choices import BUDGETS, choices, minutes_of
 from bench.stats.scores import UPPER
 from bench.stats.statistics import Entry
 

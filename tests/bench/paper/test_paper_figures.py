@@ -9,10 +9,11 @@ from matplotlib.lines import Line2D
 from paper_tables import WORLDS, around
 from tables_for_tests import Sheet, empty, typical
 
-from bench.paper.cost_figure import points, write_cost
-from bench.paper.figures import data_uri, write_flights, write_summary, write_worlds
-from bench.paper.values import HYBRID, home_of, undisturbed
-from bench.report.figures import BUILT_IN, COLORS
+from bench.paper.figures import data_uri, write_cost, write_flights, write_summary, write_worlds
+from bench.paper.values import HYBRID
+from bench.report.pictures.cost import points
+from bench.report.pictures.looks import BUILT_IN, COLORS
+from bench.stats.scores import home_of, undisturbed
 
 WRITERS = pytest.mark.parametrize("write", [write_cost, write_summary])
 
@@ -138,8 +139,8 @@ def test_the_cost_figure_joins_the_budgets_of_a_method_and_leaves_other_settings
     sheet.add("hybrid", "mlp", variant="flights=3", rewards=(-500.0, -520.0), fleet_minutes=0.5)
     sheet.add("hybrid", "mlp", variant="nominal.attitude_tau=0.02", rewards=(-900.0, -900.0))
     tables = sheet.tables()
-    drawn = [(p.entry.variant, p.minutes, round(p.score, 6)) for p in points(tables)[3]]
-    assert drawn == [("", 40.0, 0.49), ("flights=3", 0.5, 0.39)]
+    drawn = [(p.entry.variant, p.minutes, round(p.gap, 6)) for p in points(tables)[3]]
+    assert drawn == [("", 40.0, 0.51), ("flights=3", 0.5, 0.61)]
     write_cost(tables, tmp_path / "cost.png")
     (panel,) = figures[0].axes
     joined = panel.get_lines()[0].get_xydata()
@@ -155,7 +156,7 @@ def test_a_sweep_in_another_simulator_is_judged_like_one_in_crazyflow():
     tables = sheet.tables()
     assert home_of(tables) == "rotorpy"
     assert {cell.simulator for cell in undisturbed(tables, "settled_reward")} == {"rotorpy"}
-    assert [p.score for p in points(tables)[3]] == pytest.approx([0.49])
+    assert [p.gap for p in points(tables)[3]] == pytest.approx([0.51])
 
 
 def test_the_summary_has_a_column_a_task_and_a_row_a_metric(tmp_path, figures, full_tables):

@@ -8,8 +8,7 @@ it.
 
 from typing import NamedTuple
 
-from bench.paper.values import NAMES, at_home, undisturbed
-from bench.stats.scores import UPPER, scored
+from bench.stats.scores import UPPER, at_home, scored, undisturbed
 from bench.stats.statistics import FEWEST, Entry, Values, estimate, seed_values
 from bench.stats.verdicts import Verdict, over_cells
 from bench.store.tables import Tables
@@ -109,8 +108,3 @@ def _choose(
     )
     tasks = tuple(sorted(cell.task for cell in cells))
     return Choice(team_size, budget, best, mean[best], bills[best], tied, tasks)
-
-
-def name_of(entry: Entry) -> str:
-    """What a page calls an entry."""
-    return NAMES.get(entry, entry.label)

@@ -1,0 +1,215 @@
+"""How far each method is from the best known, against high-fidelity flight, as a picture.
+
+The gap is 1 - settled score: 1 is a team that stays at its spawn, 0 the upper reference. Its axis
+is logarithmic, because the methods' gaps differ by factors, and has the best on top. Without an
+upper reference there is no score; the gap is then the settled reward over that at the spawn, so
+that 0 is a reward of 0.
+
+A method at its default budget is a large marker. Fewer calibration flights and trainings that were
+cut short (suite `budget`) are small ones of the same colour, joined in the order of their bills.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from bench.report.pictures.looks import Key, legend, look_of, on_page, ordered
+from bench.report.pictures.svg import Panel, name, plain_ticks, render
+from bench.stats.scores import PRIMARY, UPPER, at_home, by_run, scored, undisturbed
+from bench.stats.statistics import FEWEST, Cell, Entry, Values, estimate, seed_values
+from bench.store.tables import Tables
+from bench.text.numbers import number, significant
+
+STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+"""Settings of a figure in a file."""
+BUDGET = re.compile(r"flights=\d+|flown=grey_box|trainer\.share=[\d.]+")
+"""Variants that differ from the default in their budget of flight alone."""
+FINEST = 1e-3
+"""Gap below which the axis is linear; scores of five seeds tell no finer apart."""
+GAP = "gap to the upper reference"
+"""What the vertical axis shows where there are scores."""
+LOSS = "settled reward / that at the spawn"
+"""What it shows elsewhere."""
+PAGE_SIZE = (4.8, 3.0)
+"""Width and height of a panel on a page [in]."""
+
+
+class Point(NamedTuple):
+    """What an entry is worth and what it flies, at one team size."""
+
+    entry: Entry
+    minutes: float
+    """Mean bill over tasks and seeds [fleet-minutes]."""
+    gap: float
+    """Mean over tasks of the mean over seeds."""
+    spread: float | None
+    """Root mean square over tasks of the standard deviation over seeds; None with one seed."""
+
+
+Look = Callable[[Entry, Sequence[Entry]], tuple[str, str]]
+"""Colour and marker of an entry among others."""
+
+
+def write_cost(tables: Tables, path: Path, label: Callable[[Entry], str]) -> bool:
+    """Writes a PNG: gap to the upper reference against fleet-minutes, a panel a team size.
+
+    Nothing is written, and False returned, where nothing has a score.
+    """
+    found = points(tables)
+    if not found:
+        return False
+    entries = _entries(found)
+    with plt.rc_context(STYLE):
+        width = 2.6 * len(found) + 1.6
+        figure, axes = plt.subplots(
+            1, len(found), figsize=(width, 3.2), sharex=True, sharey=True, squeeze=False
+        )
+        for (n, own), panel in zip(sorted(found.items()), axes[0], strict=True):
+            _draw(panel, own, entries, look_of, label)
+            panel.set_title(f"N = {n}")
+        axes[0][0].set_ylabel(GAP)
+        _scale(axes[0][0], found)
+        _legend(figure, axes[0], [label(entry) for entry in entries])
+        figure.tight_layout()
+        figure.savefig(path, dpi=110, bbox_inches="tight")
+        plt.close(figure)
+    return True
+
+
+def cost_panels(tables: Tables) -> tuple[list[Panel], list[Key]]:
+    """The same for a page, a panel a team size, and who is drawn how.
+
+    Where nothing has a score, the gap is by the reward at the spawn.
+    """
+    found, axis = points(tables), GAP
+    if not found:
+        found, axis = points(tables, _losses(tables)), LOSS
+    entries = _entries(found)
+    panels = []
+    for n, own in sorted(found.items()):
+
+        def draw(panel: Axes, own: list[Point] = own) -> None:
+            _draw(panel, own, entries, on_page, lambda entry: entry.label)
+            panel.set_ylabel(axis)
+            _scale(panel, found)
+            plain_ticks(panel.xaxis)
+            plain_ticks(panel.yaxis)
+
+        said = "; ".join(
+            f"{p.entry.label} {significant(p.gap)} at {significant(p.minutes)} fleet-minutes"
+            for p in sorted(own, key=lambda p: p.gap)
+        )
+        svg = render(draw, f"cost-{n}", PAGE_SIZE)
+        panels.append(Panel(f"N = {n}", svg, f"{axis[0].upper()}{axis[1:]}, N = {n}: {said}."))
+    return panels, legend(entries, entries)
+
+
+def points(tables: Tables, values: Values | None = None) -> dict[int, list[Point]]:
+    """What is drawn, by team size: gaps of scores, or of `values`, of which 1 is the best."""
+    scores = seed_values(scored(tables), "score") if values is None else values
+    scores = _budgets(at_home(scores, tables))
+    bills = _budgets(undisturbed(tables, "fleet_minutes"), FEWEST if values is None else 1)
+    found: dict[int, list[Point]] = {}
+    for n in sorted({cell.team_size for cell in scores}):
+        cells = [cell for cell in scores if cell.team_size == n]
+        for entry in sorted({e for cell in cells for e in scores[cell]}):
+            if minutes := [x for c in cells for x in bills.get(c, {}).get(entry, {}).values()]:
+                own = [estimate(scores[c][entry].values()) for c in cells if entry in scores[c]]
+                # Means over other tasks than the others' are no comparison.
+                if values is None or len(own) == len(cells):
+                    found.setdefault(n, []).append(_point(entry, minutes, own))
+    return found
+
+
+def _entries(found: dict[int, list[Point]]) -> list[Entry]:
+    """Who is drawn, in order, whatever the budget."""
+    return ordered({p.entry._replace(variant="") for own in found.values() for p in own})
+
+
+def _losses(tables: Tables) -> Values:
+    """1 less the settled reward over that at the spawn, by cell, entry and seed."""
+    rows = tables.results
+    rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].ne(UPPER)]
+    zeros = by_run(tables, "spawn_settled_reward")
+    zero = np.asarray([zeros.get(run, np.nan) for run in rows["run"]], float)
+    kept = rows.assign(metric="score", value=1.0 - np.asarray(rows["value"], float) / zero)
+    return seed_values(kept, "score")
+
+
+def _point(entry: Entry, minutes: list[float], own: list[Any]) -> Point:
+    squares = [x.std**2 for x in own if x.has_interval]
+    score = float(np.mean([x.mean for x in own]))
+    spread = float(np.sqrt(np.mean(squares))) if squares else None
+    return Point(entry, float(np.mean(minutes)), 1.0 - score, spread)
+
+
+def _budgets(values: Values, fewest: int = 1) -> dict[Cell, dict[Entry, dict[int, float]]]:
+    """Default settings and other budgets, with at least so many seeds in a cell."""
+    return {
+        cell: {
+            entry: seeds
+            for entry, seeds in own.items()
+            if len(seeds) >= fewest and (not entry.variant or BUDGET.fullmatch(entry.variant))
+        }
+        for cell, own in values.items()
+    }
+
+
+def _draw(
+    panel: Axes, own: list[Point], entries: list[Entry], look: Look, label: Callable[[Entry], str]
+) -> None:
+    for entry in entries:
+        color, marker = look(entry, entries)
+        family = sorted(
+            (p for p in own if p.entry._replace(variant="") == entry), key=lambda p: p.minutes
+        )
+        if len(family) > 1:
+            xy = [(p.minutes, p.gap) for p in family]
+            panel.plot(*zip(*xy, strict=True), color=color, linewidth=0.8, alpha=0.6)
+        for point in family:
+            default = not point.entry.variant
+            drawn = panel.errorbar(
+                point.minutes,
+                point.gap,
+                yerr=point.spread,
+                color=color,
+                marker=marker,
+                markersize=6 if default else 3,
+                linestyle="none",
+                label=label(entry) if default else "_",
+            )
+            said = f"{point.entry.label}: {number(point.gap, 4)}, {significant(point.minutes)} min"
+            name(drawn.lines[0], said)
+    panel.axhline(0.0, color="#999999", linewidth=0.8, linestyle=":")
+    panel.set_xlabel("HF flight [fleet-minutes]")
+
+
+def _scale(panel: Axes, found: dict[int, list[Point]]) -> None:
+    """Logarithmic, best on top; bars that reach beyond all means do not set the range."""
+    gaps = [p.gap for own in found.values() for p in own]
+    panel.set_yscale("symlog", linthresh=FINEST)
+    panel.set_ylim(2.0 * max(*gaps, FINEST), min(2.0 * min(gaps), -FINEST))
+    panel.set_xscale("symlog", linthresh=0.1)
+    largest = max(p.minutes for own in found.values() for p in own)
+    panel.set_xlim(-0.05, max(1.0, 3.0 * largest))
+
+
+def _legend(figure: Any, panels: Any, names: list[str]) -> None:
+    """The methods that some panel shows, in the order of `names`, right of the panels."""
+    found: dict[str, Any] = {}
+    for panel in panels:
+        handles, labels = panel.get_legend_handles_labels()
+        found |= dict(zip(labels, handles, strict=True))
+    shown = [name for name in names if name in found]
+    figure.legend(
+        [found[name] for name in shown],
+        shown,
+        loc="center left",
+        bbox_to_anchor=(1.0, 0.5),
+        frameon=False,
+    )

@@ -1,0 +1,1 @@
+"""A static site over everything that was measured: suites, documents and diagnoses."""
