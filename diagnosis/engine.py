@@ -4,8 +4,12 @@ Flights beside a reference take one of two ways. Where effects of the library de
 reference flies, its fit is the vehicle that changed (`decide/reference.py`). Real flights seldom
 are described so; then a twin is learned from the reference (`twin/`). So are two sets whose
 vehicles were weighed anew: each is flown with its own mass.
+
+Logs whose columns are swapped, flipped or in another frame are not explained by physics: where the
+interface has such a fault, nothing is blamed until it is mended.
 """
 
+import dataclasses
 from collections.abc import Collection
 from pathlib import Path
 
@@ -16,6 +20,15 @@ from diagnosis.decision import Decision
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.result import Diagnosis
 from diagnosis.twin.as_diagnosis import alone, beside_twin, weighed_anew
+
+MISLEADING = frozenset(
+    {
+        *("velocity", "angular velocity", "accelerometer", "attitude", "attitude command"),
+        *("motor order", "frame of the path"),
+    }
+)
+"""Parts of the interface (`interface.fault.PARTS`) whose faults no physics describes; effects
+describe a clock, a thrust scale, a heading and turned commands."""
 
 
 def diagnose(
@@ -53,7 +66,34 @@ def diagnose(
         else:
             found = answer(question, study(question, prepared, progress))
     progress("done", 1.0)
-    return found
+    return stated(found)
+
+
+def stated(found: Diagnosis) -> Diagnosis:
+    """What of a diagnosis may be said: no cause where the logs are not what they are taken for."""
+    if not any(fault.part in MISLEADING for fault in found.interface):
+        return found
+    effects = [
+        dataclasses.replace(
+            effect,
+            blamed=False,
+            probability=None,
+            aliases=(),
+            parameters=tuple(
+                dataclasses.replace(one, use="descriptive") for one in effect.parameters
+            ),
+        )
+        for effect in found.effects
+    ]
+    named = found.verdict in ("effect", "partly")
+    return dataclasses.replace(
+        found,
+        verdict="unexplained" if named else found.verdict,
+        probability=None,
+        effects=tuple(effects),
+        candidates=tuple(dataclasses.replace(one, named=False) for one in found.candidates),
+        doubt=None,
+    )
 
 
 def _loaded(flights: FlightSet | Path | str) -> FlightSet:

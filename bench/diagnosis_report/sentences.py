@@ -60,6 +60,12 @@ def _partly(diagnosis: Diagnosis, against: str) -> str:
 
 def _unexplained(diagnosis: Diagnosis, against: str) -> str:
     share, where = diagnosis.remainder.share, _where_left(diagnosis)
+    if diagnosis.interface and not diagnosis.blamed and diagnosis.effects:
+        parts = join(fault.part for fault in diagnosis.interface)
+        return (
+            f"These flights differ from {against}, but their logs do not say what the format asks "
+            f"for ({parts}); mend that first: until then no cause in the vehicle can be named."
+        )
     part = f"; {percent(share)} of the gap stays unexplained" if is_number(share) else ""
     tail = part + (f"; the remainder lies mostly in {where}" if where else "")
     return f"These flights differ from {against}, and no known effect explains how{tail}."

@@ -136,7 +136,9 @@ FAULTS: Mapping[str, Fault] = {
         answers=lambda p: {"yaw_misalignment": {"angle": p["angle"]}},
     ),
     "tilt_turned_in_yaw": Fault(
-        _angle(2.5, 5.0, 10.0), lambda log, p, v: made.turned_tilt(log, p["angle"])
+        _angle(2.5, 5.0, 10.0),
+        lambda log, p, v: made.turned_tilt(log, p["angle"]),
+        answers=lambda p: {"frame_misalignment": {"angle": p["angle"]}},
     ),
     "path_turned_in_yaw": Fault(
         _angle(2.5, 5.0, 10.0), lambda log, p, v: made.turned_path(log, p["angle"]), ()
@@ -145,6 +147,8 @@ FAULTS: Mapping[str, Fault] = {
         _fixed("seconds", 0.02, 0.04, 0.08),
         lambda log, p, v: made.shifted(log, -p["seconds"]),
         made.INPUTS,
+        # Nothing in a log tells a clock from commands that act earlier.
+        lambda p: {"delay": {"seconds": -p["seconds"]}},
     ),
     "clock_drift": Fault(
         _signed("rate", 0.005, 0.01, 0.02),

@@ -98,6 +98,19 @@ def test_a_twin_of_the_reference_is_said_to_stand_between():
     )
 
 
+def test_a_fault_of_the_logs_comes_before_any_physics():
+    found = diagnoses_for_tests.partly()
+    found["verdict"], found["probability"] = "unexplained", None
+    found["effects"] = [effect | {"blamed": False} for effect in found["effects"]]
+    flip = {"part": "frame of the path", "readings": ["y flipped"], "advice": "Check y."}
+    found["interface"] = [flip | {"evidence": []}]
+    assert verdict(load(found)) == (
+        "These flights differ from the simulator, but their logs do not say what the format asks "
+        "for (frame of the path); mend that first: until then no cause in the vehicle can be named."
+    )
+    assert remarks(load(found))[0] == "Check y."
+
+
 def test_names_that_are_no_text_can_be_printed():
     assert clean("\udcfcbung").encode() == "\ufffdbung".encode()
 

@@ -11,8 +11,9 @@ from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
 
 from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decision import Decision
-from diagnosis.engine import diagnose
+from diagnosis.engine import diagnose, stated
 from diagnosis.fit import gap, shrinkage
+from diagnosis.interface.fault import InterfaceFault
 from diagnosis.logs.flights import LeftOut, LogError
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
@@ -249,12 +250,22 @@ def test_a_withheld_effect_is_not_blamed_and_what_is_left_is_located():
     assert "excluded" in why["wind"]
 
 
-@pytest.mark.parametrize("other", [{"mass": 0.05}, {"drone": "cf2x_L250"}])
-def test_a_reference_of_another_vehicle_is_refused(other):
+def test_a_reference_of_another_vehicle_is_refused():
     flights = point_mass_set(n_flights=2)
-    vehicle = dataclasses.replace(flights.vehicle, **other)
-    with pytest.raises(LogError, match=f"vehicle.toml: {next(iter(other))} is"):
+    vehicle = dataclasses.replace(flights.vehicle, drone="cf2x_L250")
+    with pytest.raises(LogError, match=r"vehicle\.toml: drone is"):
         diagnose(flights, reference=dataclasses.replace(flights, vehicle=vehicle))
+
+
+@pytest.mark.parametrize(("part", "blamed"), [("frame of the path", False), ("thrust", True)])
+def test_nothing_is_blamed_where_columns_are_not_what_they_are_said_to_be(windy, part, blamed):
+    """Their order, sign and frame, which no physics describes; a scale is described by effects."""
+    fault = InterfaceFault(part=part, readings=("other",), advice="Check it.", evidence=())
+    found = stated(dataclasses.replace(windy[0], interface=(fault,)))
+    assert bool(found.blamed) == blamed
+    assert found.verdict == ("effect" if blamed else "unexplained")
+    assert found.effects
+    assert blamed or {x.use for e in found.effects for x in e.parameters} == {"descriptive"}
 
 
 @pytest.mark.parametrize(("n", "held"), [(2, 2), (9, 9), (10, 3), (30, 10)])
