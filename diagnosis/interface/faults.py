@@ -56,6 +56,8 @@ def _thrust(drone: DroneLog, vehicle: VehicleFile) -> Float[np.ndarray, " rows"]
     """Thrust that a drone's inputs stand for [N]: what is commanded, else what its motors tell."""
     if drone.cmd is not None:
         return drone.cmd[:, 3]
+    if drone.thrust is not None:
+        return drone.thrust
     if drone.rotor_vel is not None:
         return thrust_of_rotors(drone.rotor_vel, VEHICLES[vehicle.drone])
     if drone.pwm is not None and drone.battery is not None:

@@ -13,8 +13,9 @@
 | `pwm_*`, `battery` | 0 to 1, V | motor duty commands, and voltage |
 | `interpolated` | 0, 1 | 1: position and velocity of this row lie between measurements |
 
-Other columns are ignored. A group is there with all of its columns or with none of them. Rows are
-counted from 1 in all messages, a CSV file's header not included.
+Other columns are ignored. A group is there with all of its columns or with none of them, but
+`cmd_thrust` may stand alone. Rows are counted from 1 in all messages, a CSV file's header not
+included.
 """
 
 import csv
@@ -41,6 +42,9 @@ GROUPS = {
     "pwm": ("pwm_1", "pwm_2", "pwm_3", "pwm_4"),
 }
 """Columns that belong together, by the name of the field that holds them."""
+
+ANGLES = GROUPS["cmd"][:3]
+"""Columns of commands that may be missing beside the thrust."""
 
 REQUIRED = ("t", *GROUPS["pos"], *GROUPS["vel"], *GROUPS["quat"])
 """Columns without which nothing can be said about a flight."""
@@ -107,20 +111,21 @@ def check_names(names: Sequence[str]) -> list[str]:
         raise LogError(f"{_missing(missing, extra)} Required: {', '.join(REQUIRED)}.")
     for group in GROUPS.values():
         lacking = [name for name in group if name not in known]
-        if 0 < len(lacking) < len(group):
+        misspelt = any(did_you_mean(name, extra) for name in lacking)
+        if 0 < len(lacking) < len(group) and (misspelt or lacking != list(ANGLES)):
             there = ", ".join(name for name in group if name in known)
             raise LogError(
                 f"{_missing(lacking, extra)} With {there} alone the group is incomplete: "
                 f"all of its columns are expected, or none."
             )
-    if not {"cmd_roll", "rotor_vel_1"} & set(known):
+    if not {"cmd_thrust", "rotor_vel_1"} & set(known):
         if "pwm_1" in known and "battery" not in known:
             raise LogError(f"{_missing(['battery'], extra)} pwm_* is an input only with it.")
         if "pwm_1" not in known:
             hints = [did_you_mean(name, extra) for key in ("cmd", "pwm") for name in GROUPS[key]]
             raise LogError(
                 "no input is there: cmd_roll, cmd_pitch, cmd_yaw and cmd_thrust are expected, or "
-                "rotor_vel_1 to rotor_vel_4, or pwm_1 to pwm_4 with battery."
+                "cmd_thrust alone, or rotor_vel_1 to rotor_vel_4, or pwm_1 to pwm_4 with battery."
                 + next(filter(None, hints), "")
             )
     return known

@@ -46,6 +46,8 @@ class DroneLog:
     """Specific force, body [m/s^2]."""
     cmd: Float64[np.ndarray, "rows 4"] | None = None
     """Commanded roll, pitch, yaw [rad] and thrust [N], held until the next row."""
+    thrust: Float64[np.ndarray, " rows"] | None = None
+    """Commanded thrust [N] where no commanded angles are logged beside it."""
     rotor_vel: Float64[np.ndarray, "rows 4"] | None = None
     """Rotor speeds [rad/s]."""
     pwm: Float64[np.ndarray, "rows 4"] | None = None
@@ -205,6 +207,7 @@ def _drone_log(columns: Columns) -> DroneLog:
         t=columns["t"],
         battery=columns.get("battery"),
         interpolated=None if between is None else between != 0.0,
+        thrust=None if "cmd" in groups else columns.get("cmd_thrust"),
         **groups,
     )
 
@@ -220,6 +223,8 @@ def _table(flight: FlightLog) -> pd.DataFrame:
             values = getattr(log, field)
             if values is not None:
                 columns.update(zip(names, values.T, strict=True))
+        if log.thrust is not None:
+            columns["cmd_thrust"] = log.thrust
         if log.battery is not None:
             columns["battery"] = log.battery
         if log.interpolated is not None:

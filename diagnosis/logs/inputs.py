@@ -3,6 +3,7 @@ r"""What drives a replay: commands where they are logged, else measured attitude
 Without an attitude command the attitude is prescribed from measurement at every step, and only the
 collective thrust is an input; effects on the attitude are then not observable.
 
+- Commanded thrust alone: rotors lag behind it, as behind a whole command.
 - Rotor speeds: thrust of the airframe's measured curve, f = c0 + c1 n + c2 n^2 per rotor, n in
   rev/min (crazyflow 0.4.0, ``rpm2thrust``). Rotors have these speeds at every step, joined by
   straight lines between rows; how they lag behind a command cannot be seen.
@@ -120,6 +121,7 @@ def _able(flights: FlightSet) -> dict[str, list[FlightLog]]:
     kinds = {
         "commands": lambda drone: drone.cmd is not None,
         "rotor speeds": lambda drone: drone.rotor_vel is not None,
+        PRESCRIBED: lambda drone: drone.cmd is not None or drone.thrust is not None,
         PWM: lambda drone: drone.pwm is not None and drone.battery is not None,
     }
     return {k: [f for f in flights.flights if all(map(has, f.drones))] for k, has in kinds.items()}
@@ -129,8 +131,8 @@ def _prescribed(flight: FlightLog, spec: VehicleSpec, kind: str) -> FlightLog:
     """The flight with measured attitude and produced thrust as commands."""
     drones = []
     for drone in flight.drones:
-        if kind == "commands":
-            thrust = _known(drone.cmd)[:, 3]
+        if kind in ("commands", PRESCRIBED):
+            thrust = _known(drone.cmd)[:, 3] if drone.thrust is None else drone.thrust
         elif kind == "rotor speeds":
             thrust = thrust_of_rotors(_known(drone.rotor_vel), spec)
         else:

@@ -67,6 +67,7 @@ def check_units(drone: Columns, rows: Rows, mass: float, spec: VehicleSpec) -> N
         _check_acc(drone)
     if "cmd_roll" in drone:
         _check_angles(drone, rows)
+    if "cmd_thrust" in drone:
         _check_thrust(drone, rows, mass, spec)
     if "rotor_vel_1" in drone:
         _check_rotors(drone, rows)

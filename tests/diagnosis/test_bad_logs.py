@@ -78,7 +78,11 @@ BAD_TABLES = {
     "part of a group": (table().drop(columns="acc_y"), "column 'acc_y' is missing. With acc_x"),
     "no input": (
         table().drop(columns=[*GROUPS["cmd"], *GROUPS["pwm"], *GROUPS["rotor_vel"]]),
-        "no input is there: cmd_roll, cmd_pitch, cmd_yaw and cmd_thrust are expected, or rotor_vel",
+        "no input is there: cmd_roll, cmd_pitch, cmd_yaw and cmd_thrust are expected, or cmd_th",
+    ),
+    "misspelt angles": (
+        table().rename(columns={f"cmd_{x}": f"command_{x}" for x in ("roll", "pitch", "yaw")}),
+        "columns 'cmd_roll', 'cmd_pitch', 'cmd_yaw' are missing. Did you mean 'command_roll'?",
     ),
     "pwm without battery": (
         table().drop(columns=[*GROUPS["cmd"], *GROUPS["rotor_vel"], "battery"]),

@@ -9,8 +9,15 @@ from flights_for_tests import SIGMA, flight_set, fly, rotor_speeds
 from diagnosis.decide.prepared import make_likelihood, noise_of
 from diagnosis.engine import diagnose
 from diagnosis.fit.gap import drifts, rms
-from diagnosis.logs.flights import LogError
-from diagnosis.logs.inputs import VOLTS, choose_inputs, on_ground, thrust_of_pwm, thrust_of_rotors
+from diagnosis.logs.flights import LogError, load_flights, write_flights
+from diagnosis.logs.inputs import (
+    PRESCRIBED,
+    VOLTS,
+    choose_inputs,
+    on_ground,
+    thrust_of_pwm,
+    thrust_of_rotors,
+)
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
 from simulators.contract import replayable_class
@@ -48,6 +55,28 @@ def rotors_only(flights, spec):
         bare = dataclasses.replace(drone, cmd=None, rotor_vel=rotor_speeds(drone.cmd[:, 3], spec))
         found.append(dataclasses.replace(flight, drones=(bare,)))
     return tuple(found)
+
+
+def thrust_only(flights):
+    """The flights with the commanded thrust alone."""
+    found = []
+    for flight in flights:
+        (drone,) = flight.drones
+        bare = dataclasses.replace(drone, cmd=None, thrust=drone.cmd[:, 3])
+        found.append(dataclasses.replace(flight, drones=(bare,)))
+    return tuple(found)
+
+
+def test_commanded_thrust_alone_is_flown_under_the_measured_attitude(tmp_path):
+    flown = fly(PointMass(), n_flights=2, noise=0.0)
+    bare = flight_set(thrust_only(flown))
+    write_flights(tmp_path, bare.vehicle, bare.flights)
+    inputs = choose_inputs(load_flights(tmp_path))
+    (drone,), (was,) = inputs.flights[0].drones, flown[0].drones
+    assert (inputs.kind, inputs.prescribed, inputs.measured) == (PRESCRIBED, True, 3)
+    np.testing.assert_array_equal(drone.cmd[:, 3], was.cmd[:, 3])
+    # Beside it, whole commands give way to what both have.
+    assert choose_inputs(flight_set(flown), beside=bare).kind == PRESCRIBED
 
 
 def test_flights_without_commands_are_driven_by_their_rotors():
