@@ -13,7 +13,7 @@ from bench.paper.values import name_of
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
 from bench.stats.choices import Tie, choices
-from bench.stats.scores import PRIMARY, UPPER, primary
+from bench.stats.scores import PRIMARY, UPPER, fallen_references, primary
 from bench.stats.statistics import difference, estimate, matched, seed_values
 from bench.stats.verdicts import Verdict, in_cell
 from bench.store.tables import Tables
@@ -219,14 +219,18 @@ def _whom(tables: Tables) -> list[str]:
         return []
     headings = (
         "team size",
-        "tasks run",
+        "tasks scored",
         "budget [fleet-minutes]",
         "best method",
         "settled score",
         "it needs",
         "not shown to be worse: score (95 % interval of how far below)",
     )
-    return ["## Whom to choose", markdown.table(headings, lines, (0, 1, 3, 6)), TIES]
+    found = ["## Whom to choose", markdown.table(headings, lines, (0, 1, 3, 6))]
+    fallen = [cell.label for cell in sorted(fallen_references(tables))]
+    if fallen:
+        found.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")
+    return [*found, TIES]
 
 
 def _tie_text(tie: Tie) -> str:

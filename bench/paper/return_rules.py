@@ -82,7 +82,8 @@ class Above(AbstractRule):
             _line(cell, a, b, test, verdict)
             for (cell, a, b), test, verdict in zip(pairs, tests, verdicts, strict=True)
         )
-        text = counts_text(verdicts) + self._alone(values) + self._pooled(tables, metric)
+        pooled = self._pooled(tables, metric, len(pairs))
+        text = counts_text(verdicts) + self._alone(values) + pooled
         return Finding(text, verdict, headings, lines)
 
     def _alone(self, values: Values) -> str:
@@ -91,16 +92,18 @@ class Above(AbstractRule):
         alone = sum((self.first in entries) != (self.second in entries) for entries in own)
         return f"; {alone} more without a run of one of them" if alone else ""
 
-    def _pooled(self, tables: Tables, metric: str) -> str:
-        """The test over all cells, in scores, where there are some."""
+    def _pooled(self, tables: Tables, metric: str, n_cells: int) -> str:
+        """The test over the cells that have scores, where there are some."""
         if self.share or metric != "settled_reward" or self.source is not undisturbed:
             return ""
         scores = seed_values(scored(tables), "score")
         plain = {cell: own for cell, own in scores.items() if cell == Cell(*cell[:2])}
-        test = over_cells((a, b) for _, a, b in pairs_of(plain, self.first, self.second, self.task))
+        pairs = pairs_of(plain, self.first, self.second, self.task)
+        test = over_cells((a, b) for _, a, b in pairs)
         if math.isnan(test.low):
             return ""
-        return f"; score {number(test.mean, 4)} ({span(test.low, test.high, 4)}) over all cells"
+        over = "all cells" if len(pairs) == n_cells else f"the {len(pairs)} cells that have scores"
+        return f"; score {number(test.mean, 4)} ({span(test.low, test.high, 4)}) over {over}"
 
 
 @dataclasses.dataclass(frozen=True)

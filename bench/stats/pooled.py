@@ -27,7 +27,7 @@ from bench.stats.bootstrap import (
 )
 from bench.stats.endings import endings, lost
 from bench.stats.ranking import Above, intervals, letters
-from bench.stats.scores import UPPER, scored
+from bench.stats.scores import UPPER, fallen_references, scored
 from bench.stats.statistics import (
     FEWEST,
     Cell,
@@ -109,13 +109,14 @@ def pools(tables: Tables) -> list[Pool]:
         for entry, ended in own.items()
     }
     worlds = {(cell.simulator, cell.deployed_effects) for cell in rewards}
-    found = []
+    fallen, found = fallen_references(tables), []
     for world in sorted(worlds, key=lambda w: (w != ("crazyflow", ""), w)):
         own = {c: v for c, v in scores.items() if (c.simulator, c.deployed_effects) == world}
         flown = {c: v for c, v in rewards.items() if (c.simulator, c.deployed_effects) == world}
         cells, entries = _largest(own)
         if len(entries) >= 2 and len(cells) >= 2:
-            found.append(_pool(world, cells, entries, own, flown, gone))
+            without = _without(cells, entries, own, flown, fallen)
+            found.append(_pool(world, cells, entries, own, flown, gone, without))
     return found
 
 
@@ -151,6 +152,7 @@ def _pool(
     scores: Values,
     rewards: Values,
     gone: Mapping[tuple[Cell, Entry], int],
+    without: list[tuple[Cell, str]],
 ) -> Pool:
     samples = _matched(cells, entries, scores)
     means = {
@@ -192,7 +194,7 @@ def _pool(
             [{c: v[e] for c, v in scores.items() if e in v} for e in entries]
         ),
         left_out=_left_out(cells, set(entries), scores, rewards),
-        without=_without(cells, entries, scores, rewards),
+        without=without,
     )
 
 
@@ -267,12 +269,17 @@ def _left_out(
 
 
 def _without(
-    cells: list[Cell], entries: list[Entry], scores: Values, rewards: Values
+    cells: list[Cell],
+    entries: list[Entry],
+    scores: Values,
+    rewards: Values,
+    fallen: set[Cell],
 ) -> list[tuple[Cell, str]]:
     found = []
     for cell in sorted(set(rewards) - set(cells)):
         own = scores.get(cell)
         few = [e.label for e in entries if own and len(own.get(e, {})) < FEWEST]
         reason = f"fewer than {FEWEST} seeds of {', '.join(few)}"
-        found.append((cell, reason if own else "no upper reference"))
+        bare = "its upper reference diverged" if cell in fallen else "no upper reference"
+        found.append((cell, reason if own else bare))
     return found

@@ -4,8 +4,8 @@
 
 Zero is a team that stays at its spawn, over the same initial states; every run carries that
 number. Upper is what `upper_reference` reaches in the same cell: hot start with four times the
-epochs. Where a cell has no upper reference there is no score, and whoever pools says so. A score
-above 1 is better than that reference.
+epochs. Where a cell has no upper reference, or one that diverged, there is no score, and whoever
+pools says so. A score above 1 is better than that reference.
 """
 
 import json
@@ -47,13 +47,24 @@ def by_run(tables: Tables, metric: str) -> dict[str, float]:
 
 
 def upper_returns(tables: Tables) -> dict[Cell, float]:
-    """Settled reward with score 1, by cell: the mean over seeds of the upper reference."""
+    """Settled reward with score 1, by cell: the mean over seeds of the upper reference.
+
+    Cells in which a training of it diverged are left out: it is above nobody there.
+    """
     rows = tables.results
     rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].eq(UPPER) & rows["variant"].eq("")]
     found: dict[Cell, list[float]] = {}
     for row in records(rows):
         found.setdefault(cell_of(row), []).append(float(row["value"]))
-    return {cell: float(np.mean(values)) for cell, values in found.items()}
+    failed = fallen_references(tables)
+    return {cell: float(np.mean(own)) for cell, own in found.items() if cell not in failed}
+
+
+def fallen_references(tables: Tables) -> set[Cell]:
+    """Cells whose upper reference diverged, so that there is no score in them."""
+    rows = tables.results
+    rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].eq(UPPER)]
+    return {cell_of(row) for row in records(rows) if row["status"] == "diverged"}
 
 
 def scored(tables: Tables) -> pd.DataFrame:

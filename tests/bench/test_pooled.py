@@ -67,6 +67,18 @@ def test_the_upper_reference_is_the_mean_of_its_seeds_in_the_same_cell():
     assert found[["task", "value"]].to_numpy().tolist() == [["spread", 1.0]]
 
 
+def test_a_diverged_upper_reference_gives_no_score_and_the_pool_says_so():
+    """What fell below everybody is no 1 that others could be measured by."""
+    sheet = two_cells().add("lf_baseline", task="circle", rewards=(-70.0, -71.0))
+    sheet.add("hybrid", "mlp", task="circle", rewards=(-70.0, -71.0))
+    sheet.add("hf_hotstart", task="circle", rewards=(-70.0, -71.0))
+    tables = sheet.add_upper(-2000.0, task="circle", status="diverged").tables()
+    assert Cell("circle", 3) not in upper_returns(tables)
+    assert set(scored(tables)["task"]) == {"spread"}
+    (pool,) = pools(tables)
+    assert "Not pooled: circle, N = 3: its upper reference diverged." in pool_remarks(pool)
+
+
 def test_tables_of_the_first_protocol_have_no_scores():
     tables = two_cells().tables()
     assert primary(tables) == PRIMARY == "settled_reward"
