@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import cyclopts
 
-from bench.cli.checks import check_flights, check_unused
+from bench.cli.checks import check_files, check_flights, check_unused
 from bench.cli.options import Repeatable
 from bench.text.errors import UsageError
 
@@ -26,6 +26,7 @@ def blind(
     limits: Annotated[bool, Repeatable] = False,
     inject: Path | None = None,
     reference: Annotated[bool, Repeatable] = False,
+    real: Path | None = None,
     notes: Annotated[Path | None, cyclopts.Parameter(help=NOTES)] = None,
 ) -> int:
     """Make flights whose cause is withheld, diagnose them, and score the answers.
@@ -62,15 +63,24 @@ def blind(
         faults written into what was commanded, its clock, frame, units or order.
     reference
         With `--inject`, give each diagnosis the other half of the flights as its reference.
+    real
+        TOML file that names labelled sets of real flights of your own: each is diagnosed, and the
+        answers are scored for each airframe. docs/diagnosis.md describes the file.
     """
     studies = [name for name, on in (("next_flight", next_flight), ("limits", limits)) if on]
     given = {"--cases": cases, "--seed": seed, "--jobs": jobs}
     if report:
         given |= {"--reality": reality, "--next-flight": next_flight or None}
         given |= {"--limits": limits or None, "--inject": inject, "--reference": reference or None}
+        given |= {"--real": real}
     if report or studies:
         check_unused(given, "with --report" if report else "with a study instead of cases")
-    _check_inject(inject, reference, {"--reality": reality, "--notes": notes, **_on(studies)})
+    drawn = {"--reality": reality, "--notes": notes, **_on(studies)}
+    if real is not None:
+        more = {"--cases": cases, "--seed": seed, "--inject": inject}
+        check_unused(drawn | more | {"--reference": reference or None}, "with --real")
+        check_files([real])
+    _check_inject(inject, reference, drawn)
     from bench.execution.environment import environment
 
     os.environ.update(environment())
@@ -78,6 +88,10 @@ def blind(
 
     if report:
         return rebuild_report(out, notes)
+    if real is not None:
+        from blind.run.real import run_real
+
+        return run_real(real, out=out, jobs=jobs)
     if inject is not None:
         from blind.run.injecting import run_injected
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from diagnoses_for_tests import effect, named, none, parameter
-from flights_for_tests import flight_set
+from flights_for_tests import flight_set, made_log
 from scipy.spatial.transform import Rotation
 
 from bench.cli.app import main
@@ -22,7 +22,7 @@ from blind.report.injected_section import InjectedTables, section
 from blind.run.answering import STATUS
 from blind.run.injecting import run_injected
 from blind.score.injected import injected_rows, power, shares
-from diagnosis.logs.flights import DroneLog, FlightLog, LogError, load_flights, write_flights
+from diagnosis.logs.flights import FlightLog, LogError, load_flights, write_flights
 from diagnosis.logs.inputs import thrust_of_pwm, thrust_of_rotors
 from simulators import registry
 from simulators.contract import with_effects
@@ -52,19 +52,8 @@ shutil.copy(pathlib.Path(sys.argv[0]).with_name(what + ".json"), out / "diagnosi
 """A diagnosis that knows the true mass, and that no roll is above 180 degrees."""
 
 
-def log(seconds=2.0, seed=0, **fields):
-    """One drone's log at 100 Hz with smooth made-up columns."""
-    rng = np.random.default_rng(seed)
-    t = 0.01 * np.arange(round(100 * seconds))
-    wave = lambda k: np.sin(2 * np.pi * (np.arange(k) + 1) * t[:, None] / 2 + rng.uniform(0, 6, k))  # noqa: E731
-    rpy = 0.2 * wave(3)
-    cmd = np.concatenate([0.2 * wave(3), 0.4 + 0.05 * wave(1)], axis=1)
-    quat = Rotation.from_euler("xyz", rpy).as_quat()
-    return DroneLog(**{"t": t, "pos": wave(3), "vel": wave(3), "quat": quat, "cmd": cmd} | fields)
-
-
 def made_set(n=6, **settings):
-    return flight_set([FlightLog(f"f{i}", (log(seed=i, **settings),)) for i in range(n)])
+    return flight_set([FlightLog(f"f{i}", (made_log(seed=i, **settings),)) for i in range(n)])
 
 
 TWINS = {
@@ -104,7 +93,7 @@ def flown(simulator, cmd):
 def test_a_fault_equals_the_effect_that_its_label_names(name):
     """The vehicle with the effect, told what the fault logs, flies the path that was flown."""
     effect, parameters = TWINS[name]
-    one = log(seconds=0.6)
+    one = made_log(seconds=0.6)
     one = dataclasses.replace(one, cmd=np.where(one.t[:, None] < 0.1, one.cmd[:1], one.cmd))
     fault = ALL[name]
     changed = fault.change(one, parameters, flight_set([]).vehicle)
@@ -120,7 +109,7 @@ def test_a_fault_equals_the_effect_that_its_label_names(name):
 def test_thrust_over_every_kind_of_input_changes_by_the_same_factor():
     rng = np.random.default_rng(1)
     rows = 200
-    one = log(
+    one = made_log(
         rotor_vel=rng.uniform(1500, 2200, (rows, 4)),
         pwm=rng.uniform(0.4, 0.7, (rows, 4)),
         battery=rng.uniform(3.3, 4.1, rows),
@@ -136,7 +125,7 @@ def test_thrust_over_every_kind_of_input_changes_by_the_same_factor():
 
 
 def test_a_shift_moves_inputs_and_keeps_the_path():
-    one = log()
+    one = made_log()
     late = log_faults.shifted(one, 0.03)
     np.testing.assert_array_equal(late.cmd, one.cmd[3:])
     np.testing.assert_array_equal(late.pos, one.pos[:-3])
@@ -149,7 +138,7 @@ def test_a_shift_moves_inputs_and_keeps_the_path():
 
 
 def test_turns_keep_lengths_and_turn_back():
-    one = log()
+    one = made_log()
     for turned in (log_faults.turned_path, log_faults.turned_tilt):
         again = turned(turned(one, 0.3), -0.3)
         np.testing.assert_allclose(again.pos, one.pos, atol=1e-12)

@@ -45,6 +45,17 @@ def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0, rotors_of=None, 
     return tuple(flights)
 
 
+def made_log(seconds=2.0, seed=0, **fields):
+    """One drone's log at 100 Hz with smooth made-up columns."""
+    rng = np.random.default_rng(seed)
+    t = 0.01 * np.arange(round(100 * seconds))
+    wave = lambda k: np.sin(2 * np.pi * (np.arange(k) + 1) * t[:, None] / 2 + rng.uniform(0, 6, k))  # noqa: E731
+    rpy = 0.2 * wave(3)
+    cmd = np.concatenate([0.2 * wave(3), 0.4 + 0.05 * wave(1)], axis=1)
+    quat = Rotation.from_euler("xyz", rpy).as_quat()
+    return DroneLog(**{"t": t, "pos": wave(3), "vel": wave(3), "quat": quat, "cmd": cmd} | fields)
+
+
 def rotor_speeds(thrust, spec):
     """Speeds [rad/s] of four rotors that share a thrust [N]."""
     c0, c1, c2 = spec.rpm2thrust
