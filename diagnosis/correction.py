@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from diagnosis.decide.prepared import believed_simulator
+from diagnosis.replay.believed import believed_simulator
 from diagnosis.replay.library import FAR, Slot
 from diagnosis.result import Diagnosis, Effect
 from simulators import registry
@@ -35,9 +35,12 @@ def corrected(diagnosis: Diagnosis | Path | str, *, likeliest: bool = False) -> 
             "`diagnosis` has the verdict 'unexplained': no effect is confirmed. Give "
             f"likeliest=True to use the likeliest set ({named}) all the same."
         )
-    if found.flights.mass is None:
+    if (mass := found.flights.mass) is None:
         raise ValueError("`diagnosis` does not say the vehicle's mass. Diagnose the flights again.")
-    nominal = believed_simulator(found.settings.simulator, found.flights.drone, found.flights.mass)
+    flown = found.flights
+    nominal = believed_simulator(
+        found.settings.simulator, flown.drone, mass, airframe=flown.airframe
+    )
     values: dict[str, dict[str, float]] = {}
     for known in found.details.shared:
         values.setdefault(known.effect, {})[known.parameter] = known.value

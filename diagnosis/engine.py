@@ -18,6 +18,7 @@ from diagnosis.decide.prepared import Progress, Question, prepare, silent
 from diagnosis.decide.study import study
 from diagnosis.decision import Decision
 from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.replay.believed import default_simulator
 from diagnosis.result import Diagnosis
 from diagnosis.twin.as_diagnosis import alone, beside_twin, weighed_anew
 
@@ -34,7 +35,7 @@ describe a clock, a thrust scale, a heading and turned commands."""
 def diagnose(
     flights: FlightSet | Path | str,
     *,
-    simulator: str = "crazyflow",
+    simulator: str | None = None,
     reference: FlightSet | Path | str | None = None,
     exclude: Collection[str] = (),
     decision: Decision = Decision(),
@@ -44,7 +45,8 @@ def diagnose(
 
     Args:
         flights: The flights that may have a gap, or the path of their folder.
-        simulator: Registered name of the simulator that they are compared with.
+        simulator: Registered name of the simulator that they are compared with; if None, crazyflow,
+            or the point mass for an airframe that crazyflow has no file of.
         reference: Flights of the same vehicle before something changed, or the path of their
             folder; the diagnosis then says what changed.
         exclude: Effects that may not be blamed; with each, those that look like it.
@@ -56,7 +58,9 @@ def diagnose(
             the reference flew another vehicle or logged another input.
     """
     compared = None if reference is None else _loaded(reference)
-    question = Question(_loaded(flights), simulator, compared, exclude, decision)
+    flown = _loaded(flights)
+    against = simulator or default_simulator(flown)
+    question = Question(flown, against, compared, exclude, decision)
     if weighed_anew(question):
         found = beside_twin(question, progress)
     else:

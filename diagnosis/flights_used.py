@@ -19,6 +19,7 @@ def flights_used(flights: FlightSet, inputs: Inputs, use: Callable[[int], Any]) 
         name=flights.path.resolve().name or None,
         drone=flights.vehicle.drone,
         mass=flights.vehicle.mass,
+        airframe=flights.vehicle.airframe,
         driven_by=inputs.kind,
         used=tuple(
             FlightUsed(name=f.name, seconds=f.seconds, use=use(i), digest=_digest(read[f.name]))

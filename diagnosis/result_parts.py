@@ -3,6 +3,8 @@
 import dataclasses
 from typing import Literal
 
+from diagnosis.logs.airframes import Airframe
+
 AtBound = Literal["no", "low", "high", "unknown"]
 """Whether a size lies at an end of its allowed range; unknown in files of schema 1."""
 
@@ -47,6 +49,8 @@ class Flights:
     """Flights that counted."""
     left_out: tuple[NotUsed, ...]
     """Files and flights that did not."""
+    airframe: Airframe | None = None
+    """Numbers of the airframe's data sheet; null where a file of ours has them."""
 
     @property
     def seconds(self) -> float:

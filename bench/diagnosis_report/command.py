@@ -15,7 +15,7 @@ from diagnosis.logs.flights import LogError, load_flights
 
 def run_diagnosis(
     flights: Path,
-    simulator: str,
+    simulator: str | None,
     reference: Path | None,
     exclude: Sequence[str],
     out: Path | None,

@@ -13,7 +13,6 @@ import numpy as np
 from blind.draw.catalogue import SIZES, Parameters
 from blind.fly import log_faults as made
 from diagnosis.logs.flights import DroneLog, FlightSet, VehicleFile
-from simulators.vehicle import VEHICLES
 
 ONE_SIZE = ("whole",)
 """Size of a fault that is there or not."""
@@ -103,7 +102,7 @@ def _whole(change: Callable[[DroneLog], DroneLog], *needs: str) -> Fault:
 FAULTS: Mapping[str, Fault] = {
     "thrust_gain": Fault(
         _signed("e", 0.025, 0.05, 0.1),
-        lambda log, p, v: made.more_thrust(log, p["e"], VEHICLES[v.drone]),
+        lambda log, p, v: made.more_thrust(log, p["e"], v.spec),
         ("cmd", "rotor_vel", "pwm"),
         _thrust,
     ),

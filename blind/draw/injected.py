@@ -150,8 +150,9 @@ def flights_digest(flights: FlightSet) -> str:
     return found.hexdigest()
 
 
-def _believed(vehicle: VehicleFile) -> tuple[str, float]:
-    return vehicle.drone, vehicle.mass
+def _believed(vehicle: VehicleFile) -> tuple:
+    own = () if vehicle.airframe is None else (vehicle.airframe,)
+    return vehicle.drone, vehicle.mass, *own
 
 
 def _some(flights: FlightSet, names: Sequence[str]) -> FlightSet:

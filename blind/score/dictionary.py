@@ -32,7 +32,7 @@ from jaxtyping import Bool, Float
 from scipy import signal
 
 from diagnosis.logs.flights import DroneLog, FlightSet
-from simulators.vehicle import GRAVITY, VEHICLES, VehicleSpec
+from simulators.vehicle import GRAVITY, VehicleSpec
 
 FREQ, DAMPING = 12.5, 0.65
 """Attitude loop of cf21B_500, from its step response [rad/s, -]."""
@@ -105,7 +105,7 @@ def regression(flights: FlightSet) -> Regression:
     Raises:
         ValueError: A flight has no commands.
     """
-    spec = VEHICLES[flights.vehicle.drone]
+    spec = flights.vehicle.spec
     parts = []
     for flight in flights.flights:
         for i, log in enumerate(flight.drones):

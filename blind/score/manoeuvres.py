@@ -23,12 +23,13 @@ from blind.fly.realities import DT
 from blind.fly.references import TrackedPath
 from blind.score.measures import OWN
 from diagnosis.decide.decidable import with_truth
-from diagnosis.decide.prepared import make_likelihood, nominal_simulator
+from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decision import Decision
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Set
 from diagnosis.fit.search import Fits, refit
 from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.replay.believed import nominal_simulator
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import Replay, make_replay
 from simulators.contract import replayable_class

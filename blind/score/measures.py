@@ -27,7 +27,7 @@ from diagnosis.decide.decidable import (
     values,
     with_truth,
 )
-from diagnosis.decide.prepared import make_likelihood, nominal_simulator, reference_of
+from diagnosis.decide.prepared import make_likelihood, reference_of
 from diagnosis.decide.reference import Reference, beside, fit_reference
 from diagnosis.fit import shrinkage
 from diagnosis.fit.equations import dispersion
@@ -38,6 +38,7 @@ from diagnosis.fit.outliers import beyond
 from diagnosis.fit.search import Fits, refit
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.logs.noise import estimate_noise
+from diagnosis.replay.believed import nominal_simulator
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.replay import Replay, make_replay
 from simulators.contract import replayable_class

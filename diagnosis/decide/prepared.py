@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -16,14 +15,12 @@ from diagnosis.logs.flights import FlightLog, FlightSet, LogError
 from diagnosis.logs.inputs import Inputs, choose_inputs, on_ground
 from diagnosis.logs.noise import UNSEEN, estimate_noise
 from diagnosis.logs.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut, uncounted
+from diagnosis.replay.believed import nominal_simulator
 from diagnosis.replay.library import Library, make_library, with_aliases
 from diagnosis.replay.programs import remembered
 from diagnosis.replay.replay import Replay, make_replay
-from simulators.contract import AbstractSimulator, replayable_class
+from simulators.contract import replayable_class
 from simulators.vehicle import GRAVITY
-
-MEASURED = 2.0
-"""Largest thrust that rotors can be measured to give, over the largest that can be commanded."""
 
 PROBE = 3
 """Reference flights that are fitted first: where they already are not followed, the fit is no
@@ -132,7 +129,7 @@ def _driven(question: Question, prescribe: bool) -> tuple[Inputs, Inputs | None]
 
 def _check_alike(flights: FlightSet, reference: FlightSet) -> None:
     """Both are replayed in one simulator, so both must be believed to be one vehicle."""
-    for name, unit in (("drone", ""), ("mass", " kg")):
+    for name, unit in (("drone", ""), ("mass", " kg"), ("airframe", "")):
         here, there = (getattr(x.vehicle, name) for x in (flights, reference))
         if here != there:
             raise LogError(
@@ -231,38 +228,3 @@ def reference_of(
     settings = f"dt={replay.dt} measured={replay.measured} {given} {decision}"
     settings += f" drones={[len(log.drones) for log in logs]}"
     return Reference.of(remembered("reference", fit, replay.library, settings, inputs))
-
-
-def nominal_simulator(name: str, flights: FlightSet, limited: bool = True) -> AbstractSimulator:
-    """The simulator as the operator believes it: her airframe, her mass.
-
-    A thrust that was measured is not `limited` to what the airframe can be commanded.
-
-    Raises:
-        LogError: The simulator does not know the airframe.
-    """
-    kind, drone = replayable_class(name), flights.vehicle.drone
-    if drone not in kind.airframes:
-        raise LogError(
-            f"{flights.path}/vehicle.toml: drone must be an airframe that '{name}' knows "
-            f"({', '.join(sorted(kind.airframes))}), got '{drone}'."
-        )
-    return believed_simulator(name, drone, flights.vehicle.mass, limited)
-
-
-def believed_simulator(
-    name: str, drone: str, mass: float, limited: bool = True
-) -> AbstractSimulator:
-    """A registered simulator with an airframe that it knows, at a mass [kg].
-
-    A thrust that was measured is not `limited` to what the airframe can be commanded.
-    """
-    kind = replayable_class(name)
-    spec = dataclasses.replace(kind.airframes[drone], mass=mass)
-    if not limited:
-        spec = dataclasses.replace(spec, thrust_min=0.0, thrust_max=MEASURED * spec.thrust_max)
-    # Buffers of effects are as fine as the simulator's own step, so that is the replay's.
-    given: dict[str, Any] = {"spec": spec}
-    if "dt" in {field.name for field in dataclasses.fields(kind)}:
-        given["dt"] = kind.replay_dt
-    return kind(**given)

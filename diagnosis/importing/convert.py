@@ -24,7 +24,6 @@ from diagnosis.importing.ulog import UlogReader
 from diagnosis.importing.usd import UsdReader
 from diagnosis.logs.columns import LogError, did_you_mean
 from diagnosis.logs.flights import LeftOut, load_flights, read_vehicle
-from simulators.vehicle import VEHICLES
 
 READERS: Mapping[str, AbstractReader] = {
     reader.name: reader
@@ -76,7 +75,7 @@ def import_logs(
         said = read_vehicle(part)
         request = Request(
             mass=said.mass,
-            thrust_max=VEHICLES[said.drone].thrust_max,
+            thrust_max=said.spec.thrust_max,
             full_thrust=full_thrust,
             topics=topics or {},
             columns=columns,

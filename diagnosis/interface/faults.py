@@ -20,9 +20,8 @@ from diagnosis.interface.readings import Chosen
 from diagnosis.interface.scales import Size
 from diagnosis.interface.windows import Windows, make_windows
 from diagnosis.logs.flights import DroneLog, FlightLog, VehicleFile
-from diagnosis.logs.inputs import thrust_of_pwm, thrust_of_rotors
+from diagnosis.logs.inputs import thrust_is_known, thrust_of_pwm, thrust_of_rotors
 from diagnosis.logs.noise import measured
-from simulators.vehicle import VEHICLES
 
 FEWEST_WINDOWS = 8
 """Fewest windows that say anything; two seconds and a half of flight."""
@@ -58,9 +57,10 @@ def _thrust(drone: DroneLog, vehicle: VehicleFile) -> Float[np.ndarray, " rows"]
         return drone.cmd[:, 3]
     if drone.thrust is not None:
         return drone.thrust
-    if drone.rotor_vel is not None:
-        return thrust_of_rotors(drone.rotor_vel, VEHICLES[vehicle.drone])
-    if drone.pwm is not None and drone.battery is not None:
+    turns, duty = thrust_is_known(vehicle)
+    if drone.rotor_vel is not None and turns:
+        return thrust_of_rotors(drone.rotor_vel, vehicle.spec)
+    if drone.pwm is not None and drone.battery is not None and duty:
         return thrust_of_pwm(drone.pwm, drone.battery)
     return None
 
@@ -151,7 +151,7 @@ def _thrust_scale(windows: Windows, vehicle: VehicleFile) -> InterfaceFault | No
     factor = size.value if over else 1.0 / size.value
     evidence = _sized("thrust over the force that the path needs", size, "-", *scales.THRUST, 1.0)
     # A mass in another unit shows as a mass that is far from the airframe's by the same factor.
-    apart = vehicle.mass / VEHICLES[vehicle.drone].mass
+    apart = vehicle.mass / vehicle.spec.mass
     unit = next((u for k, u in UNITS.items() if not over and 0.75 < apart / k < 1.33), None)
     if unit is not None and 0.75 < factor / apart < 1.33:
         return InterfaceFault(

@@ -19,9 +19,10 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float64
 
+from diagnosis.logs.airframes import AIRFRAMES, Airframe, as_toml, read_airframe
 from diagnosis.logs.columns import GROUPS, Columns, LogError, did_you_mean, one_line, read_columns
 from diagnosis.logs.validation import split_drones
-from simulators.vehicle import VEHICLES
+from simulators.vehicle import VehicleSpec
 
 MASS_FACTOR = 3.0
 """How far the believed mass may be from the airframe's, as a factor; a guess, wider than any
@@ -80,9 +81,18 @@ class VehicleFile:
     name: str
     """Free text."""
     drone: str
-    """Name of the airframe, one of `simulators.vehicle.VEHICLES`."""
+    """Name of the airframe, one of `airframes.AIRFRAMES` or, with `airframe`, any other."""
     mass: float
     """Mass that the operator believes [kg]."""
+    airframe: Airframe | None = None
+    """Numbers of its data sheet, where no file of ours has them."""
+
+    @property
+    def spec(self) -> VehicleSpec:
+        """The airframe at its own mass; one from a data sheet has the believed one."""
+        if self.airframe is not None:
+            return self.airframe.spec(self.drone, self.mass)
+        return AIRFRAMES[self.drone]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,7 +184,8 @@ def write_flights(
         raise FileExistsError(f"{folder} must be empty, because what is there would mix with this.")
     text = json.dumps(vehicle.name, ensure_ascii=False).replace("\x7f", "\\u007f")
     (Path(path) / "vehicle.toml").write_text(
-        f'name = {text}\ndrone = "{vehicle.drone}"\nmass = {float(vehicle.mass)!r}\n',
+        f'name = {text}\ndrone = "{vehicle.drone}"\nmass = {float(vehicle.mass)!r}\n'
+        + (as_toml(vehicle.airframe) if vehicle.airframe is not None else ""),
         encoding="utf-8",
     )
     for name, table in zip(names, tables, strict=True):
@@ -191,7 +202,7 @@ def _read_flight(file: Path, vehicle: VehicleFile) -> FlightLog:
         raise LogError("this is not a file; NAME.parquet or NAME.csv is expected.")
     if file.suffix.lower() not in (".parquet", ".csv"):
         raise LogError("the name ends in neither .parquet nor .csv; one of them is expected.")
-    drones = split_drones(read_columns(file), vehicle.mass, VEHICLES[vehicle.drone])
+    drones = split_drones(read_columns(file), vehicle.mass, vehicle.spec)
     return FlightLog(file.stem, tuple(_drone_log(drone) for drone in drones))
 
 
@@ -251,16 +262,21 @@ def read_vehicle(path: Path) -> VehicleFile:
         for key in given
         if key not in keys
     ]
-    wrong += [f"key '{key}' is missing; {_EXPECTED[key]}" for key in keys if key not in given]
-    wrong += [_wrong_value(key, given) for key in keys if key in given]
+    wrong += [f"key '{key}' is missing; {_EXPECTED[key]}" for key in _EXPECTED if key not in given]
+    wrong += [_wrong_value(key, given) for key in _EXPECTED if key in given]
+    airframe = None
+    if "airframe" in given:
+        airframe, more = read_airframe(given["airframe"], given.get("mass"))
+        wrong += more
     if any(wrong):
         raise LogError("\n".join(f"{file}: {line}" for line in wrong if line))
-    return VehicleFile(given["name"], given["drone"], float(given["mass"]))
+    return VehicleFile(given["name"], given["drone"], float(given["mass"]), airframe)
 
 
 _EXPECTED = {
     "name": "a text that says what flew is expected.",
-    "drone": f"an airframe is expected: {', '.join(sorted(VEHICLES))}.",
+    "drone": f"an airframe is expected: {', '.join(sorted(AIRFRAMES))}, or another with a table "
+    "[airframe] of its numbers.",
     "mass": "the mass in kg is expected.",
 }
 """What each key of vehicle.toml is for."""
@@ -272,16 +288,29 @@ def _wrong_value(key: str, given: dict[str, object]) -> str:
     if key != "mass":
         if not isinstance(value, str):
             return f"key '{key}': got {value!r}; {_EXPECTED[key]}"
-        if key == "drone" and value not in VEHICLES:
-            return f"key 'drone': got '{value}'.{did_you_mean(value, VEHICLES)} {_EXPECTED[key]}"
+        if key == "drone" and "airframe" in given:
+            return _wrong_own_name(value)
+        if key == "drone" and value not in AIRFRAMES:
+            return f"key 'drone': got '{value}'.{did_you_mean(value, AIRFRAMES)} {_EXPECTED[key]}"
         return ""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
         return f"key 'mass': got {value!r}; {_EXPECTED[key]}"
-    known = [spec for spec in VEHICLES.values() if spec.name == given.get("drone")]
-    known = known or list(VEHICLES.values())
+    if "airframe" in given:  # its thrust says what mass is plausible
+        return "" if value > 0 else f"key 'mass': got {value:g}; {_EXPECTED[key]}"
+    known = [spec for spec in AIRFRAMES.values() if spec.name == given.get("drone")]
+    known = known or list(AIRFRAMES.values())
     low = min(spec.mass for spec in known) / MASS_FACTOR
     high = max(spec.mass for spec in known) * MASS_FACTOR
     if not low <= value <= high:
         grams = " Is it in grams?" if low <= value / 1000.0 <= high else ""
         return f"key 'mass': got {value:g}; {low:.3f} to {high:.3f} kg is plausible.{grams}"
+    return ""
+
+
+def _wrong_own_name(name: str) -> str:
+    """What is wrong with the name of an airframe that has a table of its own; empty if nothing."""
+    if name in AIRFRAMES:
+        return f"key 'drone': '{name}' is known; leave out [airframe], or give another name."
+    if not re.fullmatch(r"\w[\w.-]*", name):
+        return f"key 'drone': got '{name}'; letters, digits, '_', '-' and '.' are expected."
     return ""

@@ -19,9 +19,10 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, LogError
+from diagnosis.logs.airframes import CRAZYFLIES
+from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, LogError, VehicleFile
 from diagnosis.logs.noise import measured
-from simulators.vehicle import GRAVITY, VEHICLES, VehicleSpec
+from simulators.vehicle import GRAVITY, VehicleSpec
 
 VOLTS = (0.088, -0.0006239)
 """Motor voltage over thrust [V/gf] and over its square [V/gf^2]; crazyflie-firmware, motors.c."""
@@ -101,7 +102,10 @@ def choose_inputs(
     possible = [kind for kind, found in able.items() if found]
     kind = next((k for k in possible if there.get(k)), possible[0] if possible else None)
     if kind is None:
-        raise LogError(f"{flights.path}: no flight has cmd_*, rotor_vel_*, or pwm_* with battery.")
+        raise LogError(
+            f"{flights.path}: no flight has cmd_*, rotor_vel_*, or pwm_* with battery."
+            + _of_no_use(flights.vehicle)
+        )
     usable = able[kind]
     left_out = tuple(
         (f.name, f"flights/{f.name}: has no {kind}, which the other flights are replayed by")
@@ -110,21 +114,35 @@ def choose_inputs(
     )
     if kind == "commands" and not prescribe:
         return Inputs(tuple(usable), False, kind, left_out)
-    spec = VEHICLES[flights.vehicle.drone]
-    driven = [_prescribed(flight, spec, kind) for flight in usable]
+    driven = [_prescribed(flight, flights.vehicle.spec, kind) for flight in usable]
     kind = PRESCRIBED if kind == "commands" else kind
     return Inputs(tuple(driven), True, kind, left_out)
 
 
 def _able(flights: FlightSet) -> dict[str, list[FlightLog]]:
     """Flights that have each kind of input, the preferred kind first."""
+    turns, duty = thrust_is_known(flights.vehicle)
     kinds = {
         "commands": lambda drone: drone.cmd is not None,
-        "rotor speeds": lambda drone: drone.rotor_vel is not None,
+        "rotor speeds": lambda drone: drone.rotor_vel is not None and turns,
         PRESCRIBED: lambda drone: drone.cmd is not None or drone.thrust is not None,
-        PWM: lambda drone: drone.pwm is not None and drone.battery is not None,
+        PWM: lambda drone: drone.pwm is not None and drone.battery is not None and duty,
     }
     return {k: [f for f in flights.flights if all(map(has, f.drones))] for k, has in kinds.items()}
+
+
+def thrust_is_known(vehicle: VehicleFile) -> tuple[bool, bool]:
+    """Whether rotor speeds, and whether duty commands, say what thrust this vehicle makes."""
+    return any(vehicle.spec.rpm2thrust), vehicle.airframe is None and vehicle.drone in CRAZYFLIES
+
+
+def _of_no_use(vehicle: VehicleFile) -> str:
+    """What cannot be turned into thrust; empty if nothing is like that."""
+    turns, duty = thrust_is_known(vehicle)
+    if turns and duty:
+        return ""
+    speeds = "" if turns else " Rotor speeds need a thrust_curve in [airframe]."
+    return f"{speeds} How duty becomes thrust is known of Crazyflies alone."
 
 
 def _prescribed(flight: FlightLog, spec: VehicleSpec, kind: str) -> FlightLog:

@@ -6,10 +6,10 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.decide.prepared import nominal_simulator
 from diagnosis.logs.flights import FlightLog, FlightSet, LogError
 from diagnosis.logs.inputs import Inputs, choose_inputs, on_ground
 from diagnosis.logs.segments import NODE_DT, WINDOW, cut
+from diagnosis.replay.believed import nominal_simulator
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.replay import Replay, make_replay
 from diagnosis.twin.channels import ANGLES, Channels, N, make_channels

@@ -251,7 +251,7 @@ VEHICLES = {
     ],
     "name = 3\ndrone = []\nmass = 0.03": ["key 'name': got 3; a text", "key 'drone': got []; an"],
     'name = "x"\ndrone = "cf2x_L250"\nmas = 0.03': [
-        "unknown key 'mas'. Did you mean 'mass'? Allowed: name, drone, mass.",
+        "unknown key 'mas'. Did you mean 'mass'? Allowed: name, drone, mass, airframe.",
         "key 'mass' is missing; the mass in kg is expected.",
     ],
     'name = "x': ["this is not TOML: "],

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from flights_for_tests import flight_set, point_mass_set
 
-from diagnosis.decide.prepared import nominal_simulator, reference_of
+from diagnosis.decide.prepared import reference_of
 from diagnosis.decide.study import Study
 from diagnosis.decide.verdict import Structure
 from diagnosis.decision import Decision
 from diagnosis.engine import diagnose
 from diagnosis.logs.inputs import PRESCRIBED, choose_inputs
+from diagnosis.replay.believed import nominal_simulator
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
 from simulators.effects.thrust_gain import ThrustGain

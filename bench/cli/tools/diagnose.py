@@ -33,7 +33,8 @@ def diagnose(
     flights
         Folder with vehicle.toml and flights/NAME.parquet or .csv.
     simulator
-        Simulator to compare the flights with: crazyflow (the default) or point_mass.
+        Simulator to compare the flights with; default: crazyflow, or point_mass for an airframe
+        that crazyflow has no file of.
     reference
         Folder of flights of the same vehicle before a change; the diagnosis then says what
         changed.
@@ -72,7 +73,7 @@ def diagnose(
     if flights is not None:
         from bench.diagnosis_report.command import run_diagnosis
 
-        return run_diagnosis(flights, simulator or "crazyflow", reference, exclude or (), out)
+        return run_diagnosis(flights, simulator, reference, exclude or (), out)
     from rich.console import Console
 
     from bench.diagnosis_report.deploy import deploy as deploy_team

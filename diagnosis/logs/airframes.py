@@ -1,0 +1,214 @@
+"""What is known of the airframe that flew: by its name, or from a data sheet in vehicle.toml.
+
+| key of `[airframe]` | unit | |
+|---|---|---|
+| `thrust_max` | N | largest collective thrust; required |
+| `thrust_curve` | N | of one rotor, [c0, c1, c2] over its speed in rev/min; for rotor speeds |
+| `attitude_lag` | s | time constant with which commanded roll and pitch are followed |
+| `rotor_lag` | s | time constant of the rotors in hover |
+| `inertia` | kg m^2 | moments about the body axes |
+| `arm` | m | distance of a rotor from the roll and from the pitch axis |
+| `drag` | N s/m | linear drag along the body axes |
+
+What is left out is unknown: a diagnosis then starts from `ASSUMED` and may find the number itself.
+Airframes beside those of `simulators.vehicle.VEHICLES` fly as point masses: crazyflow has no file
+of them, or no attitude loop that is theirs.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from simulators.vehicle import GRAVITY, VEHICLES, VehicleSpec
+
+RPM = 60.0 / (2.0 * math.pi)
+"""Revolutions a minute in a radian a second."""
+CARRIES = (1.1, 20.0)
+"""Smallest and largest plausible thrust over weight [-]."""
+LIMITS = {
+    "thrust_max": (0.01, 1e4),
+    "attitude_lag": (1e-3, 2.0),
+    "rotor_lag": (1e-3, 2.0),
+    "arm": (5e-3, 5.0),
+    "inertia": (1e-7, 1e2),
+    "drag": (0.0, 1e2),
+    "thrust_curve": (-1e3, 1e3),
+}
+"""Range in which a number of a data sheet is taken for one."""
+THREE = ("thrust_curve", "inertia", "drag")
+"""Keys with three numbers."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Airframe:
+    """Numbers of a data sheet, SI; None where the sheet does not say."""
+
+    thrust_max: float
+    """Largest collective thrust [N]."""
+    thrust_curve: tuple[float, float, float] | None = None
+    """Thrust of one rotor [N] as a polynomial of its speed in rev/min, constant term first."""
+    attitude_lag: float | None = None
+    """Time constant with which commanded roll and pitch are followed [s]."""
+    rotor_lag: float | None = None
+    """Time constant of the rotors in hover [s]."""
+    inertia: tuple[float, float, float] | None = None
+    """Moments of inertia about the body axes [kg m^2]."""
+    arm: float | None = None
+    """Distance of each rotor from the roll and from the pitch axis [m]."""
+    drag: tuple[float, float, float] | None = None
+    """Linear drag along the body axes [N s/m]."""
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """What the sheet does not say."""
+        return tuple(name for name, value in vars(self).items() if value is None)
+
+    def spec(self, name: str, mass: float) -> VehicleSpec:
+        """The airframe as a simulator takes it, with `ASSUMED` where the sheet says nothing."""
+        known = {k: v for k, v in vars(self).items() if v is not None}
+        given = {key: known.get(key, ASSUMED[key]) for key in ASSUMED}
+        return VehicleSpec(
+            name=name,
+            mass=mass,
+            thrust_min=0.0,
+            thrust_max=self.thrust_max,
+            rpm2thrust=self.thrust_curve or (0.0, 0.0, 0.0),
+            **given,
+        )
+
+
+ASSUMED: Mapping[str, Any] = {
+    "inertia": VEHICLES["cf21B_500"].inertia,
+    "drag": (0.0, 0.0, 0.0),
+    "arm": VEHICLES["cf21B_500"].arm,
+    "rotor_lag": VEHICLES["cf21B_500"].rotor_lag,
+}
+"""What an airframe has whose sheet does not say. A point mass flies alike with any of them; it is
+`attitude_lag` that counts, which is its own 0.104 s unless the sheet says."""
+
+
+def _named(
+    name: str, mass: float, thrust_max: float, curve: tuple[float, float, float], **more: Any
+) -> VehicleSpec:
+    return Airframe(thrust_max=thrust_max, thrust_curve=curve, **more).spec(name, mass)
+
+
+def _rotorpy(
+    name: str, mass: float, k_eta: float, fastest: float, arm: float, **more: Any
+) -> VehicleSpec:
+    """RotorPy gives thrust over squared speed [N s^2/rad^2] and the largest speed [rad/s]."""
+    curve = (0.0, 0.0, k_eta / RPM**2)
+    return _named(name, mass, 4.0 * k_eta * fastest**2, curve, arm=arm, **more)
+
+
+POINT_MASSES = {
+    spec.name: spec
+    for spec in (
+        _named(
+            "cf2x_P250",
+            0.0318,
+            0.48,
+            (0.0, -3.6200226530383495e-7, 1.6060924304100328e-10),
+            inertia=(16.8e-6, 16.8e-6, 29.8e-6),
+            arm=0.03253,
+            drag=(0.01351483, 0.01351483, 0.01677452),
+        ),
+        _named(
+            "cf2x_T350",
+            0.0379,
+            0.72,
+            (0.0, -7.167227176573658e-7, 2.9401303690194613e-10),
+            inertia=(15.7e-6, 17.1e-6, 30.0e-6),
+            arm=0.03253,
+            drag=(0.015203241038199845, 0.015203241038199845, 0.02204579179094129),
+        ),
+        _rotorpy(
+            "crazyflie",
+            0.03,
+            2.3e-08,
+            2500.0,
+            0.043 * math.sqrt(0.5),
+            inertia=(1.43e-5, 1.43e-5, 2.89e-5),
+            rotor_lag=0.072,
+        ),
+        _rotorpy(
+            "hummingbird",
+            0.5,
+            5.57e-06,
+            1500.0,
+            0.17 * math.sqrt(0.5),
+            inertia=(3.65e-3, 3.68e-3, 7.03e-3),
+            rotor_lag=0.005,
+        ),
+        _rotorpy(
+            "px4_sihsim_quadx",
+            1.0,
+            5e-6,
+            1000.0,
+            0.17,
+            inertia=(0.025, 0.025, 0.030),
+            rotor_lag=0.05,
+        ),
+    )
+}
+"""Airframes that other simulators have files of. Sources: crazyflow 0.4.0,
+``dynamics/first_principles/params.toml``; RotorPy 3.0.0, ``vehicles/*_params.py``."""
+
+AIRFRAMES: Mapping[str, VehicleSpec] = {**VEHICLES, **POINT_MASSES}
+"""Every airframe that vehicle.toml may name."""
+
+CRAZYFLIES = frozenset({*VEHICLES, "cf2x_P250", "cf2x_T350", "crazyflie"})
+"""Airframes whose motors the map from duty to thrust was measured on."""
+
+
+def read_airframe(given: object, mass: object) -> tuple[Airframe | None, list[str]]:
+    """The table `[airframe]` of vehicle.toml, and what is wrong with it, a text for each thing."""
+    if not isinstance(given, dict):
+        return None, [f"[airframe]: a table is expected, got {given!r}."]
+    keys = [field.name for field in dataclasses.fields(Airframe)]
+    wrong = [
+        f"[airframe]: unknown key '{key}'. Allowed: {', '.join(keys)}."
+        for key in given
+        if key not in keys
+    ]
+    if "thrust_max" not in given:
+        wrong.append("[airframe]: thrust_max is missing; the largest collective thrust in N.")
+    wrong += [_wrong(key, value) for key, value in given.items() if key in keys]
+    wrong = [text for text in wrong if text]
+    if wrong:
+        return None, wrong
+    numbers: dict[str, Any] = {k: tuple(v) if k in THREE else v for k, v in given.items()}
+    found = Airframe(**numbers)
+    if isinstance(mass, int | float) and not isinstance(mass, bool) and mass > 0:
+        carries = found.thrust_max / (GRAVITY * mass)
+        if not CARRIES[0] <= carries <= CARRIES[1]:
+            return None, [
+                f"[airframe]: thrust_max is {carries:.3g} times the weight of {mass:g} kg; "
+                f"{CARRIES[0]:g} to {CARRIES[1]:g} is plausible. It is the thrust of all rotors "
+                "together, in N."
+            ]
+    return found, []
+
+
+def _wrong(key: str, value: object) -> str:
+    """What is wrong with one number, or with three; empty if nothing is."""
+    low, high = LIMITS[key]
+    numbers = value if key in THREE and isinstance(value, list) else [value]
+    right = len(numbers) == (3 if key in THREE else 1) and all(
+        isinstance(x, int | float) and not isinstance(x, bool) and low <= x <= high for x in numbers
+    )
+    if right:
+        return ""
+    what = "three numbers" if key in THREE else "a number"
+    return f"[airframe]: {key} must be {what} from {low:g} to {high:g}, got {value!r}."
+
+
+def as_toml(airframe: Airframe) -> str:
+    """The table `[airframe]` that `read_airframe` reads back."""
+    lines = [
+        f"{key} = {list(value) if isinstance(value, tuple) else float(value)!r}\n"
+        for key, value in vars(airframe).items()
+        if value is not None
+    ]
+    return "".join(["\n[airframe]\n", *lines])
