@@ -15,6 +15,7 @@ from bench.plan.expansion import Plan
 from bench.plan.provenance import moved, provenance
 from bench.report.leaderboard import MAIN, filled, leaderboard_rows, split, write_leaderboard
 from bench.report.page import write_report
+from bench.stats.against import beside
 from bench.store.kept import KeptRuns
 from bench.store.resume import Standing, make_standing, reproduces, stale_lines
 from bench.store.store import Store
@@ -50,6 +51,7 @@ def sweep(
     fail_fast: bool = False,
     retry_failed: bool = False,
     replace: bool = False,
+    against: Path | None = None,
 ) -> int:
     """Exit status: 0, 1 if anything failed or was left out, 130 after Ctrl-C.
 
@@ -64,6 +66,7 @@ def sweep(
         fail_fast: Whether the first failure ends the sweep.
         retry_failed: Whether runs that failed in an earlier sweep are tried again.
         replace: Whether rows of another program or machine are replaced.
+        against: Folder of tables whose rows the documents show beside these; it stays as it is.
 
     Raises:
         TableError: The tables that are there cannot be read.
@@ -72,6 +75,7 @@ def sweep(
     console, errors = Console(), Console(stderr=True)
     warn = lambda text: say(errors, f"Warning: {text}")  # noqa: E731
     provenance()
+    others = Tables.load(against) if against is not None else None
     store = Store(tables_dir)
     with store.lock(lambda: say(errors, f"Waiting: another run is working in {tables_dir}.")):
         store.tidy()
@@ -141,8 +145,15 @@ def sweep(
         tables.save(tables_dir)
     if text := moved():
         warn(text)
-    rebuild_report(tables, documents_dir, console)
-    rebuild_leaderboard(tables, documents_dir, console)
+    remarks: tuple[str, ...] = ()
+    shown = tables
+    if others is not None:
+        joined = beside(tables, others, str(against))
+        shown, remarks = joined.tables, joined.remarks
+    rebuild_report(shown, documents_dir, console)
+    rebuild_leaderboard(shown, documents_dir, console)
+    for text in remarks:
+        say(console, text)
     say(console, f"Tables: {tables_dir}")
     failed = [*standing.failed, *(run for run in missing if status.get(run.name) == "failed")]
     if failed:

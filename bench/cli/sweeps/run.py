@@ -4,12 +4,13 @@ import os
 from pathlib import Path
 from typing import Annotated, Literal
 
-from bench.cli.checks import check_number, check_place
+from bench.cli.checks import check_number, check_place, check_tables
 from bench.cli.options import Part, Repeatable
+from bench.text.errors import UsageError
 
 
 def run(
-    suite: str = "quick",
+    suite: str | None = None,
     /,
     *,
     part: Part | None = None,
@@ -20,6 +21,7 @@ def run(
     fail_fast: Annotated[bool, Repeatable] = False,
     retry_failed: Annotated[bool, Repeatable] = False,
     replace: Annotated[bool, Repeatable] = False,
+    against: Path | None = None,
 ) -> int:
     """Train and evaluate the runs of a suite, then write tables, leaderboard and report.
 
@@ -30,9 +32,11 @@ def run(
     Parameters
     ----------
     suite
-        Name of a built-in suite (`bench list` shows them) or path of a TOML file.
+        Name of a built-in suite (`bench list` shows them) or path of a TOML file; default: quick,
+        or with --against the suite that its folder is named after.
     out
-        Folder for tables and documents; default: results/SUITE and reports/SUITE.
+        Folder for tables and documents; default: results/SUITE and reports/SUITE, or results/mine
+        with --against.
     jobs
         Number of worker processes; default: one per core, or 4 if there is an accelerator.
     executor
@@ -47,10 +51,21 @@ def run(
     replace
         Train runs again that another version of the program or another machine trained, and
         replace their rows.
+    against
+        Folder of tables, such as results/paper: leaderboard and report show its rows of the same
+        tasks and team sizes beside yours, and say what cannot be compared. Its files stay as they
+        are.
     """
     check_number("jobs", jobs)
     check_number("together", together)
-    chosen = (part or Part()).of(suite)
+    if against is not None:
+        check_tables(against)
+        out = out or Path("results") / "mine"
+        if out.resolve() == against.resolve():
+            raise UsageError(
+                f"--out and --against are both {out}; own rows need a folder of their own."
+            )
+    chosen = (part or Part()).of(suite or (against.resolve().name if against else "quick"))
     tables_dir = out or Path("results") / chosen.name
     documents_dir = out or Path("reports") / chosen.name
     check_place(tables_dir, documents_dir)
@@ -68,4 +83,5 @@ def run(
         fail_fast=fail_fast,
         retry_failed=retry_failed,
         replace=replace,
+        against=against,
     )
