@@ -185,6 +185,7 @@ def effect():
         "flights": {
             "name": HOSTILE,
             "drone": "cf21B_500",
+            "airframe": None,
             "mass": 0.0434,
             "driven_by": "commands",
             "used": fitted + held_out,

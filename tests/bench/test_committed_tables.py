@@ -43,7 +43,8 @@ def test_every_committed_row_says_where_it_comes_from(suite):
 
 
 def test_the_page_of_the_paper_regenerates_byte_for_byte(tmp_path):
-    write_claims(Tables.load(HOUSE / "results" / "paper"), tmp_path / "paper.md")
+    notes = HOUSE / "reports" / "paper_notes.md"
+    write_claims(Tables.load(HOUSE / "results" / "paper"), tmp_path / "paper.md", notes)
     kept = (HOUSE / "reports" / "paper.md").read_bytes()
     assert (tmp_path / "paper.md").read_bytes() == kept
 
