@@ -41,14 +41,24 @@ def corrected(diagnosis: Diagnosis | Path | str, *, likeliest: bool = False) -> 
     nominal = believed_simulator(
         found.settings.simulator, flown.drone, mass, airframe=flown.airframe
     )
+    values = parameters_of(found, likeliest=likeliest)
+    return with_effects(
+        nominal, [registry.load("effect", name)(**own) for name, own in values.items()]
+    )
+
+
+def parameters_of(found: Diagnosis, *, likeliest: bool = False) -> dict[str, dict[str, float]]:
+    """Parameters of the corrected simulator by effect, SI: those of the reference, then the found.
+
+    Raises:
+        ValueError: A size is not in the file, as in some of schema 1.
+    """
     values: dict[str, dict[str, float]] = {}
     for known in found.details.shared:
         values.setdefault(known.effect, {})[known.parameter] = known.value
     for effect in found.effects if likeliest else found.blamed:
         _put(values.setdefault(effect.name, {}), effect)
-    return with_effects(
-        nominal, [registry.load("effect", name)(**own) for name, own in values.items()]
-    )
+    return values
 
 
 def _put(values: dict[str, float], effect: Effect) -> None:

@@ -3,6 +3,7 @@
 from bench.diagnosis_report import figures, tables
 from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import clean, is_number, quantity
+from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import remarks, shrink_sentence, verdict, where_sentence
 from bench.text.pages import environment
 from diagnosis.result import Diagnosis
@@ -50,6 +51,7 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             not_observable=tables.not_observable_table(diagnosis),
             limits=tables.limits_table(diagnosis),
             blamed=bool(diagnosis.blamed),
+            remedy=remedy(diagnosis),
             next_flight=clean(diagnosis.next_flight or ""),
             left_out=tables.left_out_table(diagnosis),
             flights=tables.flights_table(diagnosis),

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from bench.diagnosis_report import tables
 from bench.diagnosis_report.numbers import clean, probability, rounded
+from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import remarks, set_label, verdict
 from diagnosis.result import Diagnosis
 
@@ -76,6 +77,8 @@ def show_summary(diagnosis: Diagnosis, out: Path, console: Console) -> None:
     for line in remarks(diagnosis):
         console.print(Text(line, "yellow"))
     console.print(Group(_where(diagnosis), _candidates(diagnosis)))
+    change, *_ = remedy(diagnosis)
+    console.print(Text.assemble(("Change: ", "bold"), change))
     if diagnosis.next_flight:
         console.print(Text.assemble(("Fly next: ", "bold"), clean(diagnosis.next_flight)))
     place = Text.assemble("Page: ", (clean(out / "diagnosis.html"), "bold"))

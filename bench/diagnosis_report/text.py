@@ -3,6 +3,7 @@
 from bench.diagnosis_report import tables
 from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import clean
+from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import remarks, shrink_sentence, verdict, where_sentence
 from bench.text import markdown
 from diagnosis.result import Diagnosis
@@ -20,6 +21,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     parts += ["; ".join(facts) + "."]
     if diagnosis.interface:
         parts += ["## What the logs say wrongly", *_table(tables.interface_table(diagnosis))]
+    parts += ["## What to change", *map(markdown.escape, remedy(diagnosis))]
     if diagnosis.blamed:
         parts += ["## Before and after", markdown.escape(shrink_sentence(diagnosis))]
         parts += _table(tables.shrink_table(diagnosis))
