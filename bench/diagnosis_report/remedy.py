@@ -1,0 +1,57 @@
+"""What to change after a diagnosis: the corrected simulator, and what must be known first."""
+
+from bench.diagnosis_report.effect_words import effect_words
+from bench.diagnosis_report.numbers import clean
+from bench.diagnosis_report.sentences import join
+from diagnosis.correction import parameters_of
+from diagnosis.result import Diagnosis
+
+PYTHON = 'diagnosis.corrected("diagnosis.json")'
+"""How the corrected simulator is had in Python."""
+
+
+def remedy(diagnosis: Diagnosis) -> list[str]:
+    """What to change, a sentence or two each; empty where the logs themselves are wrong."""
+    if any(fault.readings for fault in diagnosis.interface) and not diagnosis.blamed:
+        return ["Mend the logs first; nothing else can be said before."]
+    if diagnosis.verdict in ("none", "too_few"):
+        return ["Nothing: these flights show no cause."]
+    if not diagnosis.blamed:
+        return [
+            "Nothing yet: no cause is confirmed. The likeliest set is to be had as "
+            f"{PYTHON[:-1]}, likeliest=True), to look at and not to rely on."
+        ]
+    said = [_simulator(diagnosis)]
+    if diagnosis.verdict == "partly":
+        said.append(
+            "Something else acts, too, and may bias the numbers: they say what to look at, not yet "
+            "what to write into a parameter file."
+        )
+    said += [_alike(diagnosis)] if any(e.aliases for e in diagnosis.blamed) else []
+    return said
+
+
+def _simulator(diagnosis: Diagnosis) -> str:
+    text = " + ".join(
+        f"{clean(name)}({', '.join(f'{clean(key)}={value:.4g}' for key, value in own.items())})"
+        for name, own in parameters_of(diagnosis).items()
+    )
+    beside = " (those of the reference flights are among them)" if diagnosis.details.shared else ""
+    return (
+        f"In {clean(diagnosis.settings.simulator)}, with the airframe and mass of these flights: "
+        f"{text}{beside}. In Python, {PYTHON} is that simulator."
+    )
+
+
+def _alike(diagnosis: Diagnosis) -> str:
+    """That the simulator may be corrected, but not yet the vehicle."""
+    pairs = join(
+        f"{effect_words(clean(e.name)).label} from "
+        f"{' or '.join(effect_words(clean(a)).label for a in e.aliases)}"
+        for e in diagnosis.blamed
+        if e.aliases
+    )
+    return (
+        f"Change nothing on the vehicle yet: these flights cannot tell {pairs}. In the simulator "
+        "either makes up for the gap; on the vehicle only one is the cause."
+    )
