@@ -1,7 +1,7 @@
 """`bench plan`: what a suite comes to, what of it is there, what the rest will cost."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -23,6 +23,7 @@ from bench.stats.forecast import (
 )
 from bench.stats.statistics import Entry
 from bench.store.missing import State, states
+from bench.store.reuse import reusable
 from bench.store.store import Store
 from bench.store.tables import TableError, Tables
 from bench.text.numbers import number, seconds
@@ -40,6 +41,7 @@ def show_plan(
     every: bool,
     console: Console,
     retry_failed: bool = False,
+    reuse: Sequence[Path] = (),
 ) -> int:
     """Prints the outlook; exit status 0, or 1 if a plug-in is broken.
 
@@ -51,8 +53,9 @@ def show_plan(
         every: Whether every missing run gets a line.
         console: Where it is shown.
         retry_failed: Whether runs that failed by themselves are to be tried again.
+        reuse: Folders of tables whose finished runs of the plan count as finished here.
     """
-    recorded = recorded_tables(tables_dir)
+    recorded = recorded_tables(tables_dir).merged(reusable(plan, reuse))
     found = states(plan.runs, Store(tables_dir), recorded)
     failed = set() if retry_failed else _failed(found)
     missing = [state for state in found if state.reason and state.run.name not in failed]
