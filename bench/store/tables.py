@@ -8,7 +8,8 @@
 | `runs` | run, failed ones too |
 
 Each is a Parquet file. `results` and `runs` are the record; the other two may be missing, as those
-of all committed suites are.
+of all committed suites are. `flights.parquet` then stands for `trajectories`: the few that a figure
+shows (`python -m bench.paper.pictures`).
 """
 
 import dataclasses
@@ -57,6 +58,8 @@ INTERRUPTED = "interrupted: "
 """How the cause of a run begins that did not fail by itself and is tried again."""
 LARGE = ("curves", "trajectories")
 """Tables that a repository may leave out."""
+FEW_TRAJECTORIES = "flights.parquet"
+"""Part of the table `trajectories` that a repository keeps; it is read where that is missing."""
 UNKNOWN = {
     "key": "",
     "committed": "",
@@ -173,6 +176,8 @@ class Tables:
         found = {}
         for name, schema in SCHEMAS.items():
             path = directory / f"{name}.parquet"
+            if name == "trajectories" and not path.is_file():
+                path = directory / FEW_TRAJECTORIES
             if name in LARGE and not path.is_file():
                 found[name] = table(name, [])
                 continue
