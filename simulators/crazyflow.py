@@ -117,7 +117,7 @@ class Crazyflow(Replayable):
             rotor_vel=level,
             prev_ang_vel=zeros,
             r_int_error=zeros,
-            memory=chain.init(self.effects, len(pos), 1.0 / self.freq),
+            memory=chain.init(self.effects, len(pos), 1.0 / self.freq, key),
         )
 
     def restore(
@@ -130,7 +130,7 @@ class Crazyflow(Replayable):
         """
         n_drones, dt = len(flight.pos), 1.0 / self.freq
         repeats = round(CONTROL_DT * self.freq)
-        memory = chain.init(self.effects, n_drones, dt)
+        memory = chain.init(self.effects, n_drones, dt, key)
         memory, cmds = chain.warm_up(self.effects, memory, flight, cmd_history, repeats, dt)
         data = self._constants()
         targets = hover_rotor_vel(data, cmds[:, :, 3])

@@ -26,6 +26,8 @@ class Part:
     residual: Annotated[list[str] | None, Repeatable] = None
     """Only methods with this residual; those that take none are kept if --method names them; may be
     repeated."""
+    quick: Annotated[bool, Repeatable] = False
+    """Only the suite's quick part, which shows in minutes what the whole is about."""
     seeds: int | None = None
     """Only this many seeds, counted from the suite's first; rows with fewer seeds keep theirs."""
     setting: Annotated[list[str] | None, Repeatable] = None
@@ -40,7 +42,8 @@ class Part:
         from bench.plan.suite import load_suite
 
         settings = parse_settings(self.setting or ())
-        chosen = load_suite(suite).select(
+        whole = load_suite(suite)
+        chosen = (whole.quickly() if self.quick else whole).select(
             self.task or (),
             self.team_size or (),
             self.method or (),

@@ -226,6 +226,7 @@ def metrics(trained: Trained, deployed: Evaluation, in_nominal: Evaluation) -> d
         "settled_reward": deployed.settled_reward,
         "reward": deployed.reward,
         "takeoff_reward": deployed.takeoff_reward,
+        "worst_decile_reward": deployed.worst_decile,
         "settling_time": deployed.settling_time,
         "crashes": deployed.crashes,
         "crash_step_rate": deployed.crash_step_rate,

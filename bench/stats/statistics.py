@@ -37,7 +37,8 @@ FEWEST = 2
 """Seeds that an entry needs in a cell, where cells are compared or pooled."""
 REALITY = "crazyflow"
 """The high-fidelity simulator that no label names."""
-_WORLD = re.compile(r"(?:reality|deployed_in)=(\w+)(?:\+(\w+\([^()]*\)(?:; \w+\([^()]*\))*))?")
+_EFFECT = r"\w+\((?:[^()]|\([^()]*\))*\)"
+_WORLD = re.compile(rf"(?:reality|deployed_in)=(\w+)(?:\+({_EFFECT}(?:; {_EFFECT})*))?")
 
 
 class Entry(NamedTuple):

@@ -28,6 +28,7 @@ UNITS = {
     "settled_reward": "1",
     "reward": "1",
     "takeoff_reward": "1",
+    "worst_decile_reward": "1",
     "settling_time": "s",
     "crashes": "1/episode",
     "crash_step_rate": "1",
