@@ -52,6 +52,7 @@ MISSPELT = {
     "report TABLE": "Did you mean 'tables'?",
     "claims TABLE": "Did you mean 'tables'?",
     "keep TABLE": "Did you mean 'tables'?",
+    "export TABLE --to croissant --out new": "Did you mean 'tables'?",
     "compare a b --results TABLE": "Did you mean 'tables'?",
     "replay run --tables TABLE": "Did you mean 'tables'?",
     "deploy tables cirle 3": "Did you mean 'circle'?",
