@@ -7,11 +7,10 @@ folder is moved to `place` when all is written, so that nothing half written is 
 
 import dataclasses
 import importlib
-import shutil
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from bench.store.new_folder import new_folder
 from bench.text.errors import UsageError
 
 if TYPE_CHECKING:
@@ -89,19 +88,6 @@ def check_available(name: Name) -> None:
             ) from error
 
 
-def check_free(folder: Path) -> None:
-    """Refuses a folder in which something lies already.
-
-    Raises:
-        UsageError: It is a file, or a folder that is not empty.
-    """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(
-            f"{folder} is there already and would be overwritten. Give another folder with --out, "
-            "or remove it."
-        )
-
-
 def export(tables: "Tables", title: str, name: Name, out: Path) -> list[str]:
     """Writes tables in a format into a new folder, whole or not at all.
 
@@ -118,14 +104,7 @@ def export(tables: "Tables", title: str, name: Name, out: Path) -> list[str]:
         UsageError: The folder is not free, or a package is missing.
     """
     check_available(name)
-    check_free(out)
-    place = out.absolute()
-    place.parent.mkdir(parents=True, exist_ok=True)
-    part = Path(tempfile.mkdtemp(prefix=f".{place.name}-", dir=place.parent))
-    try:
-        part.chmod(0o755)  # as any new folder; a temporary one is its owner's alone
-        left_out = importlib.import_module(FORMATS[name].module).write(tables, title, part, place)
-        part.replace(place)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
-    return left_out
+    with new_folder(out) as part:
+        return importlib.import_module(FORMATS[name].module).write(
+            tables, title, part, out.absolute()
+        )

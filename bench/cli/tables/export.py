@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from bench.cli.checks import check_tables
-from bench.export.formats import FORMATS, Name, check_available, check_free
+from bench.export.formats import FORMATS, Name, check_available
 from bench.export.formats import export as export_tables
+from bench.store.new_folder import check_free
 
 
 def export(directory: Path, /, *, to: Name, out: Path) -> int:
