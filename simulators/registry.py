@@ -39,7 +39,8 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 @functools.cache
-def _entry_points(kind: str) -> dict[str, importlib.metadata.EntryPoint]:
+def _entry_points(kind: str) -> dict[str, Any]:
+    # Any: they are of the backport's class once some package has imported importlib_metadata.
     return {point.name: point for point in importlib.metadata.entry_points(group=GROUPS[kind])}
 
 

@@ -143,7 +143,7 @@ def variant(*pairs: tuple[Mapping[str, Setting], Mapping[str, Setting]]) -> str:
     """Canonical text of what differs in pairs of (settings, defaults), e.g. "trainer.lr=0.01"."""
     different = []
     for settings, defaults in pairs:
-        flat, reference = _flatten(settings), _flatten(defaults)
+        flat, reference = flatten(settings), flatten(defaults)
         different += [
             f"{key}={value if isinstance(value, str) else json.dumps(value)}"
             for key, value in flat.items()
@@ -152,11 +152,12 @@ def variant(*pairs: tuple[Mapping[str, Setting], Mapping[str, Setting]]) -> str:
     return ", ".join(sorted(different))
 
 
-def _flatten(tree: Mapping[str, Setting], prefix: str = "") -> dict[str, Setting]:
+def flatten(tree: Mapping[str, Setting], prefix: str = "") -> dict[str, Setting]:
+    """Tables within tables as one, by keys such as `trainer.lr`, each after `prefix`."""
     flat = {}
     for key, value in tree.items():
         if isinstance(value, Mapping):
-            flat |= _flatten(value, f"{prefix}{key}.")
+            flat |= flatten(value, f"{prefix}{key}.")
         else:
             flat[prefix + key] = value
     return flat

@@ -1,0 +1,1 @@
+"""Rows and learning curves in the formats of other tools; `formats.py` lists them."""

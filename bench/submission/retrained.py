@@ -1,0 +1,109 @@
+"""Checks a submission: its files, its rows, and one seed that is trained again."""
+
+import math
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from bench.execution.sweep import sweep
+from bench.stats.statistics import cell_of, entry_of, records, seed_values
+from bench.store.tables import Tables
+from bench.submission.agreement import Agreement, agreement, worst
+from bench.submission.folder import load, simulator_of
+from bench.submission.planned_row import other_key, planned
+from bench.text.errors import UsageError
+from bench.text.numbers import significant
+from bench.text.say import say
+
+STATUSES = {"match": 0, "differs": 3, "cannot tell": 4}
+"""Exit status of each outcome; 1 and 130 are those of a training that failed or was interrupted."""
+COMPARED = {"settled_reward": "spawn_settled_reward", "fleet_minutes": ""}
+"""Metrics that must agree, what a policy is worth and what it cost, each with the metric that says
+what a team gets that does nothing; empty for none."""
+
+Row = Mapping[str, Any]
+
+
+def verify(
+    folder: Path,
+    console: Console,
+    *,
+    task: str = "",
+    team_size: int | None = None,
+    seed: int | None = None,
+    jobs: int | None = None,
+    out: Path | None = None,
+) -> int:
+    """Exit status: 0 the row matches, 3 it differs, 4 nothing can be told, 1 the training failed.
+
+    Args:
+        folder: The submission.
+        console: Where to say what was found.
+        task: Train a row of this task; empty: of any.
+        team_size: And of this number of drones; None: of any.
+        seed: And of this seed; None: of any. Of several rows, the one that trained fastest is
+            trained again.
+        jobs: Number of worker processes.
+        out: Folder for what is trained, from which a second call resumes; None: a temporary one.
+
+    Raises:
+        UsageError: The folder is no sound submission, or has no such row.
+    """
+    record, tables = load(folder)
+    counted = f"{len(tables.runs)} rows of '{record['method']}', from {record['package']}"
+    say(console, f"Files and rows are sound: {counted}.")
+    row = _chosen(tables, task, team_size, seed)
+    plan, run = planned(row, simulator_of(tables)[row["run"]])
+    if text := other_key(row, run):
+        say(console, f"Cannot tell: {text} Nothing was trained.")
+        return STATUSES["cannot tell"]
+    if run.program != row["program"]:
+        say(console, "The source code here is not that of the row; its versions are the same.")
+    say(console, f"Training again: {run.label}, {len(plan.runs)} training(s).")
+    with tempfile.TemporaryDirectory(prefix="bench-verify-") as temporary:
+        place = out or Path(temporary)
+        if status := sweep(plan, place, place, jobs):
+            return status
+        again = Tables.load(place).metrics(run.name)
+    found = []
+    for metric, idle in COMPARED.items():
+        one = _compared(tables, row, metric, again[metric], again.get(idle, math.nan))
+        found.append(one)
+        values = (significant(again[metric], 4), significant(tables.metrics(row["run"])[metric], 4))
+        said = "{} here, {} submitted".format(*values)
+        say(console, f"{metric}: {said}: {one.outcome}, {one.reason}.")
+    outcome = worst(found)
+    say(console, f"{row['run']}: {outcome}.")
+    return STATUSES[outcome]
+
+
+def _compared(tables: Tables, row: Row, metric: str, again: float, idle: float) -> Agreement:
+    """A metric of the row that was trained again, against the seeds of its cell."""
+    results = records(tables.results.loc[tables.results["run"].eq(row["run"])].head(1))
+    by_seed = seed_values(tables.results, metric)[cell_of(results[0])][entry_of(row)]
+    return agreement(again, by_seed[row["seed"]], list(by_seed.values()), idle)
+
+
+def _chosen(tables: Tables, task: str, team_size: int | None, seed: int | None) -> Row:
+    """The row to train again: of those that are meant, the one that trained fastest."""
+    seconds = tables.results.loc[tables.results["metric"].eq("train_seconds")]
+    took = dict(zip(seconds["run"], seconds["value"], strict=True))
+    meant = [
+        row
+        for row in records(tables.runs)
+        if row["status"] != "failed"
+        and task in ("", row["task"])
+        and team_size in (None, row["team_size"])
+        and seed in (None, row["seed"])
+    ]
+    if not meant:
+        have = "; ".join(
+            f"{row['task']}, N = {row['team_size']}, seed {row['seed']}"
+            for row in records(tables.runs)
+            if row["status"] != "failed"
+        )
+        raise UsageError(f"No row that left a policy is meant. The submission has: {have}.")
+    return min(meant, key=lambda row: (took.get(row["run"], math.inf), row["run"]))
