@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from bench.execution.executor import AbstractExecutor, Ended
 from bench.execution.progress import SweepProgress
 from bench.execution.worker import Done, do_runs
-from bench.plan.expansion import Run
+from bench.plan.planned_run import Run
 from bench.store.record import Outcome
 from bench.store.resume import was_interrupted
 from bench.store.store import Store

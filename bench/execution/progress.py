@@ -11,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from bench.plan.expansion import Run
+from bench.plan.planned_run import Run
 
 
 @dataclasses.dataclass

@@ -24,7 +24,8 @@ import numpy as np
 import pandas as pd
 
 from bench.execution.executor import Report, one_line
-from bench.plan.expansion import NOMINAL, REALITY, Run
+from bench.plan.expansion import NOMINAL
+from bench.plan.planned_run import REALITY, Run
 from bench.plan.provenance import provenance
 from bench.plan.realities import parse_reality
 from bench.plan.settings import build

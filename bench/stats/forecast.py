@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.plan.expansion import Run
+from bench.plan.planned_run import Run
 from bench.stats.statistics import records
 from bench.store.missing import State
 from bench.store.tables import Tables

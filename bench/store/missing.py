@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from bench.plan.expansion import Run
+from bench.plan.planned_run import Run
 from bench.store.resume import failed_row, was_interrupted
 from bench.store.store import Store, UnreadableRunError
 from bench.store.tables import IDENTITY, Tables

@@ -15,7 +15,8 @@ import jax
 import numpy as np
 import pandas as pd
 
-from bench.plan.expansion import Run, packages
+from bench.plan.expansion import packages
+from bench.plan.planned_run import Run
 from bench.plan.provenance import provenance
 from bench.plan.realities import parse_reality
 from bench.plan.settings import describe_fields

@@ -5,7 +5,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from bench.plan.expansion import Plan, Run
+from bench.plan.expansion import Plan
+from bench.plan.planned_run import Run
 from bench.plan.provenance import provenance
 from bench.store.tables import INTERRUPTED, Tables
 

@@ -29,7 +29,8 @@ import filelock
 import numpy as np
 import pandas as pd
 
-from bench.plan.expansion import Run, packages
+from bench.plan.expansion import packages
+from bench.plan.planned_run import Run
 from bench.store.checkpoints import Checkpoints
 from bench.store.disk import Disk
 from bench.store.record import (
