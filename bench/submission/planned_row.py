@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from bench.plan.expansion import REALITY, Plan, expand
-from bench.plan.planned_run import Run
 from bench.plan.keys import Setting, nested
+from bench.plan.planned_run import Run
 from bench.plan.settings import build, describe_fields, flatten
 from bench.plan.suite import Row, Suite
 from bench.text.errors import UsageError
