@@ -40,21 +40,14 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
 
-from bench.plan.keys import Setting, unknown_key
+from bench.plan.keys import Setting
 from bench.plan.names import require
-from bench.text.errors import UsageError
+from bench.plan.toml_table import SuiteError, check_keys, flag, typed, values
 from simulators import registry
-
-T = TypeVar("T")
 
 BUILT_IN = Path(__file__).parent / "suites"
 """Where the built-in suites are."""
-
-
-class SuiteError(UsageError):
-    """A suite that cannot be run as it is written; the message is one line."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -280,39 +273,39 @@ def load_suite(name: str) -> Suite:
 
 def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
     where = f"Suite '{path.stem}'"
-    _check_keys(where, content, Suite, required=("tasks", "team_sizes", "seeds", "methods"))
-    rows, simulator = [], _typed(where, content, "simulator", str, "")
-    for number, row in enumerate(_typed(where, content, "methods", list), start=1):
+    check_keys(where, content, Suite, required=("tasks", "team_sizes", "seeds", "methods"))
+    rows, simulator = [], typed(where, content, "simulator", str, "")
+    for number, row in enumerate(typed(where, content, "methods", list), start=1):
         place = f"{where}, method {number}"
         if not isinstance(row, dict):
             raise SuiteError(f"{place} must be a table, got {row!r}.")
-        _check_keys(place, row, Row, required=("method",))
+        check_keys(place, row, Row, required=("method",))
         rows += [
             Row(
-                method=_typed(place, row, "method", str),
-                residual=_typed(place, row, "residual", str, ""),
-                settings=_typed(place, row, "settings", dict, {}),
-                task_settings=_typed(place, row, "task_settings", dict, {}),
-                nominal=_typed(place, row, "nominal", dict, {}),
-                simulator=_typed(place, row, "simulator", str, simulator),
+                method=typed(place, row, "method", str),
+                residual=typed(place, row, "residual", str, ""),
+                settings=typed(place, row, "settings", dict, {}),
+                task_settings=typed(place, row, "task_settings", dict, {}),
+                nominal=typed(place, row, "nominal", dict, {}),
+                simulator=typed(place, row, "simulator", str, simulator),
                 reality=reality,
                 deployed_in=deployed_in,
-                tracked=_flag(place, row, "tracked"),
-                tasks=_list(place, row, "tasks", str) if "tasks" in row else None,
-                team_sizes=_list(place, row, "team_sizes", int) if "team_sizes" in row else None,
-                seeds=_typed(place, row, "seeds", int) if "seeds" in row else None,
+                tracked=flag(place, row, "tracked"),
+                tasks=values(place, row, "tasks", str) if "tasks" in row else None,
+                team_sizes=values(place, row, "team_sizes", int) if "team_sizes" in row else None,
+                seeds=typed(place, row, "seeds", int) if "seeds" in row else None,
             )
             for reality in _worlds(place, row, "reality")
             for deployed_in in _worlds(place, row, "deployed_in")
         ]
     suite = Suite(
-        name=_typed(where, content, "name", str, path.stem),
-        description=_typed(where, content, "description", str, ""),
-        tasks=_list(where, content, "tasks", str),
-        team_sizes=_list(where, content, "team_sizes", int),
-        seeds=_typed(where, content, "seeds", int),
+        name=typed(where, content, "name", str, path.stem),
+        description=typed(where, content, "description", str, ""),
+        tasks=values(where, content, "tasks", str),
+        team_sizes=values(where, content, "team_sizes", int),
+        seeds=typed(where, content, "seeds", int),
         methods=tuple(rows),
-        first_seed=_typed(where, content, "first_seed", int, 0),
+        first_seed=typed(where, content, "first_seed", int, 0),
         simulator=simulator,
         quick=_quick(where, content),
     )
@@ -324,23 +317,23 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
 def _worlds(where: str, row: Mapping[str, Setting], key: str) -> tuple[str, ...]:
     """The worlds of a row under a key: one or a list of them; an empty text without any."""
     if isinstance(row.get(key), list):
-        return _list(where, row, key, str)
-    return (_typed(where, row, key, str, ""),)
+        return values(where, row, key, str)
+    return (typed(where, row, key, str, ""),)
 
 
 def _quick(where: str, content: Mapping[str, Setting]) -> QuickPart | None:
     """The table [quick], if there is one."""
     if "quick" not in content:
         return None
-    table, place = _typed(where, content, "quick", dict), f"{where}, [quick]"
+    table, place = typed(where, content, "quick", dict), f"{where}, [quick]"
     keys = tuple(field.name for field in dataclasses.fields(QuickPart))
-    _check_keys(place, table, QuickPart, required=keys)
+    check_keys(place, table, QuickPart, required=keys)
     return QuickPart(
-        tasks=_list(place, table, "tasks", str),
-        team_sizes=_list(place, table, "team_sizes", int),
-        seeds=_typed(place, table, "seeds", int),
-        methods=_list(place, table, "methods", str),
-        residuals=_list(place, table, "residuals", str),
+        tasks=values(place, table, "tasks", str),
+        team_sizes=values(place, table, "team_sizes", int),
+        seeds=typed(place, table, "seeds", int),
+        methods=values(place, table, "methods", str),
+        residuals=values(place, table, "residuals", str),
     )
 
 
@@ -355,43 +348,6 @@ def _check_within(suite: Suite, row: Row, where: str) -> None:
         raise SuiteError(
             f"{where}: `seeds` must be at most the suite's {suite.seeds}, got {row.seeds}."
         )
-
-
-def _check_keys(
-    where: str,
-    table: Mapping[str, Setting],
-    cls: type[Suite] | type[Row] | type[QuickPart],
-    required: tuple[str, ...],
-) -> None:
-    allowed = [field.name for field in dataclasses.fields(cls)]
-    for key in table:
-        if key not in allowed:
-            raise SuiteError(unknown_key(where, key, allowed))
-    for key in required:
-        if key not in table:
-            raise SuiteError(f"{where} lacks the key '{key}'.")
-
-
-def _typed(
-    where: str, table: Mapping[str, Setting], key: str, kind: type[T], default: T | None = None
-) -> T:
-    value = table[key] if default is None else table.get(key, default)
-    if not isinstance(value, kind) or isinstance(value, bool):
-        words = {str: "text", int: "a whole number", dict: "a table", list: "a list"}[kind]
-        raise SuiteError(f"{where}: `{key}` must be {words}, got {value!r}.")
-    return value
-
-
-def _flag(where: str, table: Mapping[str, Setting], key: str) -> bool:
-    value = table.get(key, False)
-    if not isinstance(value, bool):
-        raise SuiteError(f"{where}: `{key}` must be true or false, got {value!r}.")
-    return value
-
-
-def _list(where: str, table: Mapping[str, Setting], key: str, kind: type[T]) -> tuple[T, ...]:
-    values = _typed(where, table, key, list)
-    return tuple(_typed(where, {key: value}, key, kind) for value in values)
 
 
 def _check_names(tasks: Sequence[str], team_sizes: Sequence[int]) -> None:

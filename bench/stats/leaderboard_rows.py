@@ -10,17 +10,20 @@ import math
 from collections.abc import Mapping
 from typing import TypedDict
 
-from bench.stats.endings import Endings, endings, endings_text, lost
 from bench.stats.ranking import Rank, ranks
 from bench.stats.scores import UPPER, by_run, primary, upper_returns
 from bench.stats.statistics import (
     Cell,
+    Endings,
     Entry,
     Estimate,
     cell_of,
     default_of,
     difference,
+    endings,
+    endings_text,
     estimate,
+    lost,
     records,
     seed_values,
 )

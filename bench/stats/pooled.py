@@ -25,7 +25,6 @@ from bench.stats.bootstrap import (
     probability_of_improvement,
     profile,
 )
-from bench.stats.endings import endings, lost
 from bench.stats.ranking import Above, intervals, letters
 from bench.stats.scores import UPPER, fallen_references, scored
 from bench.stats.statistics import (
@@ -34,7 +33,9 @@ from bench.stats.statistics import (
     Entry,
     Values,
     default_of,
+    endings,
     estimate,
+    lost,
     matched,
     seed_values,
 )
