@@ -6,6 +6,7 @@ on; whoever is not shown to be below it (`bench/stats/verdicts.py`, all tasks po
 it.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from bench.stats.scores import UPPER, at_home, scored, undisturbed
@@ -46,17 +47,33 @@ class Tie(NamedTuple):
 
 def choices(tables: Tables) -> list[Choice]:
     """A choice for each team size and budget at which it differs from the smaller budget's."""
-    values = at_home(seed_values(scored(tables), "score"), tables)
-    scores, minutes = _default(values), minutes_of(tables)
     found: list[Choice] = []
-    for n in sorted({cell.team_size for cell in scores}):
-        bills = {e: estimate(x).mean for (e, size), x in minutes.items() if size == n}
+    for ladder in _ladders(tables, BUDGETS).values():
         last: Choice | None = None
-        for budget in BUDGETS:
-            choice = _choose(scores, {e: m for e, m in bills.items() if m <= budget}, n, budget)
-            if choice and (last is None or _who(choice) != _who(last)):
+        for choice in ladder:
+            if last is None or _who(choice) != _who(last):
                 found.append(choice)
                 last = choice
+    return found
+
+
+def choose(tables: Tables, team_size: int, budget: float) -> Choice | None:
+    """Whom to choose at a team size and a budget [fleet-minutes]; None where nobody is scored."""
+    return next(iter(_ladders(tables, (budget,)).get(team_size, [])), None)
+
+
+def _ladders(tables: Tables, budgets: Sequence[float]) -> dict[int, list[Choice]]:
+    """A choice for each budget at which anybody is affordable, by team size."""
+    values = at_home(seed_values(scored(tables), "score"), tables)
+    scores, minutes = _default(values), minutes_of(tables)
+    found = {}
+    for n in sorted({cell.team_size for cell in scores}):
+        bills = {e: estimate(x).mean for (e, size), x in minutes.items() if size == n}
+        ladder = [
+            _choose(scores, {e: m for e, m in bills.items() if m <= budget}, n, budget)
+            for budget in budgets
+        ]
+        found[n] = [choice for choice in ladder if choice]
     return found
 
 

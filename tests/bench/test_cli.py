@@ -53,6 +53,7 @@ MISSPELT = {
     "claims TABLE": "Did you mean 'tables'?",
     "keep TABLE": "Did you mean 'tables'?",
     "export TABLE --to croissant --out new": "Did you mean 'tables'?",
+    "choose TABLE --team-size 3 --budget 5": "Did you mean 'tables'?",
     "submit TABLE --method hybrid --out new": "Did you mean 'tables'?",
     "submit tables --method hybird --out new": "Did you mean 'hybrid'?",
     "verify TABLE": "Did you mean 'tables'?",

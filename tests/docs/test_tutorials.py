@@ -1,0 +1,163 @@
+"""The tutorials: their files and commands are executed, their numbers are those of the tables."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bench
+from bench.cli.app import main
+from bench.report.leaderboard import leaderboard_rows, split
+from bench.stats.scores import scored
+from bench.stats.statistics import Cell, Entry, seed_values
+from bench.store.tables import Tables
+
+HOUSE = Path(__file__).parents[2]
+METHOD, BOARD = (HOUSE / "docs" / f"tutorial_{name}.md" for name in ("method", "leaderboard"))
+PAPER = HOUSE / "results" / "paper"
+CELL = Cell("circle", 12)
+"""The example of the page on leaderboards."""
+SMALL = ["--seeds", "1", "--setting", "trainer.epochs=2", "--setting", "trainer.n_worlds=1"]
+"""What makes a training of the tutorial take seconds."""
+
+
+def blocks(page, language):
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    )
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return bench.load(PAPER)
+
+
+@pytest.fixture
+def workplace(tmp_path):
+    """A folder that looks like the root of a clone, with the files that the page has one write."""
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "paper").symlink_to(PAPER)
+    folder = tmp_path / "guessed_drag"
+    folder.mkdir()
+    ((code,), (project,)) = blocks(METHOD, "python"), blocks(METHOD, "toml")
+    (folder / "guessed_drag.py").write_text(code)
+    (folder / "pyproject.toml").write_text(project)
+    return tmp_path
+
+
+def call(place, program, *arguments):
+    """Exit status and all that a program of ours, or pip, says; what it installs is on its path."""
+    site = place / "site"
+    if program == "pip":
+        start = ["-m", "pip", "--disable-pip-version-check"]
+        # As the page says, but into a folder of this test, and from what is on this machine.
+        arguments = [x for x in arguments if x != "-e"] + ["--no-index", "--target", str(site)]
+    else:
+        start = ["-c", "import sys; from bench.cli.app import main; sys.exit(main())"]
+    variables = {"PYTHONPATH": os.pathsep.join((str(site), str(HOUSE))), "COLUMNS": "200"}
+    done = subprocess.run(
+        [sys.executable, *start, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=1200,
+        cwd=place,
+        env=os.environ | variables,
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_the_method_gets_from_an_empty_folder_to_a_row_that_is_verified(workplace):
+    commands = [
+        shlex.split(line.removeprefix("$ "))
+        for line in "\n".join(blocks(METHOD, "console")).splitlines()
+        if line
+    ]
+    said, statuses = {}, {}
+    for program, *arguments in commands:
+        if arguments[0] == "run":
+            seeds = arguments.index("--seeds")
+            arguments = [*arguments[:seeds], *arguments[seeds + 2 :], *SMALL, "--jobs", "1"]
+        if arguments[0] == "compare":
+            continue  # one seed compares with nothing; the command is parsed like all others
+        statuses[arguments[0]], said[arguments[0]] = call(workplace, program, *arguments)
+    assert [*statuses] == ["install", "list", "check", "run", "submit", "verify"]
+    assert {*statuses.values()} == {0}, said
+    assert "guessed-drag 1.0.0" in said["list"]
+    assert re.search(r"Beside \d+ runs of results/paper, in circle, N = 3\.", said["run"])
+    assert "reproduced to the digit" in said["verify"]
+    board = (workplace / "results" / "mine" / "leaderboard.md").read_text()
+    assert "guessed_drag" in board
+    assert "| grey_box |" in board
+    own = Tables.load(workplace / "results" / "mine")
+    assert [*own.runs["method"]] == ["guessed_drag"]
+
+
+def test_the_method_is_the_one_of_the_readme():
+    ((tutorial,), (readme,)) = blocks(METHOD, "python"), blocks(HOUSE / "README.md", "python")
+    for line in readme.splitlines():
+        bare = line.split("  #")[0].strip()
+        if bare.startswith(
+            ("class ", "trainer", "version", "parents", "simulator", "policy", "re")
+        ):
+            assert bare in tutorial, bare
+
+
+def test_the_board_on_the_page_is_that_of_the_tables(tables):
+    shown = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in BOARD.read_text(encoding="utf-8").splitlines()
+        if line.startswith("|")
+    ]
+    headings, _, *rows = shown
+    columns, own = next(
+        (columns, rows) for columns, rows in split(leaderboard_rows(tables)) if rows[0]["cell"]
+    )
+    by_heading = {column.heading: column for column in columns}
+    assert rows == [
+        [by_heading[heading].text(row) for heading in headings]
+        for row in own
+        if row["cell"] == CELL
+    ]
+
+
+def test_the_answer_on_the_page_is_that_of_the_command(capsys, monkeypatch):
+    monkeypatch.chdir(HOUSE)
+    (command,), (answer,) = blocks(BOARD, "console"), blocks(BOARD, "text")
+    assert main(shlex.split(command.removeprefix("$ bench "))) == 0
+    assert capsys.readouterr().out == answer
+
+
+def test_the_numbers_in_the_text_are_those_of_the_tables(tables):
+    text = " ".join(BOARD.read_text(encoding="utf-8").split())
+    settled = seed_values(tables.results, "settled_reward")[CELL]
+    mean = {entry.method: sum(x.values()) / len(x) for entry, x in settled.items()}
+    worst, best = min(settled[Entry("grey_box")].values()), max(settled[Entry("grey_box")].values())
+    assert f"lie between {worst:.1f} and {best:.1f}" in text
+    assert f"{mean['hf_scratch'] - mean['grey_box']:.1f} behind for half a minute" in text
+    times = mean["lf_baseline"] / mean["hf_scratch"]
+    scores = seed_values(scored(tables), "score")[CELL][Entry("lf_baseline")].values()
+    score = sum(scores) / len(scores)
+    assert f"{times:.0f} times as far from perfect as `hf_scratch`" in text
+    assert f"and has a score of {score:.3f}" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ("--team-size", "5", "--budget", "5000"),
+            "to be worse: hf_hotstart, score 0.989",
+        ),
+        (("--team-size", "3", "--budget", "0"), "N = 3, up to 0 fleet-minutes: lf_baseline."),
+        (("--team-size", "6", "--budget", "5"), "runs with these numbers of drones: 3, 5, 12."),
+        (("--team-size", "3", "--budget", "-1"), "must be at least 0 fleet-minutes, got -1.0."),
+    ],
+)
+def test_a_choice_names_ties_and_what_there_is(arguments, said, capsys):
+    main(["choose", str(PAPER), *arguments])
+    assert said in "".join(capsys.readouterr())
