@@ -21,6 +21,14 @@ from diagnosis.result import Diagnosis, Effect, Parameter
 from diagnosis.result_parts import ChannelGap, SharedParameter, Shrink
 from simulators import registry
 
+KINDS = {
+    "effect": "Explained",
+    "partly": "Partly explained",
+    "none": "Nothing beyond noise",
+    "too_few": "Too few flights to tell",
+    "unexplained": "Unexplained",
+}
+"""What the verdicts are called."""
 NOT_TOLD = "wider than its range"
 """What stands for an interval of a size that these flights do not tell by itself."""
 
@@ -64,7 +72,7 @@ def _partly(diagnosis: Diagnosis, against: str) -> str:
 
 def _unexplained(diagnosis: Diagnosis, against: str) -> str:
     share, where = diagnosis.remainder.share, _where_left(diagnosis)
-    if diagnosis.interface and not diagnosis.blamed and diagnosis.effects:
+    if logs_first(diagnosis) and diagnosis.effects:
         parts = join(fault.part for fault in diagnosis.interface)
         return (
             f"These flights differ from {against}, but their logs do not say what the format asks "
@@ -80,6 +88,25 @@ def _unexplained(diagnosis: Diagnosis, against: str) -> str:
         )
     tail = (f"; {percent(share)} of the gap stays unexplained" if is_number(share) else "") + tail
     return f"These flights differ from {against}, and no known effect explains how{tail}."
+
+
+def logs_first(diagnosis: Diagnosis) -> bool:
+    """Whether the logs must be mended before anything can be said of the vehicle."""
+    return diagnosis.verdict == "unexplained" and bool(diagnosis.interface)
+
+
+def kind_label(diagnosis: Diagnosis) -> str:
+    """What the verdict is called, in a few words."""
+    if logs_first(diagnosis):
+        return "Mend the logs first"
+    if diagnosis.verdict == "unexplained" and diagnosis.remainder.mostly_explained:
+        return "No cause confirmed"
+    return KINDS[diagnosis.verdict]
+
+
+def next_flight(diagnosis: Diagnosis) -> str:
+    """What to fly next; nothing where the logs must be mended first."""
+    return "" if logs_first(diagnosis) else clean(diagnosis.next_flight or "")
 
 
 def remarks(diagnosis: Diagnosis) -> list[str]:
@@ -166,7 +193,7 @@ def _support(diagnosis: Diagnosis) -> list[str]:
         text = "The remaining misfit could bias the sizes, so they are descriptive only"
         drift = drift_clause(diagnosis.shrink)
         said.append(f"{text}; with the likeliest set {drift}." if drift else f"{text}.")
-    if idle:
+    if idle and not logs_first(diagnosis):
         said.append(f"Flights left out of the fit do not confirm {idle}.")
     return said
 

@@ -7,8 +7,11 @@ import pytest
 from diagnoses_for_tests import HOSTILE, load
 
 from bench.diagnosis_report.numbers import clean, estimate, probability, quantity, rounded
+from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import (
     effect_phrase,
+    kind_label,
+    next_flight,
     remarks,
     shrink_sentence,
     verdict,
@@ -110,6 +113,19 @@ def test_a_fault_of_the_logs_comes_before_any_physics():
         "for (frame of the path); mend that first: until then no cause in the vehicle can be named."
     )
     assert remarks(load(found))[0] == "Check y."
+    assert not any("do not confirm" in line for line in remarks(load(found)))
+    assert kind_label(load(found)) == "Mend the logs first"
+    assert next_flight(load(found)) == ""
+    assert remedy(load(found))[0] == "Check y."
+    found["interface"] = []
+    assert next_flight(load(found)) == found["next_flight"]
+
+
+def test_the_badge_of_a_gap_that_a_set_makes_up_for_is_not_unexplained():
+    found = diagnoses_for_tests.unexplained()
+    assert kind_label(load(found)) == "Unexplained"
+    found["remainder"] |= {"share": 0.05, "mostly_explained": True}
+    assert kind_label(load(found)) == "No cause confirmed"
 
 
 def test_names_that_are_no_text_can_be_printed():
