@@ -20,7 +20,8 @@ FILES = (
 def remedy(diagnosis: Diagnosis) -> list[str]:
     """What to change, a sentence or two each; empty where the logs themselves are wrong."""
     if any(fault.readings for fault in diagnosis.interface) and not diagnosis.blamed:
-        return ["Mend the logs first; nothing else can be said before."]
+        advice = [clean(fault.advice) for fault in diagnosis.interface]
+        return [*advice, "Then diagnose the flights again; nothing else can be said before."]
     if diagnosis.verdict in ("none", "too_few"):
         return ["Nothing: these flights show no cause."]
     if not diagnosis.blamed:

@@ -6,7 +6,7 @@ from bench.diagnosis_report import tables
 from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import MISSING, clean, estimate, rounded, with_unit
 from bench.diagnosis_report.remedy import remedy
-from bench.diagnosis_report.sentences import drift_clause, join, verdict
+from bench.diagnosis_report.sentences import drift_clause, join, logs_first, next_flight, verdict
 from bench.text import markdown
 from diagnosis.remedies.changes import FirmwareChange, firmware_changes, without_parameter
 from diagnosis.remedies.trajectory import Trajectory
@@ -42,7 +42,7 @@ def remedy_text(
 
 def flight_lines(diagnosis: Diagnosis, trajectory: Trajectory, named: bool) -> list[str]:
     """What is in the files of the next flight; `named` if they are what the advice says."""
-    said = [clean(diagnosis.next_flight)] if diagnosis.next_flight else []
+    said = [advice] if (advice := next_flight(diagnosis)) else []
     if not named:
         said.append(
             "The files hold no such flight: targets of position cannot say it, or nothing is to be "
@@ -58,8 +58,8 @@ def flight_lines(diagnosis: Diagnosis, trajectory: Trajectory, named: bool) -> l
 
 
 def _autopilot(diagnosis: Diagnosis, target: str, values: Mapping[str, float]) -> list[str]:
-    if diagnosis.verdict in ("none", "too_few") or not diagnosis.effects:
-        return remedy(diagnosis)[:1]
+    if diagnosis.verdict in ("none", "too_few") or not diagnosis.effects or logs_first(diagnosis):
+        return [markdown.escape(line) for line in remedy(diagnosis)]
     changes = firmware_changes(diagnosis, target)
     now = [change for change in changes if not change.waits_for]
     wait = [change for change in changes if change.waits_for]
