@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import time
-from types import TracebackType
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -73,12 +72,7 @@ class SweepProgress:
             self._live.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         if self._live is not None:
             self._live.stop()
 
