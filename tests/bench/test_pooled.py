@@ -140,6 +140,16 @@ def test_entries_with_different_gaps_share_what_all_of_them_have():
     assert (len(pool.cells), len(pool.rows)) == (7, 4)
 
 
+def test_two_entries_over_two_cells_are_pooled_before_many_in_one():
+    sheet = Sheet().add_upper(team_size=2).add_upper(team_size=3)
+    for method in ("lf_baseline", "hf_hotstart", "hf_scratch", "grey_box", "online"):
+        sheet.add(method, team_size=2, rewards=(-60.0, -61.0))
+    for method in ("lf_baseline", "hf_hotstart"):
+        sheet.add(method, team_size=3, rewards=(-60.0, -61.0))
+    (pool,) = pools(sheet.tables())
+    assert (len(pool.cells), len(pool.rows)) == (2, 2)
+
+
 def test_lost_runs_are_counted_beside_the_pool_even_where_their_cell_is_not_in_it():
     sheet = two_cells()
     sheet.add("lf_baseline", task="circle", rewards=(-70.0, -71.0)).add_upper(task="circle")
