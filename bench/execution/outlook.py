@@ -1,4 +1,4 @@
-"""`bench plan`: what a suite comes to, what of it is there, what the rest will cost."""
+"""`bench plan`: the runs of a suite, which of them exist, and what the missing ones will cost."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -30,7 +30,7 @@ from bench.text.numbers import number, seconds
 from bench.text.say import say
 
 NAMED = 3
-"""Runs that are named for each reason."""
+"""Most runs that are named for one reason."""
 
 
 def show_plan(
@@ -106,7 +106,7 @@ def _failed(found: Iterable[State]) -> set[str]:
 
 
 def past_rows(tables_dir: Path, console: Console) -> list[Past]:
-    """Costs in the tables of a folder and of all in `results/`; what cannot be read is named."""
+    """Costs of past runs in a folder's tables and in `results/`; unreadable tables are named."""
     folders = {tables_dir.resolve(), *(path.resolve() for path in Path("results").glob("*"))}
     found = []
     for folder in sorted(folders):

@@ -1,4 +1,4 @@
-"""Trains and evaluates runs; this is what a worker process does, on whatever machine.
+"""Trains and evaluates runs: the work of a worker process, on any machine.
 
 Every policy is deployed twice from the initial states of its task and team size: in the high-
 fidelity simulator with the effects that the row asks for, which gives the row of the leaderboard,
@@ -270,7 +270,7 @@ def _trajectory(run: Run, deployed: Evaluation) -> pd.DataFrame:
 
 
 def _progress(report: Report) -> Progress:
-    """A `Progress` that reports not too often."""
+    """A `Progress` that reports at most every `REPORT_EVERY` seconds."""
     last, stage_before = 0.0, ""
 
     def progress(stage: str, epoch: int, epochs: int, reward: float) -> None:

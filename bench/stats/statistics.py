@@ -30,14 +30,14 @@ from bench.text.errors import UsageError
 COUNTED = ("ok", "budget", "diverged")
 """Statuses of runs that left a policy, which counts; a failed run left none."""
 FAILURES = ("failed", "diverged")
-"""Statuses of runs that did not go well, whose share stands beside every mean."""
+"""Statuses of runs that did not go well; their share is shown beside every mean."""
 
 LEVEL = 0.95
 """Coverage of every interval."""
 FEWEST = 2
 """Seeds that an entry needs in a cell, where cells are compared or pooled."""
 REALITY = "crazyflow"
-"""The high-fidelity simulator that no label names."""
+"""The default high-fidelity simulator, which labels leave out."""
 _EFFECT = r"\w+\((?:[^()]|\([^()]*\))*\)"
 _WORLD = re.compile(rf"(?:reality|deployed_in)=(\w+)(?:\+({_EFFECT}(?:; {_EFFECT})*))?")
 
@@ -88,7 +88,7 @@ class Estimate:
     std: float
     """Sample standard deviation (n - 1); NaN below two seeds and for Welch differences."""
     n: int
-    """Seeds; for a Welch difference those of the smaller sample."""
+    """Number of seeds; in a Welch difference, of the smaller sample."""
     low: float
     """Lower end of the 95 % t-interval; NaN below two seeds."""
     high: float
@@ -139,7 +139,7 @@ def difference(a: Mapping[int, float], b: Mapping[int, float]) -> Estimate:
 def matched(
     a: Mapping[int, float], b: Mapping[int, float]
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """What of two samples, values by seed, is compared: the common seeds, or everything.
+    """The values of two samples, by seed, that are compared: the common seeds, or all.
 
     Everything is where less than two seeds are common, although both have two or more.
     """
@@ -203,7 +203,7 @@ def default_of(entry: Entry) -> Entry:
 
 
 def cells_meant(task: str, team_size: int, variant: str, known: Collection[Cell]) -> set[Cell]:
-    """The cells that a run was meant for that ended before it flew.
+    """The cells in which a run was planned to fly, where it ended before its evaluation.
 
     Its variant may name their world; otherwise it is that without effects, if any of `known`, the
     cells of its task and team size, is.

@@ -55,7 +55,7 @@ def path_of(tables_dir: Path, task: str, team_size: int) -> Path:
 
 
 def load_kept(path: Path, only: str = "") -> dict[str, KeptRun]:
-    """What a file holds by run, nothing where there is none.
+    """The kept runs of a file, by name of the run; none without the file.
 
     Args:
         path: The file.
@@ -195,7 +195,7 @@ def _outcome(
 
 
 def _ledger(metrics: Mapping[str, float], flights: int) -> Ledger:
-    """The bill of a run from its row; flight to the microsecond, which undoes the minutes."""
+    """The ledger of a run from its row; rounding to 1 us undoes the conversion to minutes."""
     return Ledger(
         hf_fleet_seconds=round(60.0 * metrics["fleet_minutes"], 6),
         calibration_flights=flights,

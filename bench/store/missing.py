@@ -1,4 +1,4 @@
-"""What of a plan is in a store, what is missing and why; reads only."""
+"""Which runs of a plan a store holds, which are missing and why; it only reads."""
 
 import json
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ def _failed(run: Run, content: Mapping[str, Any]) -> State:
 
 
 def _same(run: Run, store: Store, name: str) -> dict[str, Any] | None:
-    """What is stored under `name` if it is a finished run that says it is the same as `run`."""
+    """The run.json of the run called `name` if it is finished and has the identity of `run`."""
     try:
         content = store.read(name)
     except UnreadableRunError:

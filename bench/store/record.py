@@ -1,4 +1,4 @@
-"""What the folder of a run holds, as bytes, and back."""
+"""Turns a run into the files of its folder, and these into a run."""
 
 import dataclasses
 import hashlib
@@ -210,7 +210,7 @@ def _finite(value: float) -> float | None:
 
 
 def number(value: float | None) -> float:
-    """What `_finite` was given, as far as JSON kept it."""
+    """The number that JSON holds; NaN for None."""
     return float("nan") if value is None else value
 
 

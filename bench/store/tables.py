@@ -56,7 +56,7 @@ IDENTITY = ("method", "residual", "variant", "task", "team_size", "seed")
 
 
 INTERRUPTED = "interrupted: "
-"""How the cause of a run begins that did not fail by itself and is tried again."""
+"""First words of the cause of an interrupted run, which is tried again."""
 LARGE = ("curves", "trajectories")
 """Tables that a repository may leave out."""
 FEW_TRAJECTORIES = "flights.parquet"
@@ -70,7 +70,7 @@ UNKNOWN = {
     "machine": "",
     "device": "",
 }
-"""Where a run comes from whose record does not say so yet."""
+"""Origin of a run whose record is older than the column."""
 
 
 class TableError(UsageError):
@@ -276,7 +276,7 @@ class Tables:
 
 
 def _completed(name: str, frame: pd.DataFrame) -> pd.DataFrame:
-    """A table as it is stored, with the columns that tables had not before rows could be traced."""
+    """A stored table with the columns of provenance that older tables lack."""
     if name != "runs" or "program" in frame:
         return frame
     return frame.assign(**UNKNOWN).reindex(columns=list(SCHEMAS["runs"].columns))
