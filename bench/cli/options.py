@@ -111,12 +111,14 @@ class Remedy:
         from bench.mending.writing import load_diagnosis, write_remedy
         from diagnosis.remedies.trajectory import Geofence
 
+        box, place = Geofence(*self._box()), self._place()
         try:
             diagnosis, out = load_diagnosis(found)
+            folder = write_remedy(diagnosis, out, self.remedy, box, place, self.parameters)
+        except UsageError:
+            raise
         except ValueError as error:
             raise UsageError(str(error)) from None
-        box = Geofence(*self._box())
-        folder = write_remedy(diagnosis, out, self.remedy, box, self._place(), self.parameters)
         print(f"Remedy: {folder / 'remedy.md'}")  # noqa: T201
         return 0
 

@@ -63,6 +63,6 @@ def _alike(diagnosis: Diagnosis) -> str:
         if e.aliases
     )
     return (
-        f"Change nothing on the vehicle yet: these flights cannot tell {pairs}. In the simulator "
-        "either makes up for the gap; on the vehicle only one is the cause."
+        f"These flights cannot tell {pairs}. In the simulator either makes up for the gap; on the "
+        "vehicle only one is the cause, so change there only what is right for both."
     )

@@ -113,6 +113,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
     """What must be said beside the verdict, each as a sentence."""
     said = [fault.advice for fault in diagnosis.interface]
     said += [
+        *(line for effect in diagnosis.blamed for line in _combined(effect)),
         *_beside_effect(diagnosis),
         *_at_bounds(diagnosis),
         *_support(diagnosis),
@@ -166,6 +167,24 @@ def _beside_effect(diagnosis: Diagnosis) -> list[str]:
     if shrink.reason:
         said.append(f"How far the gap shrinks is not known: {clean(shrink.reason).rstrip('.')}.")
     return said
+
+
+def _combined(effect: Effect) -> list[str]:
+    """What flights tell that cannot tell an effect from its aliases, where all act on it alone."""
+    cards = [effect_words(clean(name)).combined for name in (effect.name, *effect.aliases)]
+    if not effect.aliases or len(effect.parameters) != 1 or None in cards:
+        return []
+    (name, power), *others = (card for card in cards if card is not None)
+    if any(other != name for other, _ in others):
+        return []
+    (size,) = effect.parameters
+    low, high = (
+        None if x is None else 100.0 * ((1.0 + x) ** power - 1.0) for x in (size.low, size.high)
+    )
+    ends = (low, high) if low is None or high is None else (min(low, high), max(low, high))
+    value, interval = estimate(100.0 * ((1.0 + size.value) ** power - 1.0), *ends)
+    within = _within(with_unit(interval, "%")) if interval else ""
+    return [f"What these flights tell is {name}: {value} %{within}, whichever of them it is."]
 
 
 def _at_bounds(diagnosis: Diagnosis) -> list[str]:

@@ -103,6 +103,9 @@ class EffectCard:
     families: tuple[str, ...] = ()
     """Names of the families of effects that ordinary flights often cannot tell apart, and that are
     excluded together."""
+    combined: tuple[str, float] | None = None
+    """Name of what flights tell that cannot tell this effect from another, and the power of this
+    effect's only parameter in it, as a factor 1 + size."""
     special_cases: tuple[str, ...] = ()
     """Registered names of effects that this one is at the edge of its range."""
 

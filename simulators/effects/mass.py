@@ -41,6 +41,7 @@ class Mass(PlantEffect, WeightEffect):
         less="{} less mass than {base}",
         shown={"e": percent()},
         families=("thrust over mass",),
+        combined=("thrust over mass", -1.0),
         shared=False,  # would run against its alias, the thrust's gain, which stands for it
         separated_from={
             "thrust_gain": (

@@ -45,6 +45,7 @@ class ThrustGain(PlantEffect):
         less="{} less thrust at the same command than {base}",
         shown={"e": percent()},
         families=("thrust over mass",),
+        combined=("thrust over mass", 1.0),
         low_if_mapped={"e": WEAKEST},
         separated_from={
             "wind": (

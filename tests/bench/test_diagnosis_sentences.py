@@ -121,6 +121,24 @@ def test_a_fault_of_the_logs_comes_before_any_physics():
     assert next_flight(load(found)) == found["next_flight"]
 
 
+@pytest.mark.parametrize(
+    ("name", "alias", "said"),
+    [
+        ("mass", "thrust_gain", "thrust over mass: -16.7 % (95 %: -20.0 to -13.0 %)"),
+        ("thrust_gain", "mass", "thrust over mass: 20 % (95 %: 15 to 25 %)"),
+    ],
+)
+def test_of_effects_that_look_alike_what_they_share_is_told(name, alias, said):
+    found = diagnoses_for_tests.effect()
+    (blamed,) = found["effects"]
+    blamed |= {"name": name, "aliases": [alias]}
+    blamed["parameters"] = [diagnoses_for_tests.parameter("e", 0.2, 0.15, 0.25, "-")]
+    assert said in remarks(load(found))[0]
+    for others in ([alias, "battery"], []):
+        blamed["aliases"] = others
+        assert not any("What these flights tell is" in line for line in remarks(load(found)))
+
+
 def test_the_badge_of_a_gap_that_a_set_makes_up_for_is_not_unexplained():
     found = diagnoses_for_tests.unexplained()
     assert kind_label(load(found)) == "Unexplained"

@@ -188,6 +188,18 @@ def test_a_wrong_request_gets_one_line_and_writes_nothing(place, options, said, 
     assert [path.name for path in place.iterdir()] == ["diagnosis.json"]
 
 
+def test_what_is_no_diagnosis_gets_one_line(tmp_path, capsys):
+    (tmp_path / "diagnosis.json").write_text("[]")
+    assert run(tmp_path, "--remedy", "crazyflow") == 2
+    assert "is no diagnosis" in capsys.readouterr().err
+    unweighed = made.effect()
+    unweighed["flights"]["mass"] = None
+    (tmp_path / "diagnosis.json").write_text(json.dumps(unweighed))
+    assert run(tmp_path, "--remedy", "crazyflow") == 2
+    assert "does not say the vehicle's mass" in capsys.readouterr().err
+    assert not (tmp_path / "remedy-crazyflow").exists()
+
+
 def test_options_of_a_remedy_are_refused_without_one(place, capsys):
     assert main(["diagnose", str(place), "--home", "1,2"]) == 2
     assert "without --remedy" in capsys.readouterr().err
