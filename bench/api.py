@@ -36,7 +36,7 @@ def run(
     settings: Mapping[str, Setting] | None = None,
     out: Path | str | None = None,
     jobs: int | None = None,
-    executor: Literal["local", "ray"] = "local",
+    executor: Literal["local", "ray", "slurm"] = "local",
     together: int | None = None,
     fail_fast: bool = False,
     retry_failed: bool = False,
@@ -59,7 +59,8 @@ def run(
             "task_settings.horizon": 100}`.
         out: Folder for tables and documents; None: results/SUITE and reports/SUITE.
         jobs: Number of worker processes; None: as many as suit the machine.
-        executor: Where they are: on this machine, or on the Ray cluster at RAY_ADDRESS.
+        executor: Where they are: on this machine, on the Ray cluster at RAY_ADDRESS, or in jobs of
+            the Slurm cluster to which this machine can submit.
         together: How many runs that differ only in their seed a worker trains in one program;
             None: as many as suit the device.
         fail_fast: Whether the first failure ends the runs.

@@ -13,6 +13,7 @@ KNOWN = {
     r"needs Chromium or Chrome on the PATH": "apt-get could not install chromium; .ci/run says so",
     r"needs axe-core in node_modules": "npm could not install it; .ci/run says so",
     r"Ray is not installed": "pip could not install the extra `ray`; .ci/run says so",
+    r"submitit is not installed": "pip could not install the extra `slurm`; .ci/run says so",
     r"(pyulog|rosbags|pymavlink) is not installed": "pip could not install the extras `ulog`, "
     "`ros`, `ardupilot`; .ci/run says so",
     r"(tensorboardX|mlflow|sqlalchemy|alembic|wandb|mlcroissant) is not installed": "pip could not "

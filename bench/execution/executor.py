@@ -1,4 +1,4 @@
-"""Who does tasks elsewhere: processes on this machine, or the machines of a Ray cluster.
+"""Who does tasks elsewhere: processes on this machine, a Ray cluster, or jobs of a Slurm cluster.
 
 An executor has numbered slots, each for one task at a time. A task is a function that can be sent
 to another process; it is called with a function that sends messages back. How it ends is an event:
@@ -20,7 +20,7 @@ Report = Callable[..., None]
 """Sends its arguments to whoever started the task."""
 Task = Callable[[Report], Any]
 """What a slot does."""
-Name = Literal["local", "ray"]
+Name = Literal["local", "ray", "slurm"]
 """The executors."""
 TASKS_PER_PROCESS = 24
 """Tasks after which a process is replaced, so that compiled programs do not pile up in memory."""
@@ -87,10 +87,10 @@ def make_executor(name: Name, jobs: int | None, most: int, logs: Path) -> Abstra
 
     Args:
         name: Which one.
-        jobs: Number of slots; None: one per core, of the machine or of the cluster, and few on a
-            machine with an accelerator.
+        jobs: Number of slots; None: one per core, of the machine or of the Ray cluster, few on a
+            machine with an accelerator, and up to 64 jobs of Slurm.
         most: Tasks that there will be.
-        logs: Folder for what processes of this machine print.
+        logs: Folder for what processes of this machine, or jobs, print.
 
     Raises:
         UsageError: It cannot be started.
@@ -99,6 +99,10 @@ def make_executor(name: Name, jobs: int | None, most: int, logs: Path) -> Abstra
         from bench.execution.cluster import RayExecutor
 
         return RayExecutor(jobs, most)
+    if name == "slurm":
+        from bench.execution.slurm import SlurmExecutor
+
+        return SlurmExecutor(jobs, most, logs / "slurm")
     from bench.execution.pool import LocalExecutor
 
     return LocalExecutor(max(1, min(jobs or usual_jobs(), most)), logs)

@@ -63,7 +63,7 @@ def sweep(
         tables_dir: Folder of the tables and of `runs/`.
         documents_dir: Folder of the leaderboard and the report.
         jobs: Number of worker processes; None: as many as suit the machine.
-        executor: Where they are: `local` or `ray`.
+        executor: Where they are: `local`, `ray` or `slurm`.
         together: Most runs, alike but for their seed, that each does in one program; None: as many
             as suit the device.
         fail_fast: Whether the first failure ends the sweep.

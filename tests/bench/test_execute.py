@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 
+import fake_slurm
 import numpy as np
 import pandas as pd
 import pytest
@@ -250,6 +251,32 @@ def test_a_sweep_on_ray_leaves_the_same_store(plugins, write_suite, tmp_path):
     assert runs["instant", 0] == runs["child", 0] == ("ok", "")
     assert runs["failing", 0] == ("failed", "RuntimeError: the propellers fell off")
     check_tables(out)
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("submitit") is None,
+    reason="submitit is not installed; pip install 'fidelity-bench[slurm]'",
+)
+def test_a_sweep_on_slurm_leaves_the_same_store_and_loses_only_a_job_that_is_killed(
+    plugins, write_suite, tmp_path, monkeypatch
+):
+    place, out = tmp_path / "slurm", tmp_path / "out"
+    fake_slurm.install(monkeypatch, place)
+    log = tmp_path / "trainings"
+    suite = write_suite(f'method = "child"\nsettings.log = "{log}"', "failing", "dying")
+    command = [sys.executable, "-m", "bench", "run", str(suite), "--out", str(out)]
+    done = subprocess.run(
+        [*command, "--executor", "slurm"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    runs = runs_of(out)
+    assert runs["instant", 0] == runs["child", 0] == ("ok", "")
+    assert runs["failing", 0] == ("failed", "RuntimeError: the propellers fell off")
+    status, cause = runs["dying", 0]
+    assert (status, "its worker process is gone (job" in cause) == ("failed", True)
+    check_tables(out)
+    # The three that wait for nobody, up to the limit of the cluster, and the child of one.
+    assert (place / "arrays").read_text().split() == ["3", "1"]
 
 
 @pytest.mark.parametrize("seeds", [1, 3])

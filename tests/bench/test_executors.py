@@ -12,14 +12,16 @@ import time
 from pathlib import Path
 
 import chores
+import fake_slurm
 import pytest
 from chores import task
 
-from bench.execution import pool
+from bench.execution import pool, slurm
 from bench.execution.cluster import RayExecutor, gpu_share
 from bench.execution.environment import accelerated, environment, seeds_together
 from bench.execution.executor import Ended, Message, make_executor
 from bench.execution.pool import LocalExecutor, share_of_cores
+from bench.execution.slurm import SlurmExecutor, array_limit
 from bench.text.errors import UsageError
 
 WAIT = 300.0
@@ -29,6 +31,10 @@ NEEDS_RAY = pytest.mark.skipif(
     importlib.util.find_spec("ray") is None,
     reason="Ray is not installed; pip install 'fidelity-bench[ray]'",
 )
+NEEDS_SUBMITIT = pytest.mark.skipif(
+    importlib.util.find_spec("submitit") is None,
+    reason="submitit is not installed; pip install 'fidelity-bench[slurm]'",
+)
 pytestmark = [
     # Ray opens log files that it does not close and asks for a variable to be set in advance.
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
@@ -37,13 +43,31 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(scope="module", params=["local", pytest.param("ray", marks=NEEDS_RAY)])
+EXECUTORS = [
+    "local",
+    pytest.param("ray", marks=NEEDS_RAY),
+    pytest.param("slurm", marks=NEEDS_SUBMITIT),
+    pytest.param("submitit", marks=NEEDS_SUBMITIT),
+]
+"""Slurm is a fake one; `submitit` has the same executor with processes that submitit starts."""
+
+
+@pytest.fixture(scope="module", params=EXECUTORS)
 def executor(request, tmp_path_factory):
     """One with two slots, used by test after test."""
+    logs = tmp_path_factory.mktemp("logs")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", os.pathsep.join((str(HERE), str(HERE.parents[1]))))
         patch.delenv("RAY_ADDRESS", raising=False)
-        with make_executor(request.param, 2, 2, tmp_path_factory.mktemp("logs")) as made:
+        if request.param == "slurm":
+            fake_slurm.install(patch, tmp_path_factory.mktemp("slurm"))
+        patch.setattr(slurm, "STATE_EVERY", 0.5)
+        submitit = request.param == "submitit"
+        with (
+            SlurmExecutor(2, 2, logs, cluster="local")
+            if submitit
+            else make_executor(request.param, 2, 2, logs)
+        ) as made:
             yield made
 
 
@@ -142,7 +166,8 @@ def test_processes_compute_with_one_thread_and_stay(executor):
     assert variables["OPENBLAS_NUM_THREADS"] == "1"
     assert "--xla_cpu_multi_thread_eigen=false" in variables["XLA_FLAGS"]
     assert "small_while_loop_byte_threshold=2000000" in variables["XLA_FLAGS"]
-    assert result(executor, task(chores.surroundings)).value[1] == first
+    if not isinstance(executor, SlurmExecutor):  # there, each task is a job of its own
+        assert result(executor, task(chores.surroundings)).value[1] == first
 
 
 def test_nothing_to_tell_is_told_after_the_time(executor):
@@ -275,6 +300,53 @@ def test_a_machine_that_is_killed_loses_only_its_task(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(HERE), str(HERE.parents[1]))))
     script = textwrap.dedent(NODE_KILLED)
     subprocess.run([sys.executable, "-c", script, str(tmp_path), str(HERE)], check=True)
+
+
+# --- Slurm ----------------------------------------------------------------------------------
+
+
+@NEEDS_SUBMITIT
+def test_what_is_ready_at_once_is_one_array_up_to_the_limit_of_the_cluster(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(HERE), str(HERE.parents[1]))))
+    fake_slurm.install(monkeypatch, tmp_path)
+    assert array_limit() == 3
+    with SlurmExecutor(None, 4, tmp_path / "logs") as executor:
+        assert executor.slots == 4
+        for slot in range(4):
+            executor.start(slot, task(chores.add, slot, 10))
+        ends = [e for e in events_until_ended(executor, 4) if isinstance(e, Ended)]
+    assert sorted(e.value for e in ends) == [10, 11, 12, 13]
+    assert {e.slot: e.value for e in ends} == {slot: slot + 10 for slot in range(4)}
+    assert (tmp_path / "arrays").read_text().split() == ["3", "1"]
+    scripts = [path.read_text() for path in sorted(tmp_path.glob("*.script"))]
+    assert "#SBATCH --array=0-2%3" in scripts[0]
+    assert "#SBATCH --time=1440" in scripts[0]
+
+
+@NEEDS_SUBMITIT
+def test_stopping_cancels_the_jobs(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(HERE), str(HERE.parents[1]))))
+    fake_slurm.install(monkeypatch, tmp_path)
+    with SlurmExecutor(1, 1, tmp_path / "logs") as executor:
+        executor.start(0, task(chores.wait_for, tmp_path / "begun", tmp_path / "never"))
+        executor.events(0.0)
+        wait_until((tmp_path / "begun").exists)
+    pid = int((tmp_path / "begun").read_text())
+    wait_until(lambda: not Path(f"/proc/{pid}").exists())
+    assert [path.read_text() for path in tmp_path.glob("*.state")] == ["CANCELLED"]
+
+
+def test_without_submitit_or_slurm_the_error_says_what_is_needed(tmp_path, monkeypatch):
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    if importlib.util.find_spec("submitit"):
+        with pytest.raises(UsageError, match=r"must be given on a machine that can submit jobs"):
+            SlurmExecutor(1, 1, tmp_path)
+    monkeypatch.setitem(sys.modules, "submitit", None)
+    with pytest.raises(UsageError, match=r"needs submitit .*pip install 'fidelity-bench\[slurm\]'"):
+        SlurmExecutor(1, 1, tmp_path)
+
+
+# --- Accelerators ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

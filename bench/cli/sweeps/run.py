@@ -16,7 +16,7 @@ def run(
     part: Part | None = None,
     out: Path | None = None,
     jobs: int | None = None,
-    executor: Literal["local", "ray"] = "local",
+    executor: Literal["local", "ray", "slurm"] = "local",
     together: int | None = None,
     fail_fast: Annotated[bool, Repeatable] = False,
     retry_failed: Annotated[bool, Repeatable] = False,
@@ -39,9 +39,11 @@ def run(
         Folder for tables and documents; default: results/SUITE and reports/SUITE, or results/mine
         with --against.
     jobs
-        Number of worker processes; default: one per core, or 4 if there is an accelerator.
+        Number of worker processes; default: one per core, or 4 if there is an accelerator; with
+        --executor slurm the number of jobs at a time, up to 64 by default.
     executor
-        Where the workers run: on this machine, or on the Ray cluster at RAY_ADDRESS.
+        Where the workers run: on this machine, on the Ray cluster at RAY_ADDRESS, or in jobs of the
+        Slurm cluster to which this machine can submit.
     together
         How many runs that differ only in their seed a worker trains in one program; default: 1, or
         16 if there is an accelerator.
