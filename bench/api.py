@@ -33,6 +33,7 @@ def run(
     methods: Sequence[str] = (),
     residuals: Sequence[str] = (),
     seeds: int | None = None,
+    quick: bool = False,
     settings: Mapping[str, Setting] | None = None,
     out: Path | str | None = None,
     jobs: int | None = None,
@@ -55,6 +56,7 @@ def run(
         methods: Only these methods.
         residuals: Only methods with one of these residuals.
         seeds: Only so many seeds, from the suite's first on.
+        quick: Whether only the suite's quick part is run.
         settings: Other values of settings, by key as in a suite file: `{"trainer.epochs": 50,
             "task_settings.horizon": 100}`.
         out: Folder for tables and documents; None: results/SUITE and reports/SUITE.
@@ -73,6 +75,7 @@ def run(
         UsageError: The request cannot be carried out; nothing was done.
     """
     found = suite if isinstance(suite, Suite) else load_suite(str(suite))
+    found = found.quickly() if quick else found
     chosen = found.select(tasks, team_sizes, methods, residuals, seeds)
     tables_dir = Path(out) if out is not None else Path("results") / chosen.name
     documents_dir = Path(out) if out is not None else Path("reports") / chosen.name

@@ -35,7 +35,14 @@ KEY = jax.random.key(7)
 TASK = Spread(n_drones=2, horizon=10)
 SHORT = {"epochs": 3, "n_worlds": 1, "patience": None, "smoothing": 1}
 """Settings of every `BPTT` among a method's settings while it is checked."""
-SMALL: dict[str, Setting] = {"epochs_base": 3, "epochs_per_drone": 0.0, "flights": 3, "spread": 0.0}
+SMALL: dict[str, Setting] = {
+    "epochs_base": 3,
+    "epochs_per_drone": 0.0,
+    "flights": 3,
+    "spread": 0.0,
+    "epochs": 3,
+    "n_worlds": 2,
+}
 """Settings that make our own methods short; who has a field of that name gets it."""
 
 

@@ -30,6 +30,7 @@ from methods.contract import AbstractMethod
 from methods.training.evaluate import Evaluation
 from simulators import registry
 from simulators.contract import AbstractSimulator
+from simulators.drawn.drawn_team import Drawn, DrawnState
 from simulators.tracking import PDTracker
 
 PROTOCOL = "2"
@@ -192,6 +193,7 @@ def _make_recipe(
             "effects."
         )
     found |= {f"effect {type(effect).__name__}": type(effect) for effect in reality.effects}
+    found |= {"drawn team": DrawnState} if isinstance(reality, Drawn) else {}
     resolved = {
         "protocol": PROTOCOL,
         "method": row.method,

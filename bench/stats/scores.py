@@ -78,6 +78,16 @@ def scored(tables: Tables) -> pd.DataFrame:
     return rows.assign(metric="score", value=score).loc[np.isfinite(score)]
 
 
+def recovered(tables: Tables) -> Values:
+    """1 less the settled reward over that at the spawn, by cell, entry and seed."""
+    rows = tables.results
+    rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].ne(UPPER)]
+    zeros = by_run(tables, "spawn_settled_reward")
+    zero = np.asarray([zeros.get(run, np.nan) for run in rows["run"]], float)
+    kept = rows.assign(metric="score", value=1.0 - np.asarray(rows["value"], float) / zero)
+    return seed_values(kept, "score")
+
+
 def home_of(tables: Tables) -> str:
     """The high-fidelity simulator of a sweep: that of the rows that name no other world."""
     found = {row["simulator"] for row in records(tables.results.drop_duplicates("run"))

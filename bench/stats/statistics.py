@@ -196,6 +196,15 @@ def names_world(variant: str) -> bool:
     return bool(_WORLD.search(variant))
 
 
+def without_world(variant: str) -> tuple[str, bool]:
+    """A variant without the world that it names, and whether it was only deployed there."""
+    named = _WORLD.search(variant)
+    if named is None:
+        return variant, False
+    parts = (variant[: named.start()].strip(", "), variant[named.end() :].strip(", "))
+    return ", ".join(filter(None, parts)), named[0].startswith("deployed_in=")
+
+
 def default_of(entry: Entry) -> Entry:
     """`entry` with default settings, in the same world; itself if it has them."""
     world = _WORLD.search(entry.variant)

@@ -31,6 +31,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from methods.policy import AbstractPolicy, Policy
 from methods.training.adjoint import buffers, gradient
+from methods.training.checkpoint import pack, unpack
 from methods.training.context import Context
 from methods.training.meter import billed
 from methods.training.together import Team
@@ -227,29 +228,16 @@ class _Course:
     def arrays(self, seconds: float) -> dict[str, np.ndarray]:
         """Everything as arrays, by name; it took `seconds` of wall time until now."""
         trees = (self.policy, self.opt_state, self.best_policy)
-        leaves = jax.tree.leaves(eqx.filter(trees, eqx.is_array))
-        columns = list(self.history[0])
-        return {
-            "columns": np.asarray(columns),
-            "history": np.asarray([[row[name] for name in columns] for row in self.history]),
-            "seconds": np.asarray(seconds),
-            "patience": np.asarray([self.best, self._milestone, self._milestone_epoch], float),
-        } | {f"{index:03d}": np.asarray(leaf) for index, leaf in enumerate(leaves)}
+        patience = np.asarray([self.best, self._milestone, self._milestone_epoch], float)
+        return pack(trees, self.history, seconds) | {"patience": patience}
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Restores the state that `arrays` hold, which must be of the same training."""
-        columns = arrays["columns"].tolist()
-        self.history = [dict(zip(columns, row.tolist(), strict=True)) for row in arrays["history"]]
+        trees = (self.policy, self.opt_state, self.best_policy)
+        trees, self.history, self.seconds = unpack(trees, arrays)
+        self.policy, self.opt_state, self.best_policy = trees
         self.best, self._milestone = arrays["patience"][:2].tolist()
         self._milestone_epoch = int(arrays["patience"][2])
-        self.seconds = float(arrays["seconds"])
-        trees = (self.policy, self.opt_state, self.best_policy)
-        found, rest = eqx.partition(trees, eqx.is_array)
-        leaves, structure = jax.tree.flatten(found)
-        stored = [arrays[f"{index:03d}"] for index in range(len(leaves))]
-        loaded = [jnp.asarray(new, old.dtype) for new, old in zip(stored, leaves, strict=True)]
-        trees = eqx.combine(jax.tree.unflatten(structure, loaded), rest)
-        self.policy, self.opt_state, self.best_policy = trees
 
 
 @dataclasses.dataclass(frozen=True)

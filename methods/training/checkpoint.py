@@ -8,13 +8,16 @@ billed once, by the call that ends; each training remembers what it spent before
 
 import abc
 import hashlib
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
+
+T = TypeVar("T")
 
 
 class AbstractKeeper(abc.ABC):
@@ -55,6 +58,31 @@ class Place:
         """Keeps `arrays` instead of what was saved before."""
         if self._keeper is not None:
             self._keeper.save(self._stage, self._fingerprint, arrays)
+
+
+def pack(
+    trees: Any, history: Sequence[Mapping[str, float]], seconds: float
+) -> dict[str, np.ndarray]:
+    """A training in progress as arrays by name: pytrees, a row an epoch, wall time [s]."""
+    leaves = jax.tree.leaves(eqx.filter(trees, eqx.is_array))
+    columns = list(history[0])
+    return {
+        "columns": np.asarray(columns),
+        "history": np.asarray([[row[name] for name in columns] for row in history]),
+        "seconds": np.asarray(seconds),
+    } | {f"{index:03d}": np.asarray(leaf) for index, leaf in enumerate(leaves)}
+
+
+def unpack(trees: T, arrays: Mapping[str, np.ndarray]) -> tuple[T, list[dict[str, float]], float]:
+    """What `pack` was given; `trees` are of the same structure."""
+    columns = arrays["columns"].tolist()
+    history = [dict(zip(columns, row, strict=True)) for row in arrays["history"].tolist()]
+    found, rest = eqx.partition(trees, eqx.is_array)
+    leaves, structure = jax.tree.flatten(found)
+    stored = [arrays[f"{index:03d}"] for index in range(len(leaves))]
+    loaded = [jnp.asarray(new, old.dtype) for new, old in zip(stored, leaves, strict=True)]
+    restored = eqx.combine(jax.tree.unflatten(structure, loaded), rest)
+    return restored, history, float(arrays["seconds"])
 
 
 def fingerprint(settings: str, key: PRNGKeyArray, *trees: Any) -> str:

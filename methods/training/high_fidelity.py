@@ -1,10 +1,10 @@
-"""What HF scratch and HF hot start share: BPTT in one high-fidelity world, and its crashes."""
+"""What trainings in the high-fidelity simulator share: BPTT in one world, and the crashes."""
 
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import Ledger, Setup, Trained
 from methods.policy import AbstractPolicy
-from methods.training.bptt import BPTT
+from methods.training.bptt import BPTT, Training
 
 
 def train_in_reality(
@@ -13,7 +13,13 @@ def train_in_reality(
     """`policy` trained in `setup.reality`, with its crashes; the trainer bills the flight."""
     task = setup.task
     training = trainer.train(task, setup.reality, policy, key, setup.context, stage)
-    steps = training.epochs * trainer.worlds(task.n_drones) * task.horizon
+    return trained_in_reality(
+        training, training.epochs * trainer.worlds(task.n_drones) * task.horizon
+    )
+
+
+def trained_in_reality(training: Training, steps: int) -> Trained:
+    """What a training of `steps` steps in reality, summed over worlds, comes to."""
     status = "budget" if training.out_of_budget else "ok"
     return Trained(
         policy=training.policy,

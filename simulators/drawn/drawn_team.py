@@ -36,6 +36,9 @@ class DrawnState(eqx.Module):
     sight: Any
     """What sensing remembers; None without sensing."""
 
+    version: ClassVar[str] = "1"
+    """Version of how teams are drawn; results are reused only while it stays the same."""
+
 
 class Drawn(AbstractSimulator):
     """`simulator` with effects some of whose parameters are distributions."""

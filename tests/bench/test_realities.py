@@ -3,8 +3,10 @@
 import pytest
 
 from bench.cli.checks import check_reality
+from bench.plan.expansion import expand
 from bench.plan.names import worlds
 from bench.plan.realities import parse_reality, written
+from bench.plan.suite import Row, Suite
 from bench.stats.statistics import Entry, cells_meant, default_of
 from bench.text.errors import UsageError
 from simulators.drawn.drawn_team import Drawn
@@ -62,3 +64,12 @@ def test_a_distribution_that_makes_no_sense_is_refused(text, match):
 def test_an_unknown_effect_of_a_drawn_reality_is_named_at_once():
     with pytest.raises(UnknownPluginError, match="Did you mean"):
         check_reality("crazyflow+mas(e~normal(0, 0.1))+sensing(pos=0.1)")
+
+
+def test_the_key_of_a_run_knows_how_its_team_was_drawn():
+    rows = (Row("grey_box", reality=LAW), Row("grey_box", reality="crazyflow+drag(c=1)"))
+    drawn, plain = expand(Suite("mine", "", ("circle",), (3,), 1, rows)).runs
+    assert drawn.resolved["versions"]["drawn team"] == "1"
+    assert "module simulators.drawn.sensing" in drawn.sources
+    assert "drawn team" not in plain.resolved["versions"]
+    assert "reality=crazyflow+Drag(c=1); Mass(e~normal(0, 0.05))" in drawn.variant

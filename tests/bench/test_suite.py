@@ -62,8 +62,8 @@ def test_built_in_suites_are_what_the_documentation_promises():
     assert sizes == {
         "quick": (2, (3,), 1, 10),
         "contact": (2, (3, 7, 12), 5, 10),
-        "field": (4, (3, 12), 5, 10),
-        "worlds": (1, (3,), 3, 40),
+        "field": (4, (3, 12), 5, 11),
+        "worlds": (1, (3,), 3, 44),
         "paper": (4, (3, 5, 7, 9, 12, 18), 5, 10),
         "paper_rotorpy": (4, (3, 12), 5, 10),
         "transfer": (4, (3, 12), 5, 9),

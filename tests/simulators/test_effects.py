@@ -71,6 +71,7 @@ INTERIOR = {
     "yaw_gains": {"stiffness": 0.3, "integral": 0.5, "damping": 0.2},
     "frame_misalignment": {"angle": 0.2},
     "yaw_misalignment": {"angle": 0.2},
+    "turbulence": {"wind": 5.0, "response": 0.6},
 }
 # Weights an integral that takes minutes to fill, far longer than these flights last; the gyroscopic
 # torque of four rotors that turn in pairs against each other nearly cancels.
@@ -84,6 +85,8 @@ SILENT = {
     "downwash": {"width"},
     "floor": {"height"},
     "gust": {"onset"},
+    # Without wind there is no push; the air's own changes grow with the root of the wind.
+    "turbulence": {"wind", "response"},
 }
 N, STEPS = 3, 50
 

@@ -28,7 +28,8 @@ def run(
 
     Finished runs are not repeated: give the same command again to resume. Rows of other runs stay
     in the tables. If a method starts from another method's policy, that method is run, too. --task,
-    --team-size and --method may name what the suite does not list.
+    --team-size and --method may name what the suite does not list. Where methods flew in three
+    worlds or more, their scores by world are shown and written to worlds.md.
 
     Parameters
     ----------
@@ -80,9 +81,10 @@ def run(
     check_place(tables_dir, documents_dir)
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # leave it to the workers
     from bench.execution.sweep import sweep
+    from bench.paper.worlds_page import add_worlds_page
     from bench.plan.expansion import expand
 
-    return sweep(
+    status = sweep(
         expand(chosen),
         tables_dir,
         documents_dir,
@@ -95,3 +97,5 @@ def run(
         against=against,
         reuse=reuse or (),
     )
+    add_worlds_page(tables_dir, documents_dir)
+    return status

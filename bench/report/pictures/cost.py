@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 
 from bench.report.pictures.looks import Key, legend, look_of, on_page, ordered
 from bench.report.pictures.svg import Panel, name, plain_ticks, render
-from bench.stats.scores import PRIMARY, UPPER, at_home, by_run, scored, undisturbed
+from bench.stats.scores import at_home, recovered, scored, undisturbed
 from bench.stats.statistics import FEWEST, Cell, Entry, Values, estimate, seed_values
 from bench.store.tables import Tables
 from bench.text.numbers import number, significant
@@ -88,7 +88,7 @@ def cost_panels(tables: Tables) -> tuple[list[Panel], list[Key]]:
     """
     found, axis = points(tables), GAP
     if not found:
-        found, axis = points(tables, _losses(tables)), LOSS
+        found, axis = points(tables, recovered(tables)), LOSS
     entries = _entries(found)
     panels = []
     for n, own in sorted(found.items()):
@@ -129,16 +129,6 @@ def points(tables: Tables, values: Values | None = None) -> dict[int, list[Point
 def _entries(found: dict[int, list[Point]]) -> list[Entry]:
     """Who is drawn, in order, whatever the budget."""
     return ordered({p.entry._replace(variant="") for own in found.values() for p in own})
-
-
-def _losses(tables: Tables) -> Values:
-    """1 less the settled reward over that at the spawn, by cell, entry and seed."""
-    rows = tables.results
-    rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].ne(UPPER)]
-    zeros = by_run(tables, "spawn_settled_reward")
-    zero = np.asarray([zeros.get(run, np.nan) for run in rows["run"]], float)
-    kept = rows.assign(metric="score", value=1.0 - np.asarray(rows["value"], float) / zero)
-    return seed_values(kept, "score")
 
 
 def _point(entry: Entry, minutes: list[float], own: list[Any]) -> Point:

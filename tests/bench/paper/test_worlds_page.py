@@ -1,0 +1,168 @@
+"""The page of worlds: who survives where, from small tables of two suites."""
+
+import numpy as np
+import pytest
+from tables_for_tests import SPAWN_SETTLED, Sheet
+
+from bench.paper.world_views import AS_IS, World, views
+from bench.paper.worlds_page import (
+    TO_PERFECT,
+    TO_UPPER,
+    add_worlds_page,
+    document,
+    matrix,
+    write_worlds_page,
+)
+from bench.plan.realities import parse_reality
+from bench.stats.scores import UPPER
+from bench.stats.statistics import Entry
+from bench.store.tables import Tables
+from simulators.effects.chain import canonical
+
+CONTACT = canonical(parse_reality("contact").effects)
+PLAIN, ROTORPY, PUSHING = World("crazyflow"), World("rotorpy"), World("crazyflow", CONTACT)
+LF, HYBRID, GREY = Entry("lf_baseline"), Entry("hybrid", "mlp"), Entry("grey_box")
+
+
+def add(sheet, world, method, residual="", *, mean, trained=True, home="crazyflow", **more):
+    """Two seeds of a method in a world, as a suite whose home is another would write them."""
+    before, key = len(sheet.results), "reality" if trained else "deployed_in"
+    variant = f"{key}={world.text}" if world.text != home else ""
+    sheet.add(method, residual, variant=variant, rewards=(mean - 1.0, mean + 1.0), **more)
+    for row in sheet.results[before:]:
+        row["simulator"], row["deployed_effects"] = world
+
+
+def suites(upper=True):
+    """Crazyflow and contact in one suite, RotorPy as home of another.
+
+    LF holds everywhere but in RotorPy, grey box is second everywhere, Hybrid breaks with contacts.
+    """
+    one, two = Sheet(), Sheet()
+    for sheet, world, home, lf, hybrid, grey in (
+        (one, PLAIN, "crazyflow", -90.0, -60.0, -70.0),
+        (one, PUSHING, "crazyflow", -90.0, -400.0, -80.0),
+        (two, ROTORPY, "rotorpy", -300.0, -60.0, -75.0),
+    ):
+        place = {"home": home}
+        add(sheet, world, "lf_baseline", mean=lf, trained=world is not PUSHING, **place)
+        add(sheet, world, "hybrid", "mlp", mean=hybrid, fleet_minutes=40.0, **place)
+        add(sheet, world, "grey_box", mean=grey, fleet_minutes=0.5, **place)
+        if upper:
+            add(sheet, world, UPPER, mean=-50.0, fleet_minutes=900.0, **place)
+    return [one.tables(), two.tables()]
+
+
+def test_each_world_is_home_in_its_view():
+    found = views(suites())
+    assert list(found) == [PLAIN, ROTORPY, PUSHING]
+    for tables in found.values():
+        assert set(tables.results["deployed_effects"]) == {""}
+        assert set(tables.runs["variant"]) == {""}
+        assert len(tables.runs) == 8
+    assert PUSHING.name == "contact"
+
+
+def test_a_run_that_two_suites_call_differently_counts_once():
+    home, elsewhere = Sheet(), Sheet()
+    add(home, ROTORPY, "grey_box", mean=-70.0, home="rotorpy", fleet_minutes=0.5)
+    add(elsewhere, ROTORPY, "grey_box", mean=-70.0, fleet_minutes=0.5)
+    (view,) = views([home.tables(), elsewhere.tables()]).values()
+    assert len(view.runs) == 2  # two seeds
+
+
+def test_who_knows_another_world_is_named_apart_where_it_is_only_deployed():
+    sheet = Sheet()
+    add(sheet, PLAIN, "hybrid", "mlp", mean=-60.0, fleet_minutes=40.0)
+    add(sheet, ROTORPY, "hybrid", "mlp", mean=-80.0, trained=False)
+    add(sheet, ROTORPY, "lf_baseline", mean=-90.0, trained=False)
+    found = views([sheet.tables()])[ROTORPY].runs
+    assert set(found["variant"]) == {AS_IS, ""}
+    assert set(found.loc[found["variant"].eq(""), "method"]) == {"lf_baseline"}
+
+
+def test_scores_the_worst_world_and_the_front_are_those_of_a_recount():
+    found = matrix(views(suites()))
+    assert found.scale == TO_UPPER
+    by_entry = {s.entry: s for s in found.standings}
+    score = lambda mean: (mean - SPAWN_SETTLED) / (-50.0 - SPAWN_SETTLED)  # noqa: E731
+    assert by_entry[LF].worst == ROTORPY
+    assert by_entry[LF].worst_score == pytest.approx(score(-300.0))
+    assert by_entry[HYBRID].worst == PUSHING
+    assert by_entry[GREY].worst_score == pytest.approx(score(-80.0))
+    assert [s.entry for s in found.standings] == [GREY, LF, HYBRID]
+    assert found.front == {LF, GREY}  # Hybrid flies more and is worse in its worst world
+    assert by_entry[GREY].minutes == pytest.approx(0.5)
+    mean, low, high = by_entry[GREY].scores[PLAIN]
+    half = 12.706 * np.sqrt(2.0) / np.sqrt(2.0) / (-50.0 - SPAWN_SETTLED)  # t(1) * std / sqrt(2)
+    np.testing.assert_allclose([mean - low, high - mean], half, rtol=1e-3)
+
+
+def test_without_an_upper_reference_scores_run_to_a_perfect_return():
+    found = matrix(views(suites(upper=False)))
+    assert found.scale == TO_PERFECT
+    (grey,) = [s for s in found.standings if s.entry == GREY]
+    assert grey.worst_score == pytest.approx(1.0 - 80.0 / 900.0)
+
+
+def test_who_did_not_fly_everywhere_has_no_worst_world():
+    one, two = Sheet(), Sheet()
+    for sheet, world in ((one, PLAIN), (two, ROTORPY)):
+        add(sheet, world, "lf_baseline", mean=-90.0)
+    add(two, ROTORPY, "grey_box", mean=-60.0, fleet_minutes=0.5)
+    found = matrix(views([one.tables(), two.tables()]))
+    (grey,) = [s for s in found.standings if s.entry == GREY]
+    assert grey.worst is None
+    assert found.standings[-1] == grey
+    assert found.front == {LF}
+
+
+def test_the_page_says_it_in_words_and_is_the_same_whatever_the_order(tmp_path):
+    own = suites()
+    write_worlds_page(own, tmp_path / "worlds.md")
+    text = (tmp_path / "worlds.md").read_text(encoding="utf-8")
+    assert (tmp_path / "worlds.html").is_file()
+    assert "| **grey box** | " in text
+    assert "| contact | 0.965 | 0.5 |" in text
+    assert "keeps a score of 0.965 in its worst world (contact) for 0.5 fleet-minutes" in text
+    assert f"`contact`: {PUSHING.text}" in text.replace("\\", "")
+    assert "| Hybrid deploys above the LF baseline in every cell | " in text
+    assert document(own[::-1]) == text
+
+
+def test_one_world_alone_is_no_comparison():
+    sheet = Sheet()
+    add(sheet, PLAIN, "lf_baseline", mean=-90.0)
+    assert "fewer than 2 worlds" in document([sheet.tables()])
+    assert "fewer than 2 worlds" in document([Tables.empty()])
+
+
+def test_the_worst_tenth_of_all_drones_stands_beside_the_mean():
+    one = Sheet()
+    for world in (PLAIN, PUSHING):
+        add(one, world, "lf_baseline", mean=-90.0, trained=False, worst_decile_reward=-140.0)
+    text = document([one.tables()])
+    assert "## The worst tenth of all drones" in text
+    assert "| LF baseline | -140 | -140 |" in text
+
+
+def test_a_sweep_through_three_worlds_shows_their_matrix(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    sheet = Sheet()
+    for world in (PLAIN, ROTORPY, PUSHING):
+        add(sheet, world, "lf_baseline", mean=-90.0, trained=False)
+    sheet.tables().save(tmp_path / "tables")
+    add_worlds_page(tmp_path / "tables", tmp_path / "pages")
+    shown = capsys.readouterr().out
+    assert all(word in shown for word in ("crazyflow", "rotorpy", "contact", "LF baseline", "0.9"))
+    assert (tmp_path / "pages" / "worlds.md").is_file()
+
+
+def test_a_sweep_in_one_world_shows_none(tmp_path, capsys):
+    sheet = Sheet()
+    add(sheet, PLAIN, "lf_baseline", mean=-90.0)
+    sheet.tables().save(tmp_path / "tables")
+    add_worlds_page(tmp_path / "tables", tmp_path / "pages")
+    add_worlds_page(tmp_path / "nowhere", tmp_path / "pages")
+    assert capsys.readouterr().out == ""
+    assert not (tmp_path / "pages").exists()
