@@ -1,13 +1,11 @@
 """The command `bench blind`: draw, diagnose, measure, score, report; running again resumes."""
 
-import contextlib
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import filelock
 from rich.console import Console
 
 from bench.execution.executor import cores
@@ -29,6 +27,7 @@ from blind.run.answering import DIAGNOSE, TIMEOUT, answer_all, missing, read_ans
 from blind.run.children import Ended, Task, python, run_tasks
 from blind.run.display import CasesProgress
 from blind.run.measuring import measure_all, read_measures, unmeasured
+from blind.run.place import alone, check_no_tables, check_request, tampered
 
 DOCUMENT = Path("reports") / "blind.md"
 """The report on the runs in `RESULTS`."""
@@ -60,7 +59,7 @@ def run_blind(
     console = Console()
     with alone(folders):
         if not folders.state.is_file():
-            _keep_tables(folders)
+            check_no_tables(folders)
             _generate(folders, reality, counts or scaled_counts(None), seed, console)
         return _work(folders, jobs, console, command, timeout, document_of(out), notes)
 
@@ -75,8 +74,7 @@ def _work(
     notes: Path | None,
 ) -> int:
     """Exit status after everything that is still to be done with cases that were flown."""
-    if wrong := folders.tampered():
-        console.print(f"[red]{wrong}[/]", soft_wrap=True)
+    if tampered(folders, console):
         return 1
     state = folders.read_state()
     console.print(f"SHA-256 of the labels: {state['sha256']}", soft_wrap=True, highlight=False)
@@ -85,8 +83,7 @@ def _work(
         console.print("Flights of the draw are gone; its seeds fly them again.")
         _fly(folders, {"out": str(folders.out.resolve())}, len(labels), console)
     _answer(folders, labels, jobs, console, command, timeout)
-    if wrong := folders.tampered():
-        console.print(f"[red]{wrong} Nothing is scored.[/]", soft_wrap=True)
+    if tampered(folders, console, "Nothing is scored."):
         return 1
     console.print("The labels are still those.")
     _measure(folders, labels, jobs, console)
@@ -144,45 +141,12 @@ def _injected(document: Path) -> list[InjectedTables]:
 
 def _check(folders: Folders, seed: int | None, jobs: int | None) -> int:
     """The number of processes, after everything that was asked for was checked."""
-    if seed is not None and seed < 0:
-        raise UsageError(f"`--seed` must be at least 0, got {seed}.")
-    if jobs is not None and jobs < 1:
-        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
-    if folders.out.exists() and not folders.out.is_dir():
-        raise UsageError(f"{folders.out} is not a folder, so nothing can be written there.")
+    check_request(folders, seed, jobs)
     if seed is not None and folders.state.is_file() and folders.read_state()["seed"] != seed:
         raise UsageError(
             f"{folders.runs} was not drawn with seed {seed}. Give another folder with `--out`."
         )
     return jobs or cores()
-
-
-@contextlib.contextmanager
-def alone(folders: Folders) -> Iterator[None]:
-    """Inside, no other process works in these folders.
-
-    Raises:
-        UsageError: One does already.
-    """
-    folders.runs.mkdir(parents=True, exist_ok=True)
-    try:
-        with filelock.FileLock(folders.runs / ".lock", timeout=0):
-            yield
-    except filelock.Timeout as error:
-        raise UsageError(f"Another `bench blind` works in {folders.runs}.") from error
-
-
-def _keep_tables(folders: Folders) -> None:
-    """Nothing, if there are no tables of a draw whose flights are not there.
-
-    Raises:
-        UsageError: There are; another draw would be mixed with its notes and studies.
-    """
-    if (folders.out / "run.json").is_file():
-        raise UsageError(
-            f"{folders.out} holds the tables of a draw whose flights are not here. Give "
-            "`--out DIR` for a draw of your own, or remove the folder to put another in its place."
-        )
 
 
 def _generate(

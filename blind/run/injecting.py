@@ -32,15 +32,13 @@ from blind.run.answering import (
     read_documents,
     sources_digest,
 )
-from blind.run.command import alone
 from blind.run.display import CasesProgress
+from blind.run.place import alone, check_no_tables, check_request, tampered
 from blind.score.injected import injected_rows
 from diagnosis.logs.flights import FlightSet, LogError, load_flights
 
 CASES = 80
 """Cases of a run that does not say how many: about two of each fault and size."""
-RUN = "run.json"
-"""Name of the file that says what was drawn, written last."""
 
 
 def run_injected(
@@ -92,18 +90,9 @@ def _check(
     jobs: int | None,
 ) -> None:
     """Nothing, if the request makes sense and is that of a run which is there already."""
-    if jobs is not None and jobs < 1:
-        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
-    if seed is not None and seed < 0:
-        raise UsageError(f"`--seed` must be at least 0, got {seed}.")
-    if folders.out.exists() and not folders.out.is_dir():
-        raise UsageError(f"{folders.out} is not a folder, so nothing can be written there.")
+    check_request(folders, seed, jobs)
     if not folders.state.is_file():
-        if (folders.out / RUN).is_file():
-            raise UsageError(
-                f"{folders.out} holds the tables of a draw whose cases are not here. Give "
-                "`--out DIR` for a draw of your own, or remove the folder."
-            )
+        check_no_tables(folders)
         return
     state = folders.read_state()
     asked = {
@@ -164,8 +153,7 @@ def _work(
     timeout: float,
 ) -> int:
     """Exit status after everything that is still to be done with cases that were drawn."""
-    if wrong := folders.tampered():
-        console.print(f"[red]{wrong}[/]", soft_wrap=True)
+    if tampered(folders, console):
         return 1
     state = folders.read_state()
     console.print(f"SHA-256 of the labels: {state['sha256']}", soft_wrap=True, highlight=False)
@@ -184,8 +172,7 @@ def _work(
             return folders.references / case.id if state["reference"] else None
 
         answer_all(folders, left, jobs, on_end, beside, command, timeout)
-    if wrong := folders.tampered():
-        console.print(f"[red]{wrong} Nothing is scored.[/]", soft_wrap=True)
+    if tampered(folders, console, "Nothing is scored."):
         return 1
     console.print("The labels are still those.")
     return _finish(folders, labels, state, console)

@@ -22,8 +22,8 @@ from blind.draw.injected import UNNAMED
 from blind.draw.manifest import LabelledSet, Manifest, read_manifest
 from blind.report.real_section import write_real
 from blind.run.answering import DIAGNOSE, TIMEOUT, answer_all, missing, read_documents
-from blind.run.command import alone
 from blind.run.display import CasesProgress
+from blind.run.place import alone
 from blind.score.real import as_json, real_rows
 from diagnosis.logs.flights import LogError, load_flights, write_flights
 

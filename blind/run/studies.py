@@ -17,8 +17,9 @@ from rich.console import Console
 from bench.text.errors import UsageError
 from blind.draw.folders import RESULTS, Folders, write_json
 from blind.run.answering import sources_digest
-from blind.run.command import alone, rebuild_report
+from blind.run.command import rebuild_report
 from blind.run.display import CasesProgress
+from blind.run.place import alone
 from blind.score.measures import OWN
 
 Row = Mapping[str, Any]

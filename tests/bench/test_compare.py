@@ -122,7 +122,8 @@ def test_compare_and_the_leaderboard_give_one_number_for_one_comparison(tmp_path
     for (i, one), (j, other) in itertools.permutations(enumerate(entries), 2):
         found = compare(Side("a", tables, one), Side("b", tables, other))
         (line,) = [line for line in found.lines if line.startswith("Probability")]
-        numbers = r"better: ([\d.]+), 95 % percentile-bootstrap interval ([\d.]+) to ([\d.]+)\."
+        p = r"(\d\.\d\d)"
+        numbers = rf"better: {p}, 95 % percentile-bootstrap interval {p} to {p}\."
         value, low, high = map(float, re.search(numbers, line).groups())
         assert value == pytest.approx(pool.improvement[i][j].value, abs=0.0051)
         assert shown[one.label][j].rstrip("*") == f"{value:.2f}"

@@ -1,0 +1,59 @@
+"""What each command of the laboratory asks of its folders before it works in them."""
+
+import contextlib
+from collections.abc import Iterator
+
+import filelock
+from rich.console import Console
+
+from bench.text.errors import UsageError
+from blind.draw.folders import Folders
+
+
+def check_request(folders: Folders, seed: int | None, jobs: int | None) -> None:
+    """Refuses a seed or a number of processes that cannot be, and a folder that is a file.
+
+    Raises:
+        UsageError: One of them is wrong.
+    """
+    if seed is not None and seed < 0:
+        raise UsageError(f"`--seed` must be at least 0, got {seed}.")
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
+    if folders.out.exists() and not folders.out.is_dir():
+        raise UsageError(f"{folders.out} is not a folder, so nothing can be written there.")
+
+
+def check_no_tables(folders: Folders) -> None:
+    """Refuses a new draw beside the tables of another, whose notes and studies would be mixed.
+
+    Raises:
+        UsageError: There are tables.
+    """
+    if (folders.out / "run.json").is_file():
+        raise UsageError(
+            f"{folders.out} holds the tables of a draw whose flights are not here. Give "
+            "`--out DIR` for a draw of your own, or remove the folder to put another in its place."
+        )
+
+
+@contextlib.contextmanager
+def alone(folders: Folders) -> Iterator[None]:
+    """A context in which no other process works in these folders.
+
+    Raises:
+        UsageError: Another process works there.
+    """
+    folders.runs.mkdir(parents=True, exist_ok=True)
+    try:
+        with filelock.FileLock(folders.runs / ".lock", timeout=0):
+            yield
+    except filelock.Timeout as error:
+        raise UsageError(f"Another `bench blind` works in {folders.runs}.") from error
+
+
+def tampered(folders: Folders, console: Console, consequence: str = "") -> bool:
+    """Whether the labels are not those of the draw; prints that, and the consequence."""
+    if wrong := folders.tampered():
+        console.print(f"[red]{f'{wrong} {consequence}'.strip()}[/]", soft_wrap=True)
+    return bool(wrong)

@@ -1,0 +1,1 @@
+"""Measures whether tests notice small changes of the code that they test."""
