@@ -17,10 +17,10 @@ import pytest
 from benchmarks.programs.training import epoch_of
 from methods.contract import Setup
 from methods.hybrid import Hybrid
-from methods.policy import PolicyController, make_policy
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.evaluate import fly
+from methods.training.policy import PolicyController, make_policy
 from methods.training.profile import profile, trained_in
 from methods.training.together import Team
 from simulators import registry

@@ -16,9 +16,9 @@ def train(seed, report):
     """Wall time of a training, its compilation not counted [s]."""
     import jax
 
-    from methods.policy import make_policy
     from methods.training.bptt import BPTT
     from methods.training.context import Context
+    from methods.training.policy import make_policy
     from simulators.point_mass import PointMass
     from tasks.circle import Circle
 

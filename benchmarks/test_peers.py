@@ -19,8 +19,8 @@ from crazyflow.dynamics.so_rpy import dynamics
 from jaxtyping import Array, Float
 
 from benchmarks.programs.training import epoch_of
-from methods.policy import make_policy
 from methods.training.bptt import BPTT, optimizer
+from methods.training.policy import make_policy
 from simulators.flight import Flight
 from simulators.point_mass import PointMass
 from simulators.vehicle import CONTROL_DT, VEHICLES, ActionSpace

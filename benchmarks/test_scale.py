@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import pytest
 
 from benchmarks.programs.training import epoch_of
-from methods.policy import PolicyController, make_policy
 from methods.training.bptt import BPTT
 from methods.training.evaluate import fly
+from methods.training.policy import PolicyController, make_policy
 from simulators import registry
 from tasks.contact import MANY
 from tasks.spread import Spread

@@ -9,8 +9,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
-from methods.policy import AbstractPolicy
 from methods.training.context import Context
+from methods.training.policy import AbstractPolicy
 from simulators.contract import AbstractSimulator
 from simulators.effects.contract import AbstractEffect
 from tasks.contract import AbstractTask

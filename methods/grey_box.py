@@ -32,10 +32,10 @@ from methods.calibration.identification import DITHER, Identification, identify
 from methods.calibration.remainder import remaining_transitions
 from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.policy import AbstractPolicy, make_policy
 from methods.residuals.contract import AbstractHistoryModel, AbstractResidualModel, inputs
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
+from methods.training.policy import AbstractPolicy, make_policy
 from methods.training.varied import vary_times
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects

@@ -8,9 +8,9 @@ import jax
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.policy import AbstractPolicy, make_policy
 from methods.training.bptt import BPTT
 from methods.training.high_fidelity import train_in_reality
+from methods.training.policy import AbstractPolicy, make_policy
 
 
 class HFScratch(AbstractMethod):

@@ -16,7 +16,6 @@ from methods.calibration.pool import Attitude, Calibration, calibrate, pool_size
 from methods.calibration.remainder import calibrate_as_grey_box
 from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.policy import AbstractPolicy, make_policy
 from methods.residuals.contract import (
     AbstractResidual,
     AbstractResidualModel,
@@ -26,6 +25,7 @@ from methods.residuals.contract import (
 from methods.residuals.mlp import MLPEnsemble
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
+from methods.training.policy import AbstractPolicy, make_policy
 from simulators import registry
 from simulators.contract import with_effects
 

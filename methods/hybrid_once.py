@@ -14,9 +14,9 @@ from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.hybrid import trained_under
-from methods.policy import AbstractPolicy, make_policy
 from methods.residuals.contract import AbstractResidualModel
 from methods.training.bptt import BPTT
+from methods.training.policy import AbstractPolicy, make_policy
 
 
 class HybridOnce(AbstractMethod):

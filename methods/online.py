@@ -19,10 +19,10 @@ from methods.calibration.pool import transitions_of
 from methods.calibration.team_flights import fly_team
 from methods.contract import AbstractMethod, Setup, Trained
 from methods.hybrid import trained_under
-from methods.policy import AbstractPolicy
 from methods.residuals.mlp import MLPEnsemble, MLPModel
 from methods.training.bptt import BPTT
 from methods.training.meter import billed
+from methods.training.policy import AbstractPolicy
 from tasks.contact import onsets
 
 

@@ -32,11 +32,11 @@ import optax
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.policy import WIDTH, AbstractPolicy, make_policy
 from methods.training.bptt import Training
 from methods.training.checkpoint import pack, unpack
 from methods.training.high_fidelity import trained_in_reality
 from methods.training.meter import billed
+from methods.training.policy import WIDTH, AbstractPolicy, make_policy
 from simulators.contract import AbstractSimulator
 from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState

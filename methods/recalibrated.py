@@ -13,10 +13,10 @@ from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.hybrid import Hybrid, trained_under
-from methods.policy import AbstractPolicy
 from methods.residuals.contract import AbstractResidualModel
 from methods.residuals.mlp import MLPEnsemble, MLPModel
 from methods.training.bptt import BPTT
+from methods.training.policy import AbstractPolicy
 
 
 class Recalibrated(AbstractMethod):

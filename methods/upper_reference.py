@@ -11,8 +11,8 @@ from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
 from methods.hf_hotstart import HFHotStart
-from methods.policy import AbstractPolicy
 from methods.training.bptt import BPTT
+from methods.training.policy import AbstractPolicy
 
 
 class UpperReference(AbstractMethod):

@@ -26,10 +26,10 @@ from bench.text import markdown
 from bench.text.errors import UsageError
 from bench.text.say import say
 from methods.contract import Setup, Trained
-from methods.policy import PolicyController
 from methods.training.context import Context
 from methods.training.evaluate import evaluate
 from methods.training.meter import train_metered
+from methods.training.policy import PolicyController
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.effects.chain import canonical

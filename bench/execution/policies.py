@@ -27,8 +27,8 @@ from bench.store.tables import Tables
 from bench.text.errors import UsageError
 from bench.text.numbers import number
 from bench.text.say import say
-from methods.policy import AbstractPolicy, PolicyController, make_policy
 from methods.training.evaluate import evaluate
+from methods.training.policy import AbstractPolicy, PolicyController, make_policy
 from simulators import registry
 from tasks.contract import AbstractTask
 

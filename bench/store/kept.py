@@ -26,8 +26,8 @@ from bench.store.record import Outcome, UnreadableRunError, policy_of, with_arra
 from bench.store.tables import UNITS, Tables
 from bench.text.errors import UsageError
 from methods.contract import Ledger, Trained
-from methods.policy import make_policy
 from methods.residuals.contract import blank
+from methods.training.policy import make_policy
 from simulators import registry
 
 FOLDER = "policies"

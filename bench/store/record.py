@@ -23,7 +23,7 @@ from bench.plan.settings import describe_fields
 from bench.store.structure import describe, rebuild
 from bench.store.tables import table
 from methods.contract import Trained
-from methods.policy import AbstractPolicy, is_shared
+from methods.training.policy import AbstractPolicy, is_shared
 from simulators.effects.chain import canonical
 
 FILES = ("metrics.json", "curves.parquet", "trajectory.parquet", "policy.npz")

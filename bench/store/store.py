@@ -48,8 +48,8 @@ from bench.store.record import (
 )
 from bench.store.tables import IDENTITY, STATUSES, Tables, results_rows, runs_row, stack, table
 from methods.contract import Ledger, Trained
-from methods.policy import AbstractPolicy
 from methods.residuals.contract import blank
+from methods.training.policy import AbstractPolicy
 from simulators import registry
 
 LONGEST_CLAIM = 600.0

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 import torch
 
-from methods.policy import Policy
+from methods.training.policy import Policy
 from simulators.point_mass import PointMass
 from simulators.vehicle import CONTROL_DT, GRAVITY
 from tasks.circle import Circle

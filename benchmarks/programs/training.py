@@ -6,8 +6,8 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from methods.policy import Policy
 from methods.training.bptt import BPTT, optimizer, update
+from methods.training.policy import Policy
 from simulators.contract import AbstractSimulator
 from tasks.contract import AbstractTask
 

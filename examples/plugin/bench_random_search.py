@@ -27,7 +27,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.policy import Policy, PolicyController, make_policy
+from methods.training.policy import Policy, PolicyController, make_policy
 from simulators.contract import AbstractSimulator
 from tasks.contract import AbstractTask
 from tasks.rollout import Episode, episode

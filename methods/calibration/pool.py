@@ -30,9 +30,9 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from methods.calibration.reference_paths import ReferencePath, team_reference
 from methods.calibration.residual_effect import features
-from methods.policy import AbstractPolicy, PolicyController
 from methods.residuals.contract import Transitions, command_history
 from methods.training.meter import billed
+from methods.training.policy import AbstractPolicy, PolicyController
 from simulators.contract import AbstractSimulator
 from simulators.drawn.drawn_team import one_member
 from simulators.flight import Flight

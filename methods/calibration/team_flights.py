@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Key, PRNGKeyArray
 
 from methods.calibration.pool import TrackingFlight
-from methods.policy import AbstractPolicy, PolicyController
+from methods.training.policy import AbstractPolicy, PolicyController
 from simulators.contract import AbstractSimulator
 from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState

@@ -24,8 +24,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
-from methods.policy import AbstractPolicy, Policy, PolicyController
 from methods.training.meter import billed
+from methods.training.policy import AbstractPolicy, Policy, PolicyController
 from simulators.contract import AbstractSimulator, Replayable
 from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState

@@ -29,11 +29,11 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from methods.policy import AbstractPolicy, Policy
 from methods.training.adjoint import buffers, gradient
 from methods.training.checkpoint import pack, unpack
 from methods.training.context import Context
 from methods.training.meter import billed
+from methods.training.policy import AbstractPolicy, Policy
 from methods.training.together import Team
 from simulators.contract import AbstractSimulator
 from tasks.contract import AbstractTask

@@ -3,8 +3,8 @@
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import Ledger, Setup, Trained
-from methods.policy import AbstractPolicy
 from methods.training.bptt import BPTT, Training
+from methods.training.policy import AbstractPolicy
 
 
 def train_in_reality(

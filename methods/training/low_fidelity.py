@@ -7,8 +7,8 @@ from types import MappingProxyType
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import Ledger, Setup, Trained
-from methods.policy import AbstractPolicy
 from methods.training.bptt import BPTT
+from methods.training.policy import AbstractPolicy
 from simulators.contract import AbstractSimulator
 
 NOTHING = Ledger()

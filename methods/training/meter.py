@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.policy import AbstractPolicy
+from methods.training.policy import AbstractPolicy
 from simulators.contract import AbstractSimulator
 from simulators.effects.contract import AbstractEffect
 from simulators.flight import Flight

@@ -21,8 +21,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.policy import Policy, PolicyController, make_policy
 from methods.training.bptt import BPTT, Training, optimizer, update
+from methods.training.policy import Policy, PolicyController, make_policy
 from simulators.contract import AbstractSimulator
 from simulators.effects.contract import FrozenEffect
 from tasks.contract import AbstractTask, TaskState

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from methods.contract import AbstractMethod, Ledger, Trained
-from methods.policy import AbstractPolicy, make_policy
 from methods.residuals.affine import Affine
 from methods.residuals.contract import AbstractResidual, AbstractResidualModel
+from methods.training.policy import AbstractPolicy, make_policy
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.point_mass import PointMass
 from tasks.circle import Circle

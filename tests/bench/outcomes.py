@@ -15,7 +15,7 @@ from bench.store.disk import Disk
 from bench.store.record import Outcome
 from bench.store.tables import table
 from methods.contract import Ledger, Trained
-from methods.policy import make_policy
+from methods.training.policy import make_policy
 from simulators.point_mass import PointMass
 from tasks.spread import Spread
 

@@ -18,7 +18,7 @@ from bench.store.missing import State, states
 from bench.store.store import Outcome, Store
 from bench.store.tables import Tables, table
 from methods.contract import Ledger, Trained
-from methods.policy import make_policy
+from methods.training.policy import make_policy
 from simulators.point_mass import PointMass
 from tasks.spread import Spread
 

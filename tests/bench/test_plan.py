@@ -20,7 +20,7 @@ from bench.text.errors import UsageError
 from methods.contract import AbstractMethod
 from methods.hybrid import Hybrid
 from methods.hybrid_once import HybridOnce
-from methods.policy import make_policy
+from methods.training.policy import make_policy
 from simulators.effects.drag import Drag
 from simulators.point_mass import PointMass
 from tasks.circle import Circle

@@ -10,8 +10,8 @@ from bench.execution.policies import deploy, keep, kept_policy
 from bench.store.kept import load_kept, path_of
 from bench.store.store import Store
 from bench.text.errors import UsageError
-from methods.policy import PolicyController
 from methods.training.evaluate import evaluate
+from methods.training.policy import PolicyController
 from simulators.crazyflow import Crazyflow
 from tasks.spread import Spread
 

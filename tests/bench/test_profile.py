@@ -11,8 +11,8 @@ from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Setup
 from methods.hf_hotstart import HFHotStart
 from methods.hybrid import Hybrid
-from methods.policy import Policy, make_policy
 from methods.training.bptt import BPTT
+from methods.training.policy import Policy, make_policy
 from methods.training.profile import (
     NoTrainerError,
     attainable,

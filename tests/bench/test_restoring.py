@@ -17,9 +17,9 @@ from bench.plan.suite import Row, Suite
 from bench.store.kept import KeptRun, KeptRuns, load_kept, path_of, save_kept
 from bench.store.store import Store
 from bench.store.tables import Tables
-from methods.policy import make_policy
 from methods.residuals.contract import blank
 from methods.residuals.mlp import MLPEnsemble
+from methods.training.policy import make_policy
 from simulators.point_mass import PointMass
 from tasks.figure8 import Figure8
 from tasks.spread import Spread

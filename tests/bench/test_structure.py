@@ -14,7 +14,7 @@ from bench.execution.policies import keep, kept_policy
 from bench.store.record import STRUCTURE, load_policy, policy_bytes
 from bench.store.store import Store, UnreadableRunError
 from bench.store.structure import describe, rebuild
-from methods.policy import AbstractPolicy, is_shared
+from methods.training.policy import AbstractPolicy, is_shared
 from tasks.spread import Spread
 
 TASK = Spread(n_drones=2)

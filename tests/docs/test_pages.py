@@ -33,7 +33,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 from methods.contract import AbstractMethod
-from methods.policy import make_policy
+from methods.training.policy import make_policy
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
 from simulators.contract import with_effects

@@ -17,8 +17,8 @@ from bench.cli.app import main
 from bench.plan.expansion import expand
 from bench.plan.suite import load_suite
 from methods.contract import Setup
-from methods.policy import PolicyController, make_policy
 from methods.training.evaluate import evaluate
+from methods.training.policy import PolicyController, make_policy
 from simulators import registry
 from simulators.point_mass import PointMass
 from tasks.circle import Circle

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from methods.contract import Ledger, Setup, Trained
-from methods.policy import Policy, make_policy
 from methods.residuals.contract import AbstractResidualModel
 from methods.training.bptt import BPTT
 from methods.training.context import Context
+from methods.training.policy import Policy, make_policy
 from simulators import registry
 from simulators.point_mass import PointMass
 from simulators.vehicle import VEHICLES, ActionSpace

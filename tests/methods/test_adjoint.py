@@ -9,10 +9,10 @@ from flying import SIMULATORS, attached, x64
 
 from methods.calibration.residual_effect import ResidualEffect
 from methods.domain_randomization import randomized
-from methods.policy import AbstractPolicy, Policy, PolicyController, make_policy
 from methods.residuals.contract import AbstractResidualModel
 from methods.training.adjoint import LARGEST, buffers, gradient
 from methods.training.bptt import BPTT
+from methods.training.policy import AbstractPolicy, Policy, PolicyController, make_policy
 from simulators.contract import with_effects
 from tasks.circle import Circle
 from tasks.figure8 import Figure8

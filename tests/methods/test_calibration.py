@@ -16,8 +16,8 @@ from methods.calibration.pool import (
     track,
 )
 from methods.calibration.residual_effect import ResidualEffect
-from methods.policy import PolicyController
 from methods.residuals.contract import AbstractResidualModel
+from methods.training.policy import PolicyController
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects.mass import Mass

@@ -8,7 +8,6 @@ import pytest
 from cells import SPEC, Hold, OpenLoop, fresh, leaning, lift
 
 from methods.calibration.reference_paths import Followers
-from methods.policy import PolicyController
 from methods.training.evaluate import (
     evaluate,
     evaluation_keys,
@@ -17,6 +16,7 @@ from methods.training.evaluate import (
     standing_rewards,
     takeoff_steps,
 )
+from methods.training.policy import PolicyController
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects.floor import Floor

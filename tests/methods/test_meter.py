@@ -13,10 +13,10 @@ from cells import METHODS, TINY, Hold, fresh, setup, small
 from diagnosis.replay.library import make_library
 from methods.calibration.pool import calibrate
 from methods.contract import AbstractMethod, Ledger, Trained
-from methods.policy import PolicyController
 from methods.training.adjoint import by_autodiff, gradient
 from methods.training.evaluate import evaluate
 from methods.training.meter import Meter, Metered, billed, train_metered
+from methods.training.policy import PolicyController
 from methods.training.varied import vary_times
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow

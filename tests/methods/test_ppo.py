@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from cells import Hold, fresh, lift, same, setup
 
-from methods.policy import PolicyController
 from methods.ppo import PPO, Learner, Steps, fly, loss, prepared
 from methods.training.checkpoint import AbstractKeeper
 from methods.training.context import Context
 from methods.training.meter import train_metered
+from methods.training.policy import PolicyController
 from simulators.point_mass import PointMass
 from tasks.rollout import record
 

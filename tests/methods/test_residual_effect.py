@@ -10,13 +10,13 @@ import pytest
 from cells import CLIMB, RESIDUALS, SPEC, Hold, climb_gradient, fresh, lift
 
 from methods.calibration.residual_effect import ResidualEffect, features
-from methods.policy import PolicyController
 from methods.residuals.contract import (
     HISTORY,
     AbstractHistoryModel,
     AbstractResidualModel,
     Transitions,
 )
+from methods.training.policy import PolicyController
 from simulators.contract import with_effects
 from simulators.effects.contract import WrenchEffect
 from simulators.effects.mass import Mass

@@ -10,9 +10,9 @@ from scipy.stats import kstest, norm, truncnorm
 
 from bench.plan.realities import parse_reality
 from methods.calibration.pool import calibrate
-from methods.policy import PolicyController, make_policy
 from methods.training.adjoint import by_autodiff, gradient
 from methods.training.meter import Meter, metered
+from methods.training.policy import PolicyController, make_policy
 from simulators.contract import with_effects
 from simulators.drawn.distribution import Distribution
 from simulators.drawn.drawn_team import Drawn, drawn, one_member

@@ -11,9 +11,9 @@ from flying import KEY, SIMULATORS, x64
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from bench.conformance import tasks as conformance
-from methods.policy import make_policy
 from methods.training.bptt import BPTT
 from methods.training.context import Context
+from methods.training.policy import make_policy
 from simulators.vehicle import VEHICLES, ActionSpace
 from tasks import contact
 from tasks.contract import AbstractTask, TaskState, spawn_grid
