@@ -41,6 +41,7 @@ def run(
     fail_fast: bool = False,
     retry_failed: bool = False,
     replace: bool = False,
+    reuse: Sequence[Path | str] = (),
 ) -> Tables:
     """Trains and evaluates the runs of a suite, writes tables and documents, returns the tables.
 
@@ -65,6 +66,7 @@ def run(
         fail_fast: Whether the first failure ends the runs.
         retry_failed: Whether runs that failed in an earlier call are tried again.
         replace: Whether rows of another program or machine are replaced.
+        reuse: Folders of tables whose finished runs of the suite are not trained again.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; finished runs are kept, and the same call resumes.
@@ -85,6 +87,7 @@ def run(
         fail_fast=fail_fast,
         retry_failed=retry_failed,
         replace=replace,
+        reuse=[Path(folder) for folder in reuse],
     )
     if status == INTERRUPTED:
         raise KeyboardInterrupt

@@ -56,7 +56,7 @@ def test_a_minute_of_flight_is_diagnosed(benchmark, kept_programs, name):
     begun = time.process_time()
     found = benchmark.pedantic(lambda: diagnose(flights, simulator=name), rounds=2)
     cpu = 0.5 * (time.process_time() - begun)
-    assert [effect["name"] for effect in found.content["effects"]] == ["drag"]
+    assert [effect.name for effect in found.effects] == ["drag"]
     benchmark.extra_info |= {"aim_s": AIMS[name], "met": benchmark.stats["min"] <= AIMS[name]}
     benchmark.extra_info["cpu_s"] = cpu
 

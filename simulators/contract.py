@@ -58,6 +58,13 @@ class AbstractSimulator(eqx.Module):
     def flight(self, state: Any) -> Flight:
         """What can be measured of a state."""
 
+    def sensed(self, state: Any) -> Flight:
+        """The flight as controllers and neighbours see it: as it is, unless sensors stand between.
+
+        Rewards, contacts and logs are those of `flight`.
+        """
+        return self.flight(state)
+
     def step(self, state: Any, action: Float[Array, "drones 3"]) -> Any:
         """The state one control step of `CONTROL_DT` later, under an action in [-1, 1]^3."""
         return self.step_cmd(state, self.action_space.to_cmd(action), CONTROL_DT)

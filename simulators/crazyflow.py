@@ -41,6 +41,8 @@ from simulators.algebra.rotation import rotate
 from simulators.contract import Replayable
 from simulators.crazyflow_params import (
     SimData,
+    changed_params,
+    constant_plant,
     hover_rotor_vel,
     limited,
     rotor_wrench,
@@ -117,7 +119,7 @@ class Crazyflow(Replayable):
             rotor_vel=level,
             prev_ang_vel=zeros,
             r_int_error=zeros,
-            memory=chain.init(self.effects, len(pos), 1.0 / self.freq),
+            memory=chain.init(self.effects, len(pos), 1.0 / self.freq, key),
         )
 
     def restore(
@@ -130,7 +132,7 @@ class Crazyflow(Replayable):
         """
         n_drones, dt = len(flight.pos), 1.0 / self.freq
         repeats = round(CONTROL_DT * self.freq)
-        memory = chain.init(self.effects, n_drones, dt)
+        memory = chain.init(self.effects, n_drones, dt, key)
         memory, cmds = chain.warm_up(self.effects, memory, flight, cmd_history, repeats, dt)
         data = self._constants()
         targets = hover_rotor_vel(data, cmds[:, :, 3])
@@ -218,6 +220,21 @@ class Crazyflow(Replayable):
         thrust = vehicle.thrust_gain * flight.thrust
         torque = vehicle.thrust_gain * vehicle.arm_scale * flight.torque
         return eqx.tree_at(lambda f: (f.thrust, f.torque), flight, (thrust, torque))
+
+    def file_params(self) -> tuple[dict[str, Any], tuple[AbstractEffect, ...]]:
+        """What crazyflow's own file of the airframe would say of the attached effects.
+
+        Returns:
+            Entries of `PARAMS_FILE` that change, with their new values, and the effects that no
+            entry stands for.
+        """
+        vehicle, others = self._vehicle(), []
+        for effect in self.effects:
+            written = constant_plant(effect, vehicle)
+            vehicle = vehicle if written is None else written
+            others += [effect] if written is None else []
+        template, _ = _template(self.spec.name, self.freq)
+        return changed_params(template, vehicle), tuple(others)
 
     def _vehicle(self) -> Vehicle:
         return self.spec.vehicle(drag=True)

@@ -1,13 +1,20 @@
 """crazyflow's parameters of a vehicle that is not the nominal one, and of its rotors."""
 
+import dataclasses
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from simulators.algebra.products import opaque
-from simulators.vehicle import GRAVITY, AutopilotGains, Vehicle
+from simulators.effects.contract import AbstractEffect, PlantEffect
+from simulators.flight import Flight
+from simulators.vehicle import CONTROL_DT, GRAVITY, AutopilotGains, Vehicle
 
+PARAMS_FILE = "dynamics/first_principles/params.toml"
+"""Where crazyflow 0.4.0 keeps the numbers of its airframes, in its own folder."""
 SimData = Any
 """crazyflow's structs are flax dataclasses, whose `replace` type checkers do not know."""
 
@@ -25,6 +32,46 @@ def scaled_params(data: SimData, vehicle: Vehicle) -> Any:
         rpm2torque=params.rpm2torque * vehicle.rotor_torque_scale,
         prop_inertia=params.prop_inertia * vehicle.rotor_inertia_scale,
         rotor_dyn_coef=rotor_coef(data, vehicle),
+    )
+
+
+def changed_params(data: SimData, vehicle: Vehicle) -> dict[str, Any]:
+    """Entries of `PARAMS_FILE` that another vehicle changes."""
+    before, after = data.params, scaled_params(data, vehicle)
+    changed = {}
+    for name in (field.name for field in dataclasses.fields(before) if field.name != "J_inv"):
+        old, new = (
+            np.asarray(getattr(params, name), float).squeeze() for params in (before, after)
+        )
+        if not np.allclose(new, old, rtol=1e-6, atol=0.0):
+            changed[name] = new.tolist()
+    return changed
+
+
+def constant_plant(effect: AbstractEffect, vehicle: Vehicle) -> Vehicle | None:
+    """The vehicle with an effect that crazyflow's file can say; None with any other effect.
+
+    It must change the plant alone, alike in every flight, and not where the centre of mass is.
+    """
+    if not isinstance(effect, PlantEffect) or effect.init(1, CONTROL_DT) is not None:
+        return None
+    one, other = (effect.plant(None, _flight(x), vehicle, CONTROL_DT)[1] for x in (0.0, 1.0))
+    same = all(map(jnp.array_equal, jax.tree.leaves(one), jax.tree.leaves(other)))
+    moved = not jnp.array_equal(one.center_of_mass, vehicle.center_of_mass)
+    return one if same and not moved else None
+
+
+def _flight(x: float) -> Flight:
+    """A level flight in which every number that may change a plant is `x`."""
+    row, level = jnp.full((1, 3), x), jnp.asarray([[0.0, 0.0, 0.0, 1.0]])
+    return Flight(
+        t=jnp.asarray(x),
+        pos=row,
+        vel=row,
+        quat=level,
+        ang_vel=row,
+        thrust=jnp.full(1, x),
+        torque=row,
     )
 
 

@@ -94,7 +94,7 @@ class PointMass(Replayable):
             rpy=zeros,
             thrust=zeros[:, 0],
             lag=zeros,
-            memory=chain.init(self.effects, len(pos), self.dt),
+            memory=chain.init(self.effects, len(pos), self.dt, key),
         )
 
     def restore(
@@ -102,7 +102,7 @@ class PointMass(Replayable):
     ) -> PointMassState:
         n_drones = len(flight.pos)
         rpy = quat_to_rpy(flight.quat)
-        memory = chain.init(self.effects, n_drones, self.dt)
+        memory = chain.init(self.effects, n_drones, self.dt, key)
         repeats = math.ceil(CONTROL_DT / self.dt - 1e-9)
         h = CONTROL_DT / repeats
         memory, _ = chain.warm_up(self.effects, memory, flight, cmd_history, repeats, h)

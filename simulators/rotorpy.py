@@ -117,7 +117,7 @@ class Rotorpy(Replayable):
             quat=four.at[:, 3].set(1.0),
             ang_vel=zeros,
             rotor_vel=four,
-            memory=chain.init(self.effects, len(pos), 1.0 / self.freq),
+            memory=chain.init(self.effects, len(pos), 1.0 / self.freq, key),
         )
 
     def restore(
@@ -125,7 +125,7 @@ class Rotorpy(Replayable):
     ) -> RotorpyState:
         """The state at a measured flight; rotors start steady and follow the commands before."""
         n_drones, dt = len(flight.pos), 1.0 / self.freq
-        memory = chain.init(self.effects, n_drones, dt)
+        memory = chain.init(self.effects, n_drones, dt, key)
         repeats = round(CONTROL_DT * self.freq)
         memory, cmds = chain.warm_up(self.effects, memory, flight, cmd_history, repeats, dt)
         targets = hover_speed(cmds[:, :, 3])

@@ -127,7 +127,7 @@ def episode(
     def step(carry: tuple, k: Array) -> tuple[tuple, None]:
         state, touched, sums = carry
         state = _decay(state, decay)
-        action = controller(TaskState(simulator.flight(state), goal, k))
+        action = controller(TaskState(simulator.sensed(state), goal, k))
         state = simulator.step(state, action)
         flight = simulator.flight(state)
         reward, smooth = task.rewards(TaskState(flight, goal, k + 1))
@@ -150,7 +150,7 @@ def record(
     state, goal = start(task, simulator, key)
 
     def step(state: Any, k: Array) -> tuple[Any, Record]:
-        action = controller(TaskState(simulator.flight(state), goal, k))
+        action = controller(TaskState(simulator.sensed(state), goal, k))
         state = simulator.step(state, action)
         flight = simulator.flight(state)
         after = TaskState(flight, goal, k + 1)

@@ -24,9 +24,9 @@ jaxtyping.install_import_hook([*CHECKED, *(f"bench.{m}" for m in ARRAYS)], "bear
 import jax  # noqa: E402 - after the settings and the hook above
 
 PROGRAMS = Path.home() / ".cache" / "fidelity-bench" / "tests"
-"""Where XLA's programs are kept from one call of pytest to the next, under the hash of the program
-and of XLA's options; `make clean` removes them. `JAX_COMPILATION_CACHE_DIR` stays unset: the
-diagnosis would keep its fits there, too, and the tests would then fit nothing."""
+"""Where XLA's programs and the replay's traced ones are kept from one call of pytest to the next,
+under the hash of all that goes into them; `make clean` removes them. `JAX_COMPILATION_CACHE_DIR`
+stays unset: the diagnosis would keep its fits there, too, and the tests would then fit nothing."""
 # Programs below 0.1 s of compilation are quicker to compile than to read; a guess.
 jax.config.update("jax_compilation_cache_dir", str(PROGRAMS))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)

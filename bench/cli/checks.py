@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from bench.plan.names import kind_of, require
+from bench.plan.names import SENSING, kind_of, require, world_text
 from bench.text.errors import UsageError
 from simulators import registry
 
@@ -37,10 +37,10 @@ def check_reality(text: str) -> None:
     Raises:
         UnknownPluginError: No simulator or effect has such a name.
     """
-    simulator, *effects = (part.strip() for part in text.split("+"))
+    simulator, *effects = (part.strip() for part in world_text(text).split("+"))
     require("simulator", simulator)
     named = (re.match(r"([a-z_0-9]+)\(", part) for part in effects)
-    check_names("effect", (match[1] for match in named if match))
+    check_names("effect", (match[1] for match in named if match and match[1] != SENSING))
 
 
 def check_number(option: str, value: int | None) -> None:

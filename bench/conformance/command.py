@@ -12,9 +12,9 @@ from rich.text import Text
 
 from bench.conformance import effects, methods, residuals, simulators, tasks
 from bench.conformance.suite import Check, Finding, execute
-from bench.plan.expansion import REALITY
 from bench.plan.keys import Setting, nested, parse_settings
 from bench.plan.names import kind_of
+from bench.plan.planned_run import REALITY
 from bench.plan.settings import build
 from bench.text.errors import UsageError
 from bench.text.say import say

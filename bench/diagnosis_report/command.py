@@ -18,15 +18,15 @@ def run_diagnosis(
     simulator: str | None,
     reference: Path | None,
     exclude: Sequence[str],
-    out: Path | None,
+    out: Path,
 ) -> int:
-    """Exit status: 0, or 2 where the logs hold nothing usable, with a line for each reason.
+    """Writes the documents to the folder `out` and shows what was found.
+
+    Exit status: 0, or 2 where the logs hold nothing usable, with a line for each reason.
 
     Raises:
         UsageError: The request makes no sense.
     """
-    name = flights.resolve().name or "flights"
-    out = out or Path("reports") / "diagnosis" / name
     check_place(out)
     try:
         with DiagnosisProgress(Console(stderr=True)) as display:
@@ -48,3 +48,8 @@ def run_diagnosis(
     if replaced:
         print(f"The diagnosis that was there is replaced: {clean(out)}", file=sys.stderr)  # noqa: T201
     return 0
+
+
+def place_of(flights: Path) -> Path:
+    """Folder for the documents where none is asked for."""
+    return Path("reports") / "diagnosis" / (flights.resolve().name or "flights")

@@ -3,7 +3,7 @@
 import json
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bench.diagnosis_report.page import diagnosis_page
@@ -33,23 +33,31 @@ def check_place(out: Path, names: Sequence[str] = NAMES) -> None:
 
 
 def write_documents(diagnosis: Diagnosis, out: Path) -> None:
-    """Writes diagnosis.json, diagnosis.md and diagnosis.html to the folder `out`.
+    """Writes diagnosis.json, diagnosis.md and diagnosis.html to the folder `out`, all or none.
 
-    All are finished beside their place before the first takes it. JSON knows no infinity and no
-    NaN; they become null.
+    JSON knows no infinity and no NaN; they become null.
     """
     texts = (
         json.dumps(diagnosis.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
         diagnosis_text(diagnosis),
         diagnosis_page(diagnosis),
     )
-    check_place(out)
+    write_files(out, dict(zip(NAMES, texts, strict=True)))
+
+
+def write_files(out: Path, texts: Mapping[str, str]) -> None:
+    """Writes texts by file name to the folder `out`; all are finished before the first is in place.
+
+    Raises:
+        UsageError: They cannot be written there.
+    """
+    check_place(out, tuple(texts))
     out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".diagnosis-", dir=out) as stage:
-        for name, text in zip(NAMES, texts, strict=True):
+    with tempfile.TemporaryDirectory(prefix=".writing-", dir=out) as stage:
+        for name, text in texts.items():
             with (Path(stage) / name).open("w", encoding="utf-8", errors="replace") as file:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
-        for name in NAMES:
+        for name in texts:
             (Path(stage) / name).replace(out / name)

@@ -4,18 +4,16 @@ from bench.diagnosis_report import figures, tables
 from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import clean, is_number, quantity
 from bench.diagnosis_report.remedy import remedy
-from bench.diagnosis_report.sentences import remarks, shrink_sentence, verdict, where_sentence
+from bench.diagnosis_report.sentences import (
+    kind_label,
+    next_flight,
+    remarks,
+    shrink_sentence,
+    verdict,
+    where_sentence,
+)
 from bench.text.pages import environment
 from diagnosis.result import Diagnosis
-
-KINDS = {
-    "effect": "Explained",
-    "partly": "Partly explained",
-    "none": "Nothing beyond noise",
-    "too_few": "Too few flights to tell",
-    "unexplained": "Unexplained",
-}
-"""What the verdicts are called."""
 
 
 def diagnosis_page(diagnosis: Diagnosis) -> str:
@@ -28,7 +26,7 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             title=tables.title(diagnosis),
             reference=tables.reference_name(diagnosis),
             kind=diagnosis.verdict,
-            kind_label=KINDS[diagnosis.verdict],
+            kind_label=kind_label(diagnosis),
             verdict=verdict(diagnosis),
             remarks=remarks(diagnosis),
             facts=tables.facts(diagnosis),
@@ -52,7 +50,7 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             limits=tables.limits_table(diagnosis),
             blamed=bool(diagnosis.blamed),
             remedy=remedy(diagnosis),
-            next_flight=clean(diagnosis.next_flight or ""),
+            next_flight=next_flight(diagnosis),
             left_out=tables.left_out_table(diagnosis),
             flights=tables.flights_table(diagnosis),
             noise=tables.noise_table(diagnosis),

@@ -10,10 +10,18 @@ PYTHON = 'diagnosis.corrected("diagnosis.json")'
 """How the corrected simulator is had in Python."""
 
 
+FILES = (
+    "The parameters of an autopilot and the next flight as a file: bench diagnose diagnosis.json "
+    "--remedy px4, or crazyflie, or crazyflow."
+)
+"""Where the numbers for a vehicle are."""
+
+
 def remedy(diagnosis: Diagnosis) -> list[str]:
     """What to change, a sentence or two each; empty where the logs themselves are wrong."""
     if any(fault.readings for fault in diagnosis.interface) and not diagnosis.blamed:
-        return ["Mend the logs first; nothing else can be said before."]
+        advice = [clean(fault.advice) for fault in diagnosis.interface]
+        return [*advice, "Then diagnose the flights again; nothing else can be said before."]
     if diagnosis.verdict in ("none", "too_few"):
         return ["Nothing: these flights show no cause."]
     if not diagnosis.blamed:
@@ -28,7 +36,10 @@ def remedy(diagnosis: Diagnosis) -> list[str]:
             "what to write into a parameter file."
         )
     said += [_alike(diagnosis)] if any(e.aliases for e in diagnosis.blamed) else []
-    return said
+    checks = [effect_words(clean(e.name)).check for e in diagnosis.blamed]
+    if first := [check for check in dict.fromkeys(checks) if check]:
+        said.append(f"On the vehicle, first {join(first)}.")
+    return [*said, FILES]
 
 
 def _simulator(diagnosis: Diagnosis) -> str:
@@ -52,6 +63,6 @@ def _alike(diagnosis: Diagnosis) -> str:
         if e.aliases
     )
     return (
-        f"Change nothing on the vehicle yet: these flights cannot tell {pairs}. In the simulator "
-        "either makes up for the gap; on the vehicle only one is the cause."
+        f"These flights cannot tell {pairs}. In the simulator either makes up for the gap; on the "
+        "vehicle only one is the cause, so change there only what is right for both."
     )

@@ -19,6 +19,18 @@ from bench.diagnosis_report.numbers import (
 )
 from diagnosis.result import Diagnosis, Effect, Parameter
 from diagnosis.result_parts import ChannelGap, SharedParameter, Shrink
+from simulators import registry
+
+KINDS = {
+    "effect": "Explained",
+    "partly": "Partly explained",
+    "none": "Nothing beyond noise",
+    "too_few": "Too few flights to tell",
+    "unexplained": "Unexplained",
+}
+"""What the verdicts are called."""
+NOT_TOLD = "wider than its range"
+"""What stands for an interval of a size that these flights do not tell by itself."""
 
 
 def verdict(diagnosis: Diagnosis) -> str:
@@ -60,21 +72,53 @@ def _partly(diagnosis: Diagnosis, against: str) -> str:
 
 def _unexplained(diagnosis: Diagnosis, against: str) -> str:
     share, where = diagnosis.remainder.share, _where_left(diagnosis)
-    if diagnosis.interface and not diagnosis.blamed and diagnosis.effects:
+    if logs_first(diagnosis) and diagnosis.effects:
         parts = join(fault.part for fault in diagnosis.interface)
         return (
             f"These flights differ from {against}, but their logs do not say what the format asks "
             f"for ({parts}); mend that first: until then no cause in the vehicle can be named."
         )
-    part = f"; {percent(share)} of the gap stays unexplained" if is_number(share) else ""
-    tail = part + (f"; the remainder lies mostly in {where}" if where else "")
+    tail = f"; the remainder lies mostly in {where}" if where else ""
+    if diagnosis.remainder.mostly_explained and diagnosis.effects:
+        together = set_label([effect.name for effect in diagnosis.effects])
+        return (
+            f"These flights differ from {against}; {together} would make up for all but "
+            f"{percent(share)} of the gap, but no effect among them passes every test of a cause"
+            f"{tail}."
+        )
+    tail = (f"; {percent(share)} of the gap stays unexplained" if is_number(share) else "") + tail
     return f"These flights differ from {against}, and no known effect explains how{tail}."
+
+
+def logs_first(diagnosis: Diagnosis) -> bool:
+    """Whether the logs must be mended before anything can be said of the vehicle."""
+    return diagnosis.verdict == "unexplained" and bool(diagnosis.interface)
+
+
+def kind_label(diagnosis: Diagnosis) -> str:
+    """What the verdict is called, in a few words."""
+    if logs_first(diagnosis):
+        return "Mend the logs first"
+    if diagnosis.verdict == "unexplained" and diagnosis.remainder.mostly_explained:
+        return "No cause confirmed"
+    return KINDS[diagnosis.verdict]
+
+
+def next_flight(diagnosis: Diagnosis) -> str:
+    """What to fly next; nothing where the logs must be mended first."""
+    return "" if logs_first(diagnosis) else clean(diagnosis.next_flight or "")
 
 
 def remarks(diagnosis: Diagnosis) -> list[str]:
     """What must be said beside the verdict, each as a sentence."""
     said = [fault.advice for fault in diagnosis.interface]
-    said += [*_beside_effect(diagnosis), *_support(diagnosis), *_twin(diagnosis)]
+    said += [
+        *(line for effect in diagnosis.blamed for line in _combined(effect)),
+        *_beside_effect(diagnosis),
+        *_at_bounds(diagnosis),
+        *_support(diagnosis),
+        *_twin(diagnosis),
+    ]
     for soon, why in ((False, "alone"), (True, "soon after a gap in the log or its start")):
         lines = [line for line in diagnosis.details.set_aside if line.after_gap is soon]
         if lines:
@@ -120,21 +164,40 @@ def _beside_effect(diagnosis: Diagnosis) -> list[str]:
             f"{percent(doubt.true_share)} of the effects named in cases with known answers were "
             "true."
         )
-    if ends := _at_bounds(diagnosis):
-        said.append(f"At the end of its allowed range, and so descriptive only: {ends}.")
     if shrink.reason:
         said.append(f"How far the gap shrinks is not known: {clean(shrink.reason).rstrip('.')}.")
     return said
 
 
-def _at_bounds(diagnosis: Diagnosis) -> str:
-    """Parameters that lie at an end of their allowed range."""
-    return join(
-        f"{clean(parameter_words(e.name, p.name).label)} of {effect_words(clean(e.name)).label}"
+def _combined(effect: Effect) -> list[str]:
+    """What flights tell that cannot tell an effect from its aliases, where all act on it alone."""
+    cards = [effect_words(clean(name)).combined for name in (effect.name, *effect.aliases)]
+    if not effect.aliases or len(effect.parameters) != 1 or None in cards:
+        return []
+    (name, power), *others = (card for card in cards if card is not None)
+    if any(other != name for other, _ in others):
+        return []
+    (size,) = effect.parameters
+    low, high = (
+        None if x is None else 100.0 * ((1.0 + x) ** power - 1.0) for x in (size.low, size.high)
+    )
+    ends = (low, high) if low is None or high is None else (min(low, high), max(low, high))
+    value, interval = estimate(100.0 * ((1.0 + size.value) ** power - 1.0), *ends)
+    within = _within(with_unit(interval, "%")) if interval else ""
+    return [f"What these flights tell is {name}: {value} %{within}, whichever of them it is."]
+
+
+def _at_bounds(diagnosis: Diagnosis) -> list[str]:
+    """Parameters that lie at an end of their allowed range, with the side to which they point."""
+    sides = {"low": "at most", "high": "at least"}
+    ends = join(
+        f"{clean(parameter_words(e.name, p.name).label)} of {effect_words(clean(e.name)).label} "
+        f"({sides[p.at_bound]} {parameter_texts(clean(e.name), p)[0]})"
         for e in diagnosis.blamed
         for p in e.parameters
-        if p.at_bound in ("low", "high")
+        if p.at_bound in sides
     )
+    return [f"At the end of its allowed range, and so descriptive only: {ends}."] if ends else []
 
 
 def _support(diagnosis: Diagnosis) -> list[str]:
@@ -149,7 +212,7 @@ def _support(diagnosis: Diagnosis) -> list[str]:
         text = "The remaining misfit could bias the sizes, so they are descriptive only"
         drift = drift_clause(diagnosis.shrink)
         said.append(f"{text}; with the likeliest set {drift}." if drift else f"{text}.")
-    if idle:
+    if idle and not logs_first(diagnosis):
         said.append(f"Flights left out of the fit do not confirm {idle}.")
     return said
 
@@ -223,8 +286,21 @@ def parameter_texts(effect: str, parameter: Parameter, sign: float = 1.0) -> tup
     """Value and interval of a parameter, both with the unit that people use."""
     words = parameter_words(effect, parameter.name)
     factor, unit = sign * words.factor, words.unit or parameter.unit
+    if not_told(effect, parameter):
+        return with_unit(rounded(factor * parameter.value, 2), unit), NOT_TOLD
     value, interval = estimate(factor * parameter.value, *_scaled(parameter, factor))
     return with_unit(value, unit), with_unit(interval, unit) if interval else ""
+
+
+def not_told(effect: str, parameter: Parameter) -> bool:
+    """Whether a 95 % interval is wider than all that the parameter may be."""
+    try:
+        info = registry.load("effect", effect).parameters[parameter.name]
+    except (KeyError, registry.UnknownPluginError, registry.BrokenPluginError):
+        return False
+    if parameter.low is None or parameter.high is None:
+        return False
+    return parameter.high - parameter.low > info.high - info.low
 
 
 def shared_text(shared: SharedParameter) -> str:

@@ -12,7 +12,7 @@ from rich.text import Text
 from bench.diagnosis_report import tables
 from bench.diagnosis_report.numbers import clean, probability, rounded
 from bench.diagnosis_report.remedy import remedy
-from bench.diagnosis_report.sentences import remarks, set_label, verdict
+from bench.diagnosis_report.sentences import next_flight, remarks, set_label, verdict
 from diagnosis.result import Diagnosis
 
 STYLES = {
@@ -79,8 +79,8 @@ def show_summary(diagnosis: Diagnosis, out: Path, console: Console) -> None:
     console.print(Group(_where(diagnosis), _candidates(diagnosis)))
     change, *_ = remedy(diagnosis)
     console.print(Text.assemble(("Change: ", "bold"), change))
-    if diagnosis.next_flight:
-        console.print(Text.assemble(("Fly next: ", "bold"), clean(diagnosis.next_flight)))
+    if advice := next_flight(diagnosis):
+        console.print(Text.assemble(("Fly next: ", "bold"), advice))
     place = Text.assemble("Page: ", (clean(out / "diagnosis.html"), "bold"))
     console.print(place, soft_wrap=True)
 

@@ -4,7 +4,13 @@ from bench.diagnosis_report import tables
 from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import clean
 from bench.diagnosis_report.remedy import remedy
-from bench.diagnosis_report.sentences import remarks, shrink_sentence, verdict, where_sentence
+from bench.diagnosis_report.sentences import (
+    next_flight,
+    remarks,
+    shrink_sentence,
+    verdict,
+    where_sentence,
+)
 from bench.text import markdown
 from diagnosis.result import Diagnosis
 
@@ -38,8 +44,8 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     silent = [tables.not_observable_table(diagnosis), tables.limits_table(diagnosis)]
     if any(silent):
         parts += ["## What these flights cannot tell", *(t for s in silent for t in _table(s))]
-    if diagnosis.next_flight:
-        parts += ["## What to fly next", markdown.escape(clean(diagnosis.next_flight))]
+    if advice := next_flight(diagnosis):
+        parts += ["## What to fly next", markdown.escape(advice)]
     parts += ["## Flights", *_table(tables.left_out_table(diagnosis))]
     parts += _table(tables.flights_table(diagnosis))
     parts += _table(tables.noise_table(diagnosis))

@@ -26,13 +26,13 @@ from bench.execution.executor import (
 from bench.text.errors import UsageError
 
 POLL = 0.2
-"""Longest time that a message waits to be read [s]; an end is noticed at once."""
+"""Longest delay before a message is read [s]; the end of a task is noticed at once."""
 PATIENCE = 10.0
-"""Longest wait for the mailbox [s]: messages are a courtesy, a task does not depend on them."""
+"""Longest wait for the mailbox [s]. Messages only report progress: no task depends on them."""
 
 
 class RayExecutor(AbstractExecutor):
-    """One Ray task a slot, each with one CPU; a task whose machine dies is not done again."""
+    """One Ray task per slot, each with one CPU. A task whose machine dies is not repeated."""
 
     def __init__(self, slots: int | None, most: int) -> None:
         """Joins the cluster of RAY_ADDRESS, else starts one on this machine.
@@ -124,7 +124,7 @@ class RayExecutor(AbstractExecutor):
 
 
 def gpu_share(gpus: float, slots: int) -> float:
-    """Accelerators that each of so many tasks asks for, a part of one if they must share.
+    """Accelerators per task; a fraction if tasks share one.
 
     A task's part lies on one accelerator, so that so many parts fit on each as it must hold.
     """
@@ -165,7 +165,7 @@ def _join(ray: Any, slots: int) -> None:
 
 
 class _Mailbox:
-    """Where tasks leave messages; lives on the machine that gives the tasks."""
+    """Collects the messages of tasks, on the machine that hands out tasks."""
 
     def __init__(self) -> None:
         self._content: list[tuple[int, tuple]] = []
@@ -175,7 +175,7 @@ class _Mailbox:
         self._content.append((number, content))
 
     def take(self) -> list[tuple[int, tuple]]:
-        """What came since the last time; empty after this."""
+        """Messages since the last call, which are then removed."""
         content, self._content = self._content, []
         return content
 

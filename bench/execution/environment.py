@@ -14,7 +14,7 @@ OPTIONS = {
         f"--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold={LOOPS}"
     ),
 }
-"""XLA's options, by what tells whether one is set."""
+"""XLA's options, by the name to look for in `XLA_FLAGS`."""
 if platform.machine() in ("x86_64", "AMD64"):
     # No fused multiply-add, whose rounding depends on what stands around a product: with it a
     # neutral effect would change the last bit. Matrix products are a library's and keep it.
@@ -22,7 +22,7 @@ if platform.machine() in ("x86_64", "AMD64"):
 
 
 TOGETHER = 16
-"""Runs of one kind that an accelerator trains in one program: a cell's seeds, mostly; a guess."""
+"""Runs of one kind that an accelerator trains in one program, usually a cell's seeds; a guess."""
 
 
 DEVICES = {
@@ -30,13 +30,13 @@ DEVICES = {
     "/dev/dxg": "CUDA_VISIBLE_DEVICES",
     "/dev/kfd": "HIP_VISIBLE_DEVICES",
 }
-"""What is there where there is an accelerator, and the variable that hides it."""
+"""Device file of each kind of accelerator, and the variable that hides the device."""
 HIDDEN = ("", "-1")
-"""Values of those variables that hide all."""
+"""Values of these variables that hide every device."""
 
 
 def accelerated() -> bool:
-    """Whether JAX will find an accelerator: a plug-in of JAX and a device, nothing is started."""
+    """Whether JAX will find an accelerator, judged by its plug-in and the device files."""
     allowed = os.environ.get("JAX_PLATFORMS", "")
     if allowed.split(",")[0] == "cpu" or importlib.util.find_spec("jax_plugins") is None:
         return False
@@ -47,20 +47,20 @@ def accelerated() -> bool:
 
 
 def seeds_together() -> int:
-    """Runs of one kind that a worker trains in one program, if nobody says."""
+    """Default number of runs of one kind that a worker trains in one program."""
     return TOGETHER if accelerated() else 1
 
 
 def xla_flags() -> str:
-    """What is in `XLA_FLAGS`, and the options that are not in it."""
+    """`XLA_FLAGS` with the missing options added."""
     flags = os.environ.get("XLA_FLAGS", "")
     return " ".join([flags, *(text for name, text in OPTIONS.items() if name not in flags)]).strip()
 
 
 def environment(accelerator: bool | None = None) -> dict[str, str]:
-    """The variables; those that are set already keep their say.
+    """Variables for a process that computes; a variable that is already set keeps its value.
 
-    `accelerator`: whether the processes have one; None: as this machine has.
+    `accelerator`: whether the processes have one; None: if this machine has one.
     """
     cache = Path.home() / ".cache" / "fidelity-bench" / "jax"
     defaults = {

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from bench.execution.executor import AbstractExecutor, Ended
 from bench.execution.progress import SweepProgress
 from bench.execution.worker import Done, do_runs
-from bench.plan.expansion import Run
+from bench.plan.planned_run import Run
 from bench.store.record import Outcome
 from bench.store.resume import was_interrupted
 from bench.store.store import Store
@@ -27,19 +27,19 @@ def execute(
     together: int = 1,
     fail_fast: bool = False,
 ) -> dict[str, str]:
-    """Status of each of `runs` that ended, by name; all of them but for `fail_fast`.
+    """Executes `runs`; returns the status of each run that ended, by name.
 
-    A run that fails, or whose worker dies, is stored as failed with its cause, its children too;
-    the others go on. Whatever ends this function, committed runs stay; what is still under way ends
-    with the executor.
+    A run that fails, or whose worker dies, is stored as failed with its cause, and so are its
+    children; the others continue. With `fail_fast`, the first failure ends them, too. However this
+    function ends, committed runs stay, and the executor ends the runs in progress.
 
     Args:
         runs: What to run, parents before their children.
         store: Where finished runs go and parents' policies come from.
         executor: Does them.
-        display: Told what happens.
+        display: Shows what happens.
         done: Names of parents that are in the store already.
-        failed: Names of parents that are there as failed and are not tried again.
+        failed: Names of parents that are stored as failed and are not tried again.
         check: Why a run that ended well may not stand; empty if it may. It is put in quarantine.
         together: Most runs, alike but for their seed, that a worker does at once.
         fail_fast: Whether the first failure ends everything.
@@ -49,7 +49,7 @@ def execute(
 
 
 class _Execution:
-    """What is where, while runs are executed."""
+    """The state of an execution: running, waiting and finished runs."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class _Execution:
         self._slots: dict[int, list[Run]] = {slot: [] for slot in range(executor.slots)}
 
     def result(self) -> dict[str, str]:
-        """Executes; the statuses."""
+        """Executes all runs and returns their statuses."""
         for parent in self._failed:
             self._fail_children(parent, "failed")
         self._blocked = {*self._schedule.status}
@@ -93,7 +93,7 @@ class _Execution:
         return {name: s for name, s in self._schedule.status.items() if name not in self._failed}
 
     def _over(self) -> bool:
-        """Whether the first failure, of those that are new, ends everything."""
+        """Whether a new failure ends the execution (`fail_fast`)."""
         status = self._schedule.status
         return self._fail_fast and any(
             status[name] == "failed" for name in status.keys() - self._blocked
@@ -126,7 +126,7 @@ class _Execution:
         return content["cause"] if late and not was_interrupted(content) else ""
 
     def _fail(self, run: Run, cause: str, interrupted: bool) -> None:
-        """Stores that a run failed for a reason that is not its own."""
+        """Stores a run as failed for a reason outside of the run."""
         try:
             self._store.commit(run, Outcome("failed", cause=cause, interrupted=interrupted))
         except OSError as error:
@@ -144,7 +144,7 @@ class _Execution:
         self._fail_children(run.name, status, reason)
 
     def _fail_children(self, parent: str, status: str, reason: str = "") -> None:
-        """Notes the end of a run; `reason`: why it failed, where no row will say so."""
+        """Notes the end of a run and fails its children, with `reason` in their cause."""
         cause = f"parent {parent} failed" + (f": {reason}" if reason else "")
         for child in self._schedule.end(parent, status):
             if child.name not in self._schedule.status:  # not by way of another child
@@ -152,13 +152,13 @@ class _Execution:
 
 
 class _Schedule:
-    """Which run is next; what is waiting for what."""
+    """Decides which run starts next, and knows which runs wait for which parents."""
 
     def __init__(self, runs: Iterable[Run], done: Iterable[str]) -> None:
         self.status: dict[str, str] = {}
         self.started: dict[str, float] = {}
         self.clock: dict[str, float] = {}
-        """When each was started, as the calendar counts [s]."""
+        """When each run was started, in seconds since the epoch of the system clock [s]."""
         self._runs = {run.name: run for run in runs}
         self._done = set(done)
         self._children: dict[str, list[str]] = {}

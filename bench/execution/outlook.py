@@ -1,7 +1,7 @@
-"""`bench plan`: what a suite comes to, what of it is there, what the rest will cost."""
+"""`bench plan`: the runs of a suite, which of them exist, and what the missing ones will cost."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -23,13 +23,14 @@ from bench.stats.forecast import (
 )
 from bench.stats.statistics import Entry
 from bench.store.missing import State, states
+from bench.store.reuse import reusable
 from bench.store.store import Store
 from bench.store.tables import TableError, Tables
 from bench.text.numbers import number, seconds
 from bench.text.say import say
 
 NAMED = 3
-"""Runs that are named for each reason."""
+"""Most runs that are named for one reason."""
 
 
 def show_plan(
@@ -40,6 +41,7 @@ def show_plan(
     every: bool,
     console: Console,
     retry_failed: bool = False,
+    reuse: Sequence[Path] = (),
 ) -> int:
     """Prints the outlook; exit status 0, or 1 if a plug-in is broken.
 
@@ -51,8 +53,9 @@ def show_plan(
         every: Whether every missing run gets a line.
         console: Where it is shown.
         retry_failed: Whether runs that failed by themselves are to be tried again.
+        reuse: Folders of tables whose finished runs of the plan count as finished here.
     """
-    recorded = recorded_tables(tables_dir)
+    recorded = recorded_tables(tables_dir).merged(reusable(plan, reuse))
     found = states(plan.runs, Store(tables_dir), recorded)
     failed = set() if retry_failed else _failed(found)
     missing = [state for state in found if state.reason and state.run.name not in failed]
@@ -103,7 +106,7 @@ def _failed(found: Iterable[State]) -> set[str]:
 
 
 def past_rows(tables_dir: Path, console: Console) -> list[Past]:
-    """Costs in the tables of a folder and of all in `results/`; what cannot be read is named."""
+    """Costs of past runs in a folder's tables and in `results/`; unreadable tables are named."""
     folders = {tables_dir.resolve(), *(path.resolve() for path in Path("results").glob("*"))}
     found = []
     for folder in sorted(folders):

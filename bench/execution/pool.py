@@ -36,7 +36,7 @@ from bench.execution.executor import (
 from bench.execution.signals import handled
 
 POLL = 0.1
-"""Longest time that a message waits to be read [s]; an end is noticed at once."""
+"""Longest delay before a message is read [s]; the end of a task is noticed at once."""
 
 
 def share_of_cores(number: int, jobs: int) -> list[int]:
@@ -142,7 +142,7 @@ class LocalExecutor(AbstractExecutor):
         return Ended(slot, error=self._cause(slot, error))
 
     def _cause(self, slot: int, error: BrokenProcessPool) -> str:
-        """Why a process is gone, from loky's text: it names signals and exit statuses."""
+        """Why a process ended, from loky's message, which names signals and exit statuses."""
         if found := re.search(r"\b(SIG[A-Z0-9]+)\(-\d+\)", str(error)):
             more = " (out of memory?)" if found[1] == "SIGKILL" else ""
             return f"its worker process was ended by {found[1]}{more}"
@@ -170,7 +170,7 @@ class LocalExecutor(AbstractExecutor):
 
 
 def _received(connection: Connection) -> Iterator[tuple[Any, ...]]:
-    """What came through a pipe since the last time."""
+    """Messages that came through a pipe since the last call."""
     with contextlib.suppress(EOFError, OSError):
         while connection.poll():
             yield connection.recv()
@@ -179,11 +179,11 @@ def _received(connection: Connection) -> Iterator[tuple[Any, ...]]:
 # --- In the process -------------------------------------------------------------------------
 
 _TO_PARENT: list[Connection] = []
-"""The pipe to the process that gives tasks, once `_prepare` was called."""
+"""The pipe to the process that hands out tasks; set by `_prepare`."""
 
 
 def _prepare(connection: Connection, log: Path, cores: list[int]) -> None:
-    """Before the first task: cores, log, nothing of Ctrl-C, and no life after the parent."""
+    """Prepares a worker: pins cores, redirects its log, ignores Ctrl-C, ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     # A process that grows has compiled a program: no leak for which loky should replace it.
     process_executor._MAX_MEMORY_LEAK_SIZE = float("inf")
@@ -199,7 +199,7 @@ def _prepare(connection: Connection, log: Path, cores: list[int]) -> None:
 
 
 def _leave_with_parent(connection: Connection) -> None:
-    """Ends this process when the other end of the pipe is gone: nobody waits for its task."""
+    """Ends this process when its parent has ended, which the closed pipe shows."""
     with contextlib.suppress(EOFError, OSError):
         connection.recv()
     os._exit(1)

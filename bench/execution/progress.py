@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import time
-from types import TracebackType
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -11,7 +10,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from bench.plan.expansion import Run
+from bench.plan.planned_run import Run
 
 
 @dataclasses.dataclass
@@ -35,7 +34,7 @@ class _Line:
 
     @property
     def cost(self) -> float:
-        """That of all its runs."""
+        """Cost of all its runs."""
         return sum(run.cost for run in self.runs)
 
     @property
@@ -45,7 +44,7 @@ class _Line:
 
     @property
     def left(self) -> float:
-        """Time to the end of the stage if it goes on like this [s]; NaN if nobody knows."""
+        """Expected time to the end of the stage, at its pace so far [s]; NaN if unknown."""
         if not 0.0 < self.fraction < 1.0:
             return math.nan
         return (time.monotonic() - self.stage_start) * (1.0 / self.fraction - 1.0)
@@ -73,12 +72,7 @@ class SweepProgress:
             self._live.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         if self._live is not None:
             self._live.stop()
 
@@ -128,7 +122,7 @@ class SweepProgress:
 
 
 def _clock(seconds: float) -> str:
-    """`seconds` as people write it, e.g. "41 s", "3 min 07 s", "2 h 05 min"."""
+    """A duration for people, e.g. "41 s", "3 min 07 s", "2 h 05 min"."""
     if math.isnan(seconds):
         return "?"
     whole = round(seconds)

@@ -1,4 +1,4 @@
-"""Signals that go elsewhere for a while."""
+"""A context that handles one signal differently."""
 
 import contextlib
 import signal
@@ -11,7 +11,7 @@ from types import FrameType
 def handled(
     number: signal.Signals, handler: Callable[[int, FrameType | None], object] | signal.Handlers
 ) -> Iterator[None]:
-    """Inside, `handler` gets a signal; nothing changes elsewhere than in the main thread.
+    """A context in which `handler` gets a signal; outside of the main thread it changes nothing.
 
     A process that starts inside ignores what is ignored here from its first instruction on.
     """

@@ -1,5 +1,6 @@
 """A sweep from beginning to end: execute what is missing, then tables and documents."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -18,6 +19,7 @@ from bench.report.page import write_report
 from bench.stats.against import beside
 from bench.store.kept import KeptRuns
 from bench.store.resume import Standing, make_standing, reproduces, stale_lines
+from bench.store.reuse import reusable
 from bench.store.store import Store
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
@@ -52,6 +54,7 @@ def sweep(
     retry_failed: bool = False,
     replace: bool = False,
     against: Path | None = None,
+    reuse: Sequence[Path] = (),
 ) -> int:
     """Exit status: 0, 1 if anything failed or was left out, 130 after Ctrl-C.
 
@@ -67,6 +70,7 @@ def sweep(
         retry_failed: Whether runs that failed in an earlier sweep are tried again.
         replace: Whether rows of another program or machine are replaced.
         against: Folder of tables whose rows the documents show beside these; it stays as it is.
+        reuse: Folders of tables whose finished runs of the plan count as finished here.
 
     Raises:
         TableError: The tables that are there cannot be read.
@@ -80,8 +84,8 @@ def sweep(
     with store.lock(lambda: say(errors, f"Waiting: another run is working in {tables_dir}.")):
         store.tidy()
         sound = store.sound(warn)
-        recorded = recorded_tables(tables_dir)
-        kept_runs = KeptRuns(tables_dir, recorded, warn)
+        recorded = recorded_tables(tables_dir).merged(reusable(plan, reuse))
+        kept_runs = KeptRuns([tables_dir, *reuse], recorded, warn)
         standing = make_standing(
             plan,
             sound,

@@ -1,4 +1,4 @@
-"""Trains and evaluates runs; this is what a worker process does, on whatever machine.
+"""Trains and evaluates runs: the work of a worker process, on any machine.
 
 Every policy is deployed twice from the initial states of its task and team size: in the high-
 fidelity simulator with the effects that the row asks for, which gives the row of the leaderboard,
@@ -24,7 +24,8 @@ import numpy as np
 import pandas as pd
 
 from bench.execution.executor import Report, one_line
-from bench.plan.expansion import NOMINAL, REALITY, Run
+from bench.plan.expansion import NOMINAL
+from bench.plan.planned_run import REALITY, Run
 from bench.plan.provenance import provenance
 from bench.plan.realities import parse_reality
 from bench.plan.settings import build
@@ -226,6 +227,7 @@ def metrics(trained: Trained, deployed: Evaluation, in_nominal: Evaluation) -> d
         "settled_reward": deployed.settled_reward,
         "reward": deployed.reward,
         "takeoff_reward": deployed.takeoff_reward,
+        "worst_decile_reward": deployed.worst_decile,
         "settling_time": deployed.settling_time,
         "crashes": deployed.crashes,
         "crash_step_rate": deployed.crash_step_rate,
@@ -268,7 +270,7 @@ def _trajectory(run: Run, deployed: Evaluation) -> pd.DataFrame:
 
 
 def _progress(report: Report) -> Progress:
-    """A `Progress` that reports not too often."""
+    """A `Progress` that reports at most every `REPORT_EVERY` seconds."""
     last, stage_before = 0.0, ""
 
     def progress(stage: str, epoch: int, epochs: int, reward: float) -> None:

@@ -24,6 +24,9 @@ ROWS = {
     "training_crash_step_rate": "share of training\nsteps in contact",
 }
 """Metrics from top to bottom, and their axis labels."""
+LINEAR = 0.5
+"""Returns nearer to 0 are drawn on a linear scale, others on a logarithmic one: they go from -0.6,
+where the best settle, to -600 of a training that diverged."""
 
 
 def write_cost(tables: Tables, path: Path) -> bool:
@@ -35,7 +38,7 @@ def write_cost(tables: Tables, path: Path) -> bool:
 
 
 def write_summary(tables: Tables, path: Path) -> bool:
-    """Writes a PNG: settled reward and cost against team size, a column a task.
+    """Writes a PNG: settled reward (logarithmic) and cost against team size, a column a task.
 
     Means over seeds with one standard deviation; default settings. Nothing is written, and False
     returned, where there is nothing to draw.
@@ -79,6 +82,9 @@ def write_summary(tables: Tables, path: Path) -> bool:
         grid.set(xticks=sorted(shown["team_size"].unique()))
         for label, axes in zip(rows.values(), grid.axes, strict=True):
             axes[0].set_ylabel(label)
+        for panel in grid.axes[0]:
+            panel.set_yscale("symlog", linthresh=LINEAR)
+            panel.set_ylim(top=max(0.0, shown.loc[shown["metric"].eq(first), "value"].max()))
         for panel in grid.axes[1]:
             panel.set_yscale("symlog", linthresh=1)
             panel.set_ylim(-0.2, max(10.0, 2.0 * panel.dataLim.y1))

@@ -94,20 +94,23 @@ class Judged(NamedTuple):
     finding: Finding
     whole: Verdict
     """The verdict by the return of the whole episode."""
+    so_far: Verdict
+    """The verdict if the cells that were run were all."""
 
 
 def judged(tables: Tables) -> list[Judged]:
     """All claims, judged."""
     first = primary(tables)
-    return [
-        Judged(claim, _judge(claim, tables, first), _judge(claim, tables, "reward").verdict)
-        for claim in CLAIMS
-    ]
+    found = []
+    for claim in CLAIMS:
+        so_far = claim.rule.judge(tables, first)
+        whole = _whole(claim, claim.rule.judge(tables, "reward"))
+        found.append(Judged(claim, _whole(claim, so_far), whole.verdict, so_far.verdict))
+    return found
 
 
-def _judge(claim: Claim, tables: Tables, metric: str) -> Finding:
-    """The finding on a claim; where part of what it is about was not run, nothing supports it."""
-    found = claim.rule.judge(tables, metric)
+def _whole(claim: Claim, found: Finding) -> Finding:
+    """A finding as one on the whole claim: nothing supports it where part of it was not run."""
     if len(found.lines) >= claim.lines or found.verdict is Verdict.UNTESTED:
         return found
     partial = f"{found.ours} (run: {len(found.lines)} of {claim.lines})"
@@ -191,13 +194,27 @@ def _document(tables: Tables, notes: str, figures: Mapping[str, list[str]]) -> l
 
 
 def _answer(found: Sequence[Judged]) -> list[str]:
-    """Which claims of the paper stand, in one paragraph."""
-    lines = []
-    for verdict in (Verdict.SUPPORTED, Verdict.REFUTED, Verdict.UNDECIDED, Verdict.UNTESTED):
-        titles = [j.claim.title for j in found if j.finding.verdict is verdict]
-        named = "" if verdict is Verdict.UNTESTED else f": {'; '.join(titles)}"
-        if titles:
-            lines.append(f"- **{verdict.value.capitalize()}** ({len(titles)}){named}.")
+    """Which claims stand, a list of one line a verdict."""
+    undecided = [j for j in found if j.finding.verdict is Verdict.UNDECIDED]
+    open_ = {
+        f"{verdict.value.capitalize()} so far, with cells still to run": [
+            j for j in undecided if j.so_far is verdict
+        ]
+        for verdict in (Verdict.SUPPORTED, Verdict.REFUTED)
+    }
+    groups = {
+        "Supported": [j for j in found if j.finding.verdict is Verdict.SUPPORTED],
+        "Refuted": [j for j in found if j.finding.verdict is Verdict.REFUTED],
+        **open_,
+        "Undecided": [j for j in undecided if j.so_far is Verdict.UNDECIDED],
+    }
+    lines = [
+        f"- **{name}** ({len(own)}): {'; '.join(j.claim.title for j in own)}."
+        for name, own in groups.items()
+        if own
+    ]
+    if n_untested := sum(j.finding.verdict is Verdict.UNTESTED for j in found):
+        lines.append(f"- **Not tested** ({n_untested}).")
     return ["## What holds", "\n".join(lines)]
 
 

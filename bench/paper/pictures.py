@@ -1,5 +1,11 @@
-"""Pictures beside the claims: how policies are trained, and what teams fly, seen from above."""
+"""Pictures beside the claims: how policies are trained, and what teams fly, seen from above.
 
+    python -m bench.paper.pictures OUT results/paper
+
+keeps of the trajectories in OUT, a folder that `bench run` wrote to, those that the top views show.
+"""
+
+import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -11,7 +17,7 @@ from matplotlib.patches import Rectangle
 from bench.paper.values import GREY_BOX, HYBRID, NAMES
 from bench.report.pictures.cost import STYLE
 from bench.stats.statistics import Entry, entry_of, records
-from bench.store.tables import Tables
+from bench.store.tables import FEW_TRAJECTORIES, Tables
 
 TEAM_SIZE = 5
 """Number of drones of the top views, as in the paper."""
@@ -107,6 +113,12 @@ def write_top_views(tables: Tables, path: Path, team_size: int = TEAM_SIZE) -> b
     return True
 
 
+def keep_flights(tables: Tables, directory: Path, team_size: int = TEAM_SIZE) -> None:
+    """Writes the trajectories of the top views beside other tables, as `flights.parquet`."""
+    flown = [path for _, path in sorted(_flights(tables, team_size).items())]
+    pd.concat(flown, ignore_index=True).to_parquet(directory / FEW_TRAJECTORIES, index=False)
+
+
 def _flights(tables: Tables, team_size: int) -> dict[tuple[Entry, str], pd.DataFrame]:
     """Trajectory of the smallest seed of each method, by method and task, undisturbed."""
     results = tables.results.drop_duplicates("run")
@@ -132,3 +144,7 @@ def _view(panel: Axes, path: pd.DataFrame) -> None:
         panel.plot(*xy[-1], marker="*", color=color, markersize=9)
     reach = np.ptp(path[["pos_x", "pos_y"]].to_numpy(float), axis=0).max()
     panel.margins(0.05 if np.isfinite(reach) else 0.0)
+
+
+if __name__ == "__main__":
+    keep_flights(Tables.load(Path(sys.argv[1])), Path(sys.argv[2]))

@@ -1,6 +1,27 @@
 """Registered names, checked without importing any plug-in."""
 
+import functools
+import tomllib
+from pathlib import Path
+
 from simulators import registry
+
+WORLDS = Path(__file__).with_name("named_worlds.toml")
+"""Realities with a name."""
+SENSING = "sensing"
+"""Name of what drones see in the text of a reality; it is no registered effect."""
+
+
+@functools.cache
+def worlds() -> dict[str, str]:
+    """Realities with a name, as text."""
+    found = tomllib.loads(WORLDS.read_text(encoding="utf-8"))
+    return {name: " ".join(text.split()) for name, text in found.items()}
+
+
+def world_text(reality: str) -> str:
+    """What a reality is: the text behind a name, or the text itself."""
+    return worlds().get(reality.strip(), reality)
 
 
 def require(kind: str, name: str) -> None:

@@ -3,14 +3,23 @@
 import math
 import re
 from collections.abc import Mapping
+from typing import Any
 
+import equinox as eqx
+
+from bench.plan.names import SENSING, world_text
 from bench.text.errors import UsageError
 from simulators import registry
 from simulators.contract import AbstractSimulator, MissingDoorError, with_effects
+from simulators.drawn.distribution import Distribution
+from simulators.drawn.drawn_team import drawn
+from simulators.drawn.sensing import Sensing
 from simulators.effects.chain import canonical
-from simulators.effects.contract import Parameter
+from simulators.effects.contract import AbstractEffect, Parameter
 
-_PART = re.compile(r"([a-z_0-9]+)\(([^()]*)\)")
+_PART = re.compile(r"([a-z_0-9]+)\(((?:[^()]|\([^()]*\))*)\)")
+_PAIR = re.compile(r"[^,()]*(?:\([^()]*\)[^,()]*)?")
+_LAW = re.compile(r"(\w+)\(([^,]+),([^,]+)\)")
 
 
 def written(reality: AbstractSimulator) -> str:
@@ -21,46 +30,84 @@ def written(reality: AbstractSimulator) -> str:
 def parse_reality(text: str, where: str = "`--reality`") -> AbstractSimulator:
     """The simulator with effects that `text` names, such as `crazyflow+mass(e=0.2)+drag(c=1)`.
 
-    `where` is what messages begin with.
+    `text` may be the name of a world (`bench/plan/named_worlds.toml`). A parameter with a
+    distribution, such as `mass(e~normal(0, 0.05))`, is drawn for each drone and episode;
+    `sensing(...)` is what drones see. `where` is what messages begin with.
 
     Raises:
         UsageError: A part is not understood, or the simulator lacks a door for it.
         UnknownPluginError: No simulator or effect has that name.
     """
-    name, *parts = [part.strip() for part in text.split("+")]
+    name, *parts = [part.strip() for part in world_text(text).split("+")]
     simulator = registry.load("simulator", name)()
-    effects = []
+    effects, drawn_anew = [], False
     for part in parts:
         match = _PART.fullmatch(part)
         if match is None:
             raise UsageError(f"{where}: {part!r} is no effect; write NAME(PARAMETER=VALUE).")
-        kind = registry.load("effect", match[1])
-        effects.append(kind(**_values(match[1], match[2], kind.parameters, where)))
+        kind = Sensing if match[1] == SENSING else registry.load("effect", match[1])
+        values = _values(match[1], match[2], kind.parameters, where)
+        laws = {p: law for p, law in values.items() if isinstance(law, Distribution)}
+        numbers = {p: x for p, x in values.items() if p not in laws}
+        effects.append(_with_laws(kind(**numbers), laws))
+        drawn_anew |= bool(laws) or kind is Sensing
     try:
-        return with_effects(simulator, effects)
+        attach = drawn if drawn_anew else with_effects
+        return attach(simulator, tuple(effects))
     except MissingDoorError as error:
+        raise UsageError(f"{where}: {error}") from error
+    except ValueError as error:  # an effect that cannot be part of a drawn reality
         raise UsageError(f"{where}: {error}") from error
 
 
-def _values(effect: str, text: str, known: Mapping[str, Parameter], where: str) -> dict[str, float]:
-    values = {}
-    for pair in filter(None, (p.strip() for p in text.split(","))):
-        name, _, number = (x.strip() for x in pair.partition("="))
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
-        if name not in known or not math.isfinite(value):
-            raise UsageError(
-                f"{where}: {pair!r} is no setting of '{effect}'; its parameters are "
-                f"{', '.join(known)}, each with a number."
-            )
+def _with_laws(effect: AbstractEffect, laws: Mapping[str, Distribution]) -> AbstractEffect:
+    names = list(laws)
+    places = lambda e: [getattr(e, name) for name in names]  # noqa: E731
+    return eqx.tree_at(places, effect, [laws[name] for name in names])
+
+
+def _values(effect: str, text: str, known: Mapping[str, Parameter], where: str) -> dict[str, Any]:
+    """Number or distribution of each parameter that `text` gives."""
+    values: dict[str, Any] = {}
+    for pair in filter(None, (p.strip() for p in _PAIR.findall(text))):
+        sign = next((x for x in pair if x in "=~"), "")
+        name, _, value = (x.strip() for x in pair.partition(sign or "="))
+        if name not in known or not sign:
+            raise _no_setting(where, effect, pair, known)
         if name in values:
             raise UsageError(f"{where}: {name} of '{effect}' is given twice.")
-        low, high = known[name].low, known[name].high
-        if not low <= value <= high:
-            raise UsageError(
-                f"{where}: {name} of '{effect}' must lie in [{low:g}, {high:g}], got {value:g}."
-            )
-        values[name] = value
+        parameter = known[name]
+        if sign == "=":
+            values[name] = number = _number(value)
+            if not math.isfinite(number):
+                raise _no_setting(where, effect, pair, known)
+            if not parameter.low <= number <= parameter.high:
+                raise UsageError(
+                    f"{where}: {name} of '{effect}' must lie in [{parameter.low:g}, "
+                    f"{parameter.high:g}], got {number:g}."
+                )
+            continue
+        law = _LAW.fullmatch(value)
+        if law is None:
+            raise _no_setting(where, effect, pair, known)
+        numbers = (_number(law[2]), _number(law[3]))
+        try:
+            values[name] = Distribution(law[1], *numbers, parameter.low, parameter.high)
+        except ValueError as error:
+            raise UsageError(f"{where}: {name} of '{effect}': {error}.") from error
     return values
+
+
+def _number(text: str) -> float:
+    """The number that `text` is; NaN for none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _no_setting(where: str, effect: str, pair: str, known: Mapping[str, Parameter]) -> UsageError:
+    return UsageError(
+        f"{where}: {pair!r} is no setting of '{effect}'; its parameters are {', '.join(known)}, "
+        "each with a number, or with a distribution such as ~normal(0, 0.05) or ~uniform(0, 1)."
+    )

@@ -14,7 +14,7 @@
     settings.trainer.epochs = 200      # fields of the method
     task_settings.observe_attitude = true
     nominal.attitude_tau = 0.05        # fields of the low-fidelity simulator, its parents' too
-    reality = "crazyflow+mass(e=0.2)"  # what it is trained for and deployed in
+    reality = "crazyflow+mass(e=0.2)"  # what it is trained for and deployed in; of a list, each
     tasks = ["circle"]                 # this row only on these
     team_sizes = [12]
     seeds = 1
@@ -23,6 +23,13 @@
     method = "lf_baseline"
     deployed_in = "crazyflow+wind(x=1.5)"  # as it is: this row trains nothing
     tracked = true                     # a PD controller flies the paths of that policy
+
+    [quick]                            # what `bench run SUITE --quick` leaves of it
+    tasks = ["circle"]
+    team_sizes = [3]
+    seeds = 1
+    methods = ["lf_baseline", "hybrid"]
+    residuals = ["mlp"]                # of the methods that take one
 
 An unknown key is an error, and so is a row outside the suite's own tasks, team sizes and seeds.
 Plug-in names are checked without importing any plug-in.
@@ -33,21 +40,14 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
 
-from bench.plan.keys import Setting, unknown_key
+from bench.plan.keys import Setting
 from bench.plan.names import require
-from bench.text.errors import UsageError
+from bench.plan.toml_table import SuiteError, check_keys, flag, typed, values
 from simulators import registry
-
-T = TypeVar("T")
 
 BUILT_IN = Path(__file__).parent / "suites"
 """Where the built-in suites are."""
-
-
-class SuiteError(UsageError):
-    """A suite that cannot be run as it is written; the message is one line."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,6 +94,22 @@ class Row:
 
 
 @dataclasses.dataclass(frozen=True)
+class QuickPart:
+    """A small part of a suite that shows in minutes what the whole is about."""
+
+    tasks: tuple[str, ...]
+    """Registered names, among the suite's."""
+    team_sizes: tuple[int, ...]
+    """Numbers of drones, among the suite's."""
+    seeds: int
+    """Number of seeds, at most the suite's."""
+    methods: tuple[str, ...]
+    """Registered names, among those of the suite's rows."""
+    residuals: tuple[str, ...]
+    """Registered names of the residuals of methods that take one."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Suite:
     """A product of tasks, team sizes, seeds and method rows."""
 
@@ -113,6 +129,8 @@ class Suite:
     """Seeds `first_seed` to `first_seed + seeds - 1` are run."""
     simulator: str = ""
     """High-fidelity simulator of the rows that name none; empty: crazyflow."""
+    quick: QuickPart | None = None
+    """What is left of it where there is little time; None: it has no such part."""
 
     def __post_init__(self) -> None:
         where = f"Suite '{self.name}'"
@@ -147,6 +165,21 @@ class Suite:
                 )
             if row.seeds is not None and row.seeds < 1:
                 raise SuiteError(f"{where}: `seeds` of a row must be at least 1, got {row.seeds}.")
+
+    def quickly(self) -> "Suite":
+        """Its quick part: the same runs, fewer of them.
+
+        Raises:
+            SuiteError: It has none.
+        """
+        if self.quick is None:
+            able = [name for name in built_in() if load_suite(name).quick is not None]
+            raise SuiteError(
+                f"Suite '{self.name}' has no table [quick]. Suites that have one: "
+                f"{', '.join(able)}. Or choose a part with --task, --team-size, --method, --seeds."
+            )
+        part = self.quick
+        return self.select(part.tasks, part.team_sizes, part.methods, part.residuals, part.seeds)
 
     def select(
         self,
@@ -240,42 +273,68 @@ def load_suite(name: str) -> Suite:
 
 def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
     where = f"Suite '{path.stem}'"
-    _check_keys(where, content, Suite, required=("tasks", "team_sizes", "seeds", "methods"))
-    rows, simulator = [], _typed(where, content, "simulator", str, "")
-    for number, row in enumerate(_typed(where, content, "methods", list), start=1):
+    check_keys(where, content, Suite, required=("tasks", "team_sizes", "seeds", "methods"))
+    rows, simulator = [], typed(where, content, "simulator", str, "")
+    for number, row in enumerate(typed(where, content, "methods", list), start=1):
         place = f"{where}, method {number}"
         if not isinstance(row, dict):
             raise SuiteError(f"{place} must be a table, got {row!r}.")
-        _check_keys(place, row, Row, required=("method",))
-        rows.append(
+        check_keys(place, row, Row, required=("method",))
+        rows += [
             Row(
-                method=_typed(place, row, "method", str),
-                residual=_typed(place, row, "residual", str, ""),
-                settings=_typed(place, row, "settings", dict, {}),
-                task_settings=_typed(place, row, "task_settings", dict, {}),
-                nominal=_typed(place, row, "nominal", dict, {}),
-                simulator=_typed(place, row, "simulator", str, simulator),
-                reality=_typed(place, row, "reality", str, ""),
-                deployed_in=_typed(place, row, "deployed_in", str, ""),
-                tracked=_flag(place, row, "tracked"),
-                tasks=_list(place, row, "tasks", str) if "tasks" in row else None,
-                team_sizes=_list(place, row, "team_sizes", int) if "team_sizes" in row else None,
-                seeds=_typed(place, row, "seeds", int) if "seeds" in row else None,
+                method=typed(place, row, "method", str),
+                residual=typed(place, row, "residual", str, ""),
+                settings=typed(place, row, "settings", dict, {}),
+                task_settings=typed(place, row, "task_settings", dict, {}),
+                nominal=typed(place, row, "nominal", dict, {}),
+                simulator=typed(place, row, "simulator", str, simulator),
+                reality=reality,
+                deployed_in=deployed_in,
+                tracked=flag(place, row, "tracked"),
+                tasks=values(place, row, "tasks", str) if "tasks" in row else None,
+                team_sizes=values(place, row, "team_sizes", int) if "team_sizes" in row else None,
+                seeds=typed(place, row, "seeds", int) if "seeds" in row else None,
             )
-        )
+            for reality in _worlds(place, row, "reality")
+            for deployed_in in _worlds(place, row, "deployed_in")
+        ]
     suite = Suite(
-        name=_typed(where, content, "name", str, path.stem),
-        description=_typed(where, content, "description", str, ""),
-        tasks=_list(where, content, "tasks", str),
-        team_sizes=_list(where, content, "team_sizes", int),
-        seeds=_typed(where, content, "seeds", int),
+        name=typed(where, content, "name", str, path.stem),
+        description=typed(where, content, "description", str, ""),
+        tasks=values(where, content, "tasks", str),
+        team_sizes=values(where, content, "team_sizes", int),
+        seeds=typed(where, content, "seeds", int),
         methods=tuple(rows),
-        first_seed=_typed(where, content, "first_seed", int, 0),
+        first_seed=typed(where, content, "first_seed", int, 0),
         simulator=simulator,
+        quick=_quick(where, content),
     )
     for number, row in enumerate(rows, start=1):
         _check_within(suite, row, f"{where}, method {number}")
     return suite
+
+
+def _worlds(where: str, row: Mapping[str, Setting], key: str) -> tuple[str, ...]:
+    """The worlds of a row under a key: one or a list of them; an empty text without any."""
+    if isinstance(row.get(key), list):
+        return values(where, row, key, str)
+    return (typed(where, row, key, str, ""),)
+
+
+def _quick(where: str, content: Mapping[str, Setting]) -> QuickPart | None:
+    """The table [quick], if there is one."""
+    if "quick" not in content:
+        return None
+    table, place = typed(where, content, "quick", dict), f"{where}, [quick]"
+    keys = tuple(field.name for field in dataclasses.fields(QuickPart))
+    check_keys(place, table, QuickPart, required=keys)
+    return QuickPart(
+        tasks=values(place, table, "tasks", str),
+        team_sizes=values(place, table, "team_sizes", int),
+        seeds=typed(place, table, "seeds", int),
+        methods=values(place, table, "methods", str),
+        residuals=values(place, table, "residuals", str),
+    )
 
 
 def _check_within(suite: Suite, row: Row, where: str) -> None:
@@ -289,43 +348,6 @@ def _check_within(suite: Suite, row: Row, where: str) -> None:
         raise SuiteError(
             f"{where}: `seeds` must be at most the suite's {suite.seeds}, got {row.seeds}."
         )
-
-
-def _check_keys(
-    where: str,
-    table: Mapping[str, Setting],
-    cls: type[Suite] | type[Row],
-    required: tuple[str, ...],
-) -> None:
-    allowed = [field.name for field in dataclasses.fields(cls)]
-    for key in table:
-        if key not in allowed:
-            raise SuiteError(unknown_key(where, key, allowed))
-    for key in required:
-        if key not in table:
-            raise SuiteError(f"{where} lacks the key '{key}'.")
-
-
-def _typed(
-    where: str, table: Mapping[str, Setting], key: str, kind: type[T], default: T | None = None
-) -> T:
-    value = table[key] if default is None else table.get(key, default)
-    if not isinstance(value, kind) or isinstance(value, bool):
-        words = {str: "text", int: "a whole number", dict: "a table", list: "a list"}[kind]
-        raise SuiteError(f"{where}: `{key}` must be {words}, got {value!r}.")
-    return value
-
-
-def _flag(where: str, table: Mapping[str, Setting], key: str) -> bool:
-    value = table.get(key, False)
-    if not isinstance(value, bool):
-        raise SuiteError(f"{where}: `{key}` must be true or false, got {value!r}.")
-    return value
-
-
-def _list(where: str, table: Mapping[str, Setting], key: str, kind: type[T]) -> tuple[T, ...]:
-    values = _typed(where, table, key, list)
-    return tuple(_typed(where, {key: value}, key, kind) for value in values)
 
 
 def _check_names(tasks: Sequence[str], team_sizes: Sequence[int]) -> None:

@@ -8,8 +8,7 @@ import pandas as pd
 
 from bench.report.flown import playable_all
 from bench.report.pictures.curves import by_run
-from bench.stats.endings import places
-from bench.stats.statistics import FAILURES, Cell, Entry, cells_meant, entry_of, records
+from bench.stats.statistics import FAILURES, Cell, Entry, cells_meant, entry_of, places, records
 from bench.store.tables import Tables
 from bench.text.numbers import significant
 

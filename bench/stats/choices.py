@@ -27,9 +27,9 @@ class Choice(NamedTuple):
     best: Entry
     score: float
     minutes: float
-    """What the best one is billed [fleet-minutes]."""
+    """Flight that the best method is billed for [fleet-minutes]."""
     tied: "tuple[Tie, ...]"
-    """Who cannot be told from the best, by score."""
+    """Methods that are not shown to be below the best, by score."""
     tasks: tuple[str, ...]
     """Tasks whose scores this rests on."""
 

@@ -17,10 +17,19 @@ from rich.console import Console
 from rich.text import Text
 
 from bench.stats import verdicts
-from bench.stats.endings import endings, lost
 from bench.stats.pooled import improvement
 from bench.stats.scores import PRIMARY, UPPER, flown_settings, primary, scored
-from bench.stats.statistics import FEWEST, Cell, Entry, difference, estimate, matched, seed_values
+from bench.stats.statistics import (
+    FEWEST,
+    Cell,
+    Entry,
+    difference,
+    endings,
+    estimate,
+    lost,
+    matched,
+    seed_values,
+)
 from bench.stats.verdicts import over_cells
 from bench.store.tables import Tables
 from bench.text.errors import UsageError

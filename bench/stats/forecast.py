@@ -1,4 +1,4 @@
-"""What runs will cost, from what such runs have cost before.
+"""Forecasts what runs will cost from the costs of similar past runs.
 
 The nearest past runs count: those of the same cell; else of the same method, residual and variant
 at the nearest team size; else on other tasks; else of any variant. Between team sizes training time
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.plan.expansion import Run
+from bench.plan.planned_run import Run
 from bench.stats.statistics import records
 from bench.store.missing import State
 from bench.store.tables import Tables
@@ -47,7 +47,7 @@ BASES = {
     "other task": lambda run, past: _alike(run, past),
     "other variant": lambda run, past: (run.method, run.residual) == (past.method, past.residual),
 }
-"""Which past runs tell something about a run, best first."""
+"""Kinds of similarity between a run and a past one, best first."""
 
 
 def past_of_tables(tables: Tables) -> list[Past]:
@@ -74,7 +74,7 @@ def past_of_states(states: Iterable[State]) -> list[Past]:
 
 
 def guess(run: Run, past: Iterable[Past]) -> Guess | None:
-    """What `run` will cost, next to nothing if it trains nothing; None if no past run tells."""
+    """Expected cost of `run`, zero if it trains nothing; None if no past run is similar."""
     if run.deploys:
         return Guess(0.0, 0.0, "no training")
     past = [p for p in past if p.seconds > 0.0]
@@ -89,7 +89,7 @@ def guess(run: Run, past: Iterable[Past]) -> Guess | None:
 
 
 def longest_chain(runs: Iterable[Run], seconds: Mapping[str, float]) -> float:
-    """Time that no number of jobs can undercut: parents before children, by name of the run [s]."""
+    """Training time of the longest chain of runs and parents [s]; more jobs cannot shorten it."""
     chains: dict[str, float] = {}
     for run in runs:  # parents come before their children
         before = max((chains.get(parent, 0.0) for parent in run.parents.values()), default=0.0)

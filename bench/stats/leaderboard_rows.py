@@ -10,17 +10,20 @@ import math
 from collections.abc import Mapping
 from typing import TypedDict
 
-from bench.stats.endings import Endings, endings, endings_text, lost
 from bench.stats.ranking import Rank, ranks
 from bench.stats.scores import UPPER, by_run, primary, upper_returns
 from bench.stats.statistics import (
     Cell,
+    Endings,
     Entry,
     Estimate,
     cell_of,
     default_of,
     difference,
+    endings,
+    endings_text,
     estimate,
+    lost,
     records,
     seed_values,
 )
@@ -72,7 +75,7 @@ class Row(TypedDict):
     beside_default: Estimate | None
     """Settled reward less that of `default`; None without such a row."""
     scale: float
-    """What a score of 1 is above one of 0, in settled reward; NaN without an upper reference."""
+    """Settled reward at score 1 less that at score 0; NaN without an upper reference."""
     reward_mean: float
     reward_std: float
     reward_low: float
@@ -140,7 +143,7 @@ def _competing(values: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Mappi
 
 
 def _scales(tables: Tables) -> dict[Cell, float]:
-    """What a score of 1 is above one of 0, in settled reward, by cell."""
+    """Settled reward at score 1 less that at score 0, by cell."""
     zeros, found = by_run(tables, "spawn_settled_reward"), {}
     for row in records(tables.results.drop_duplicates("run")):
         if (zero := zeros.get(row["run"])) is not None:

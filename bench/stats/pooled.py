@@ -1,4 +1,4 @@
-"""Who does how well over many cells: scores pooled, world by world, with ties as ties.
+"""Pools scores over many cells, world by world, and ranks entries with their ties.
 
 The order is by the mean score, cells weighing alike. Who is above whom is decided by the difference
 of mean scores over the cells that both flew (`bench/stats/verdicts.py`), the number that `bench
@@ -25,7 +25,6 @@ from bench.stats.bootstrap import (
     probability_of_improvement,
     profile,
 )
-from bench.stats.endings import endings, lost
 from bench.stats.ranking import Above, intervals, letters
 from bench.stats.scores import UPPER, fallen_references, scored
 from bench.stats.statistics import (
@@ -34,7 +33,9 @@ from bench.stats.statistics import (
     Entry,
     Values,
     default_of,
+    endings,
     estimate,
+    lost,
     matched,
     seed_values,
 )
@@ -213,7 +214,7 @@ def _matched(
 
 
 def behind(best: Entry, entry: Entry, scores: Values) -> Test:
-    """How much lower an entry scores, mean over the cells that both flew, as `bench compare`."""
+    """How far `entry` scores below `best`: mean over the cells of both, as in `bench compare`."""
     return over_cells(
         (own[best], own[entry]) for own in scores.values() if best in own and entry in own
     )

@@ -86,7 +86,7 @@ def home_of(tables: Tables) -> str:
 
 
 def at_home(values: Values, tables: Tables) -> Values:
-    """Those of the undisturbed high-fidelity simulator."""
+    """The values in the undisturbed high-fidelity simulator."""
     home = home_of(tables)
     return {
         cell: own

@@ -24,20 +24,22 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from bench.store.tables import Tables
 from bench.text.errors import UsageError
 
 COUNTED = ("ok", "budget", "diverged")
 """Statuses of runs that left a policy, which counts; a failed run left none."""
 FAILURES = ("failed", "diverged")
-"""Statuses of runs that did not go well, whose share stands beside every mean."""
+"""Statuses of runs that did not go well; their share is shown beside every mean."""
 
 LEVEL = 0.95
 """Coverage of every interval."""
 FEWEST = 2
 """Seeds that an entry needs in a cell, where cells are compared or pooled."""
 REALITY = "crazyflow"
-"""The high-fidelity simulator that no label names."""
-_WORLD = re.compile(r"(?:reality|deployed_in)=(\w+)(?:\+(\w+\([^()]*\)(?:; \w+\([^()]*\))*))?")
+"""The default high-fidelity simulator, which labels leave out."""
+_EFFECT = r"\w+\((?:[^()]|\([^()]*\))*\)"
+_WORLD = re.compile(rf"(?:reality|deployed_in)=(\w+)(?:\+({_EFFECT}(?:; {_EFFECT})*))?")
 
 
 class Entry(NamedTuple):
@@ -86,7 +88,7 @@ class Estimate:
     std: float
     """Sample standard deviation (n - 1); NaN below two seeds and for Welch differences."""
     n: int
-    """Seeds; for a Welch difference those of the smaller sample."""
+    """Number of seeds; in a Welch difference, of the smaller sample."""
     low: float
     """Lower end of the 95 % t-interval; NaN below two seeds."""
     high: float
@@ -137,7 +139,7 @@ def difference(a: Mapping[int, float], b: Mapping[int, float]) -> Estimate:
 def matched(
     a: Mapping[int, float], b: Mapping[int, float]
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """What of two samples, values by seed, is compared: the common seeds, or everything.
+    """The values of two samples, by seed, that are compared: the common seeds, or all.
 
     Everything is where less than two seeds are common, although both have two or more.
     """
@@ -201,7 +203,7 @@ def default_of(entry: Entry) -> Entry:
 
 
 def cells_meant(task: str, team_size: int, variant: str, known: Collection[Cell]) -> set[Cell]:
-    """The cells that a run was meant for that ended before it flew.
+    """The cells in which a run was planned to fly, where it ended before its evaluation.
 
     Its variant may name their world; otherwise it is that without effects, if any of `known`, the
     cells of its task and team size, is.
@@ -210,6 +212,68 @@ def cells_meant(task: str, team_size: int, variant: str, known: Collection[Cell]
         return {Cell(task, team_size, named[1], named[2] or "")}
     plain = {cell for cell in known if not cell.deployed_effects}
     return plain or set(known) or {Cell(task, team_size)}
+
+
+Endings = Mapping[str, list[int]]
+"""Status -> seeds of the runs that ended so."""
+
+
+def places(
+    tables: Tables,
+) -> tuple[dict[str, list[tuple[Cell, Entry]]], dict[tuple[str, int], set[Cell]]]:
+    """Where each run was evaluated, and all worlds of each task and team size."""
+    flown = tables.results.drop_duplicates(["run", "simulator", "deployed_effects"])
+    found: dict[str, list[tuple[Cell, Entry]]] = {}
+    worlds: dict[tuple[str, int], set[Cell]] = {}
+    for row in records(flown):
+        cell = cell_of(row)
+        found.setdefault(row["run"], []).append((cell, entry_of(row)))
+        worlds.setdefault((cell.task, cell.team_size), set()).add(cell)
+    return found, worlds
+
+
+def endings(tables: Tables) -> dict[Cell, dict[Entry, dict[str, list[int]]]]:
+    """Seeds by cell, entry and status, of every run.
+
+    A run that failed before its evaluation is listed where it was meant to be evaluated.
+    """
+    flown, worlds = places(tables)
+    found: dict[Cell, dict[Entry, dict[str, list[int]]]] = {}
+    for row in records(_every_run(tables)):
+        entry, size = entry_of(row), (str(row["task"]), int(row["team_size"]))
+        meant = cells_meant(*size, entry.variant, worlds.get(size, set()))
+        for cell, entry in flown.get(row["run"], [(cell, entry) for cell in meant]):
+            ended = found.setdefault(cell, {}).setdefault(entry, {})
+            ended.setdefault(row["status"], []).append(int(row["seed"]))
+    return found
+
+
+def lost(ended: Endings) -> int:
+    """Number of runs that failed or diverged."""
+    return sum(len(seeds) for status, seeds in ended.items() if status in FAILURES)
+
+
+def endings_text(ended: Endings, counted: Collection[int]) -> str:
+    """Runs by status, with the seeds of those that are not `ok`.
+
+    Args:
+        ended: How the runs of an entry in a cell ended.
+        counted: Seeds that are in the mean.
+    """
+    parts = []
+    for status in sorted(ended, key=lambda s: (s != "ok", s)):
+        seeds = sorted(ended[status])
+        named = f" (seed {', '.join(map(str, seeds))})" if status != "ok" else ""
+        parts.append(f"{len(seeds)} {status}{named}")
+        if status in COUNTED and (silent := [seed for seed in seeds if seed not in counted]):
+            parts.append(f"no reward from seed {', '.join(map(str, silent))}")
+    return ", ".join(parts)
+
+
+def _every_run(tables: Tables) -> pd.DataFrame:
+    columns = ["run", "method", "residual", "variant", "task", "team_size", "seed", "status"]
+    both = pd.concat([tables.runs, tables.results], ignore_index=True)
+    return both.drop_duplicates("run").filter(columns)
 
 
 def _quantile(freedom: float) -> float:

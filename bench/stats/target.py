@@ -25,7 +25,7 @@ from bench.stats.statistics import COUNTED, Cell, Entry, cell_of, entry_of, reco
 from bench.store.tables import Tables
 
 REFERENCE = Entry("hf_scratch")
-"""Whose mean score is the target: the paper's baseline that knows no other simulator."""
+"""The method whose mean score is the target: the paper's baseline in one simulator alone."""
 TOLERANCE = 0.01
 """How far below it the target lies, as a share of the return at the spawn; a choice."""
 SMOOTHING = 10
@@ -79,7 +79,7 @@ def _to_target(runs: list[dict[str, Any]], target: float) -> ToTarget:
 
 
 def _share(run: Mapping[str, Any], target: float) -> float:
-    """Share of its epochs after which a run that reaches the target has got there."""
+    """Share of its epochs that a run needs to reach the target."""
     curve = run["curve"]
     if run["calibration_flights"] > 0 or run["fleet_minutes"] <= 0.0 or len(curve) < SMOOTHING:
         return 1.0
@@ -89,7 +89,7 @@ def _share(run: Mapping[str, Any], target: float) -> float:
 
 
 def _runs(tables: Tables) -> dict[Cell, dict[Entry, list[dict[str, Any]]]]:
-    """What is known of every run whose cost is known, by cell and entry."""
+    """Every run whose cost is known, by cell and entry."""
     rewards = tables.results.loc[tables.results["metric"].eq("reward")]
     cost = tables.results.loc[tables.results["metric"].isin(["fleet_minutes", "train_seconds"])]
     costs = cost.drop_duplicates(subset=["run", "metric"]).pivot(

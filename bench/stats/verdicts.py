@@ -107,7 +107,7 @@ def above(test: Test, p: float) -> Verdict:
 
 
 def every(verdicts: Iterable[Verdict]) -> Verdict:
-    """The verdict on a statement about all cells; those that are untested support nothing."""
+    """The verdict on a statement about all cells; an untested cell supports nothing."""
     found = {*verdicts}
     if found <= {Verdict.UNTESTED}:
         return Verdict.UNTESTED

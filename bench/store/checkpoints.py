@@ -1,4 +1,4 @@
-"""Keeps the trainings of a run while they are in progress: a file STAGE.npz each, written whole.
+"""Checkpoints of the trainings in progress of a run: one file STAGE.npz each, written whole.
 
 What was saved is used again only if it is of this very run, sources and package versions included,
 and of a training that begins from the same numbers; else it is left out, and said so in the log.
@@ -18,7 +18,7 @@ from bench.store.disk import Disk
 from methods.training.checkpoint import AbstractKeeper
 
 EVERY = 60.0
-"""Time between two saves [s]: what a kill costs at most."""
+"""Time between two saves [s]; a kill costs at most that much training."""
 LOG = logging.getLogger(__name__)
 
 
@@ -39,7 +39,7 @@ class Checkpoints(AbstractKeeper):
         self._last = time.monotonic()
 
     def due(self) -> bool:
-        """Whether the last save is long enough ago."""
+        """Whether it is time for the next save."""
         return time.monotonic() - self._last >= EVERY
 
     def load(self, stage: str, fingerprint: str) -> dict[str, np.ndarray] | None:

@@ -13,14 +13,15 @@ import contextlib
 import io
 import json
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from bench.plan.expansion import NOMINAL, PACKAGES, Run
+from bench.plan.expansion import NOMINAL, PACKAGES
+from bench.plan.planned_run import Run
 from bench.store.record import Outcome, UnreadableRunError, policy_of, with_arrays
 from bench.store.tables import UNITS, Tables
 from bench.text.errors import UsageError
@@ -54,7 +55,7 @@ def path_of(tables_dir: Path, task: str, team_size: int) -> Path:
 
 
 def load_kept(path: Path, only: str = "") -> dict[str, KeptRun]:
-    """What a file holds by run, nothing where there is none.
+    """The kept runs of a file, by name of the run; none without the file.
 
     Args:
         path: The file.
@@ -101,17 +102,19 @@ def save_kept(path: Path, kept: Mapping[str, KeptRun]) -> None:
 
 
 class KeptRuns:
-    """The kept runs of a folder of tables, as outcomes that a store can commit."""
+    """The kept runs of folders of tables, as outcomes that a store can commit."""
 
-    def __init__(self, tables_dir: Path, recorded: Tables, warn: Callable[[str], None]) -> None:
+    def __init__(
+        self, folders: Sequence[Path], recorded: Tables, warn: Callable[[str], None]
+    ) -> None:
         """Nothing is read yet.
 
         Args:
-            tables_dir: Folder of the tables.
-            recorded: Those tables.
+            folders: Folders of tables; the first that kept a run counts.
+            recorded: The rows of the runs.
             warn: Called with a line on each kept run that cannot be used.
         """
-        self._directory = Path(tables_dir)
+        self._folders = [Path(folder) for folder in folders]
         self._recorded = recorded
         self._warn = warn
         self._needed: frozenset[str] | None = None
@@ -128,8 +131,9 @@ class KeptRuns:
         return self._found[run.name]
 
     def _outcome(self, run: Run) -> Outcome | None:
-        path = path_of(self._directory, run.task, run.team_size)
-        own = load_kept(path, run.name).get(run.name)
+        paths = [path_of(folder, run.task, run.team_size) for folder in self._folders]
+        kept = ((path, load_kept(path, run.name).get(run.name)) for path in paths)
+        path, own = next((found for found in kept if found[1] is not None), (paths[0], None))
         rows = self._recorded.runs.loc[self._recorded.runs["run"].eq(run.name)]
         if own is None or run.variant or len(rows) != 1:
             return None
@@ -191,7 +195,7 @@ def _outcome(
 
 
 def _ledger(metrics: Mapping[str, float], flights: int) -> Ledger:
-    """The bill of a run from its row; flight to the microsecond, which undoes the minutes."""
+    """The ledger of a run from its row; rounding to 1 us undoes the conversion to minutes."""
     return Ledger(
         hf_fleet_seconds=round(60.0 * metrics["fleet_minutes"], 6),
         calibration_flights=flights,

@@ -1,10 +1,10 @@
-"""What of a plan is in a store, what is missing and why; reads only."""
+"""Which runs of a plan a store holds, which are missing and why; it only reads."""
 
 import json
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from bench.plan.expansion import Run
+from bench.plan.planned_run import Run
 from bench.store.resume import failed_row, was_interrupted
 from bench.store.store import Store, UnreadableRunError
 from bench.store.tables import IDENTITY, Tables
@@ -76,7 +76,7 @@ def _failed(run: Run, content: Mapping[str, Any]) -> State:
 
 
 def _same(run: Run, store: Store, name: str) -> dict[str, Any] | None:
-    """What is stored under `name` if it is a finished run that says it is the same as `run`."""
+    """The run.json of the run called `name` if it is finished and has the identity of `run`."""
     try:
         content = store.read(name)
     except UnreadableRunError:

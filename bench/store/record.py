@@ -1,4 +1,4 @@
-"""What the folder of a run holds, as bytes, and back."""
+"""Turns a run into the files of its folder, and these into a run."""
 
 import dataclasses
 import hashlib
@@ -15,7 +15,8 @@ import jax
 import numpy as np
 import pandas as pd
 
-from bench.plan.expansion import Run, packages
+from bench.plan.expansion import packages
+from bench.plan.planned_run import Run
 from bench.plan.provenance import provenance
 from bench.plan.realities import parse_reality
 from bench.plan.settings import describe_fields
@@ -209,7 +210,7 @@ def _finite(value: float) -> float | None:
 
 
 def number(value: float | None) -> float:
-    """What `_finite` was given, as far as JSON kept it."""
+    """The number that JSON holds; NaN for None."""
     return float("nan") if value is None else value
 
 

@@ -1,11 +1,12 @@
-"""What of a plan is in the store, and what is still to do."""
+"""Which runs of a plan are in the store, and which are still to do."""
 
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from bench.plan.expansion import Plan, Run
+from bench.plan.expansion import Plan
+from bench.plan.planned_run import Run
 from bench.plan.provenance import provenance
 from bench.store.tables import INTERRUPTED, Tables
 
@@ -25,10 +26,10 @@ class Standing:
     missing: list[Run]
     """To do: not there, interrupted, or failed and to be tried again."""
     again: list[Run]
-    """Among the finished ones, parents of missing runs whose folder is gone, or of an attempt at
-    this that failed: they are trained again, and must come out as their row says."""
+    """Finished runs that are trained again, because their folder is gone and a missing run needs
+    them as parents; they must reproduce their row. An earlier attempt at this may have failed."""
     restored: list[Run]
-    """Others of these parents, whose policy is kept: they are restored from it, not trained."""
+    """Further such parents, which are restored from their kept policy instead."""
     outdated: dict[str, str]
     """Rows of another program for runs of the plan: name of the row -> name of the run."""
 

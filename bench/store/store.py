@@ -29,7 +29,8 @@ import filelock
 import numpy as np
 import pandas as pd
 
-from bench.plan.expansion import Run, packages
+from bench.plan.expansion import packages
+from bench.plan.planned_run import Run
 from bench.store.checkpoints import Checkpoints
 from bench.store.disk import Disk
 from bench.store.record import (
@@ -70,7 +71,7 @@ class Store:
 
     @contextlib.contextmanager
     def lock(self, waiting: Callable[[], None]) -> Iterator[None]:
-        """Inside, this directory is ours; calls `waiting` once if another process has it."""
+        """A context that owns this directory; calls `waiting` once if another process owns it."""
         self._disk.make_folder(self.runs)
         lock = filelock.FileLock(self.runs / ".lock")
         try:
@@ -85,7 +86,7 @@ class Store:
 
     @contextlib.contextmanager
     def claim(self, name: str, longest: float = LONGEST_CLAIM) -> Iterator[None]:
-        """Inside, no other process trains this run; waits for one that does.
+        """A context in which only this process trains the run; waits while another one trains it.
 
         A process that dies loses its claim.
 
@@ -150,7 +151,7 @@ class Store:
         return True
 
     def _part(self, name: str) -> Path:
-        """A new name for what is not in its place."""
+        """A new name for a folder that is still being written."""
         return self.runs / f".part-{name}-{uuid.uuid4().hex[:8]}"
 
     def _write(self, folder: Path, run: Run, outcome: Outcome) -> None:
@@ -238,7 +239,7 @@ class Store:
         return found
 
     def quarantine(self, name: str, reason: str) -> Path:
-        """Where a run is now: out of the way, never over an earlier one, the reason beside it."""
+        """Moves a run to quarantine, with the reason beside it; returns its new folder."""
         place = self.runs / ".quarantine" / f"{name}-{uuid.uuid4().hex[:8]}"
         self._disk.make_folder(place.parent)
         self._disk.write(place.with_name(f"{place.name}.reason.txt"), f"{reason}\n".encode())

@@ -8,7 +8,8 @@
 | `runs` | run, failed ones too |
 
 Each is a Parquet file. `results` and `runs` are the record; the other two may be missing, as those
-of all committed suites are.
+of all committed suites are. `flights.parquet` then stands for `trajectories`: the few that a figure
+shows (`python -m bench.paper.pictures`).
 """
 
 import dataclasses
@@ -27,6 +28,7 @@ UNITS = {
     "settled_reward": "1",
     "reward": "1",
     "takeoff_reward": "1",
+    "worst_decile_reward": "1",
     "settling_time": "s",
     "crashes": "1/episode",
     "crash_step_rate": "1",
@@ -54,9 +56,11 @@ IDENTITY = ("method", "residual", "variant", "task", "team_size", "seed")
 
 
 INTERRUPTED = "interrupted: "
-"""How the cause of a run begins that did not fail by itself and is tried again."""
+"""First words of the cause of an interrupted run, which is tried again."""
 LARGE = ("curves", "trajectories")
 """Tables that a repository may leave out."""
+FEW_TRAJECTORIES = "flights.parquet"
+"""Part of the table `trajectories` that a repository keeps; it is read where that is missing."""
 UNKNOWN = {
     "key": "",
     "committed": "",
@@ -66,7 +70,7 @@ UNKNOWN = {
     "machine": "",
     "device": "",
 }
-"""Where a run comes from whose record does not say so yet."""
+"""Origin of a run whose record is older than the column."""
 
 
 class TableError(UsageError):
@@ -173,6 +177,8 @@ class Tables:
         found = {}
         for name, schema in SCHEMAS.items():
             path = directory / f"{name}.parquet"
+            if name == "trajectories" and not path.is_file():
+                path = directory / FEW_TRAJECTORIES
             if name in LARGE and not path.is_file():
                 found[name] = table(name, [])
                 continue
@@ -270,7 +276,7 @@ class Tables:
 
 
 def _completed(name: str, frame: pd.DataFrame) -> pd.DataFrame:
-    """A table as it is stored, with the columns that tables had not before rows could be traced."""
+    """A stored table with the columns of provenance that older tables lack."""
     if name != "runs" or "program" in frame:
         return frame
     return frame.assign(**UNKNOWN).reindex(columns=list(SCHEMAS["runs"].columns))

@@ -8,8 +8,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from bench.plan.expansion import REALITY, Plan, Run, expand
+from bench.plan.expansion import REALITY, Plan, expand
 from bench.plan.keys import Setting, nested
+from bench.plan.planned_run import Run
 from bench.plan.settings import build, describe_fields, flatten
 from bench.plan.suite import Row, Suite
 from bench.text.errors import UsageError

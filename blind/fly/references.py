@@ -12,6 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
+from diagnosis.remedies.flight_paths import smooth
+
 N_KINDS = 8
 """Kinds of flight."""
 LOW = (5, 7)
@@ -74,12 +76,6 @@ def above(below: TrackedPath, t: Float[Array, " steps"], rng: np.random.Generato
     pos = below.pos + np.stack([x, y, np.full_like(t, rng.uniform(0.45, 0.6))], axis=1)
     vel = np.gradient(pos, t, axis=0)
     return TrackedPath(pos, vel, np.gradient(vel, t, axis=0), below.yaw, _dither(t, rng))
-
-
-def smooth(s: Array) -> Array:
-    """0 before 0, 1 after 1, five times continuous between (minimum jerk)."""
-    s = np.clip(s, 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
 def _dither(t: Array, rng: np.random.Generator) -> Array:

@@ -1,7 +1,5 @@
 """Progress of a blind run: a bar with the time left on a terminal, lines elsewhere."""
 
-from types import TracebackType
-
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -40,12 +38,7 @@ class CasesProgress:
             self.console.print(Text(f"{self._what}: {self._total - self._count} cases"))
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         if self.console.is_terminal:
             self._bar.stop()
 

@@ -8,6 +8,10 @@ An offset of the centre of mass shows as thrust times offset over inertia. Besid
 length of the rotors' arms and the loop's gains are unknown, too, and offset, inertia and arms that
 grow together change no flight but for what rotors that climb differently say, which is little:
 against RotorPy the offset counts in crazyflow's inertia (`seen`).
+
+An estimate is efficient if its error, divided by the smallest standard deviation of an unbiased
+estimator (the Cramer-Rao bound) that looks at the same windows, whose starts are unknown, is one in
+the mean square.
 """
 
 import dataclasses
@@ -98,3 +102,32 @@ def _groups(parameters: Mapping[str, float]) -> list[tuple[str, ...]]:
 def _thrust_over_mass(name: str, e: float) -> float:
     """Relative change of the thrust over the mass."""
     return e if name == "thrust_gain" else 1.0 / (1.0 + e) - 1.0
+
+
+Bounds = Mapping[str, Mapping[str, float]]
+"""Smallest standard deviations by effect and parameter."""
+
+
+def over_bound(truth: Withheld, found: Comparison, bounds: Bounds) -> float | None:
+    """The error over its Cramer-Rao bound; None where no bound is known.
+
+    `found` compares an answer with `truth`.
+    """
+    known = bounds.get(truth.name, {})
+    if found.quantity == "thrust over mass":
+        bound = known.get("e")
+        if bound is not None and truth.name == "mass":
+            # d/de of 1 / (1 + e).
+            bound /= (1.0 + truth.parameters["e"]) ** 2
+            size = abs(1.0 / (1.0 + truth.parameters["e"]) - 1.0)
+        else:
+            size = abs(truth.parameters["e"])
+    else:
+        parameters = found.quantity.removeprefix(truth.name).split()
+        if any(parameter not in known for parameter in parameters):
+            return None
+        bound = math.hypot(*(known[parameter] for parameter in parameters))
+        size = distance(truth, parameters)
+    if not bound:
+        return None
+    return found.error * (size if found.relative else 1.0) / bound

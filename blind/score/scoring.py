@@ -18,8 +18,7 @@ from scipy import stats
 
 from blind.draw.cases import Case
 from blind.draw.catalogue import Withheld
-from blind.score.efficiency import Bounds, over_bound
-from blind.score.identifiable import Comparison, compare, distance, seen
+from blind.score.identifiable import Bounds, Comparison, compare, distance, over_bound, seen
 
 FLAGGED = 0.1
 """Unexplained share from which an answer that names an effect also says that more is there [-]."""

@@ -18,9 +18,8 @@ def next_flight(
     `where` names the regime of the largest remaining gap, `blind_to` effects that these flights
     would hardly have shown.
     """
-    pairs = [(name, other) for name, others in aliases.items() for other in others]
-    # One whose manoeuvre was tried comes first.
-    for one, other in sorted(pairs, key=lambda pair: manoeuvre(*pair) is None)[:1]:
+    if pair := pair_to_separate(aliases):
+        one, other = pair
         if text := manoeuvre(one, other):
             return f"To separate {one} from {other}: {text}."
         return (
@@ -34,6 +33,15 @@ def next_flight(
         if flight := load_card(name).flight:
             return f"To be able to see {name.replace('_', ' ')} as well: {flight}."
     return "Nothing: these flights separate all candidates that they can show."
+
+
+def pair_to_separate(aliases: Mapping[str, Sequence[str]]) -> tuple[str, str] | None:
+    """Which two effects the next flight tells apart, by aliases of each; None without aliases.
+
+    A pair whose manoeuvre was tried comes first.
+    """
+    pairs = [(name, other) for name, others in aliases.items() for other in others]
+    return min(pairs, key=lambda pair: manoeuvre(*pair) is None, default=None)
 
 
 def blind_to(

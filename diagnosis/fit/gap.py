@@ -241,10 +241,11 @@ def _binned(value: np.ndarray, conditions: Mapping) -> tuple[RegimeGap, ...]:
 
 
 def onset(channel: Channel, tracks: Tracks) -> float | None:
-    """The time [s] since the start at which a channel's mean jumps, if it clearly does.
+    """The time [s] since the start at which a channel's gap sets in, if it clearly does.
 
-    The jump is clear where it lowers the sum of squares by more than a third and by more than
-    noise would in one of a hundred flights.
+    Its mean jumps there, which lowers the sum of squares by more than a third and by more than
+    noise would in one of a hundred flights; and before, the gap is less than half of what it is
+    then. One that was there from the start and falls, or comes and goes, sets in nowhere.
     """
     ok = np.isfinite(channel.value)
     t, y = tracks.t[ok], channel.value[ok]
@@ -259,7 +260,9 @@ def onset(channel: Channel, tracks: Tracks) -> float | None:
     left = whole - before**2 * (1.0 / count + 1.0 / (len(y) - count))
     best = int(np.argmin(left))
     clear = whole - left[best] > max(whole / 3.0, 15.0 * channel.noise**2)
-    return float(times[2:-2][best]) if clear else None
+    first = float(times[2:-2][best])
+    earlier, later = (rms(channel.value[ok][side]) for side in (t < first, t >= first))
+    return first if clear and earlier < 0.5 * later else None
 
 
 def in_time(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> tuple[GapInTime, ...]:

@@ -3,8 +3,9 @@
 Tracing the whole library in forward mode takes longer than flying a minute of logs through it. A
 program is kept under the hash of everything that goes into it: the source of every module that the
 simulator and its effects come from, the versions of JAX and crazyflow, shapes and constants; a fit
-under that and the flights. They are kept only where `JAX_COMPILATION_CACHE_DIR` names a folder; a
-file that cannot be read is made anew.
+under that and the flights. Programs are kept in the folder of JAX's own programs, if it has one;
+fits only where the variable `JAX_COMPILATION_CACHE_DIR` names that folder, so that tests share
+programs and fit for themselves. A file that cannot be read is made anew.
 """
 
 import dataclasses
@@ -28,7 +29,7 @@ def cached(
     name: str, trace: Callable, library: Library, settings: str, args: tuple
 ) -> jax.stages.Wrapped:
     """`trace` compiled for `args`, from disk where it was traced before."""
-    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if not folder:
         return jax.jit(trace)
     key = _key(library, settings, args, "diagnosis.replay.replay", "diagnosis.replay.library")

@@ -33,7 +33,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray
 
 from diagnosis.fit.equations import dispersion
 from diagnosis.fit.evidence import Evidence
@@ -44,12 +44,13 @@ from diagnosis.logs.flights import DroneLog, FlightLog
 from diagnosis.logs.segments import cut
 from diagnosis.replay.library import Library, make_library
 from diagnosis.replay.replay import make_replay
-from methods.calibration.pool import TrackingFlight, track_dithered
+from methods.calibration.pool import MEMBER, TrackingFlight, track_dithered
 from methods.calibration.reference_paths import ReferencePath
 from methods.training.meter import billed
 from simulators import registry
 from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
 from simulators.contract import AbstractSimulator, replayable, with_effects
+from simulators.drawn.drawn_team import one_member
 from simulators.effects.contract import AbstractEffect, OnsetEffect
 from simulators.effects.delay import LONGEST, Delay
 from simulators.effects.floor import Floor
@@ -199,8 +200,9 @@ def fly(
     shape = (n_flights, -(-n_steps // HELD), 1, 3)
     drawn = jax.random.uniform(dither_key, shape, minval=-1.0)
     dither = excitation * jnp.repeat(drawn, HELD, axis=1)[:, :n_steps]
-    bare = billed(reality, n_flights * n_steps)
-    return logged(_fly(nominal, bare, references, dither), noise_key)
+    bare = one_member(billed(reality, n_flights * n_steps), jax.random.fold_in(key, MEMBER))
+    keys = jax.random.split(jax.random.fold_in(key, MEMBER + 1), n_flights)
+    return logged(_fly(nominal, bare, references, dither, keys), noise_key)
 
 
 def logged(flights: TrackingFlight, key: PRNGKeyArray) -> TrackingFlight:
@@ -227,12 +229,12 @@ def _fly(
     reality: AbstractSimulator,
     references: ReferencePath,
     dither: Float[Array, "flights time 1 3"],
+    keys: Key[Array, " flights"],
 ) -> TrackingFlight:
-    def one(reference: ReferencePath, dither: Array) -> TrackingFlight:
-        key = jax.random.key(0)
+    def one(reference: ReferencePath, dither: Array, key: PRNGKeyArray) -> TrackingFlight:
         return track_dithered(nominal, reality, reference, "filtered", dither, key)
 
-    return jax.vmap(one)(references, dither)
+    return jax.vmap(one)(references, dither, keys)
 
 
 def paths() -> dict[str, ReferencePath]:

@@ -2,7 +2,8 @@ r"""Calibration flights: stages 1 and 2 of the paper's pipeline, and the residua
 
 1. A low-fidelity policy is rolled out in the low-fidelity simulator. Flight i of the pool takes
    role i mod N of an episode of its own; accelerations are exact differences of velocity.
-2. One isolated drone tracks that reference in reality under the PD controller.
+2. One isolated drone tracks that reference in reality under the PD controller. Where reality is
+   drawn anew for each drone, one member of the team flies all of them.
 3. Each transition of that flight is compared with one nominal step from the same position and
    velocity under the same command: target = (v' - v) / dt - a_nominal.
 
@@ -33,6 +34,7 @@ from methods.policy import AbstractPolicy, PolicyController
 from methods.residuals.contract import Transitions, command_history
 from methods.training.meter import billed
 from simulators.contract import AbstractSimulator
+from simulators.drawn.drawn_team import one_member
 from simulators.flight import Flight
 from simulators.tracking import PDTracker
 from simulators.vehicle import CONTROL_DT
@@ -45,6 +47,8 @@ HOVER_SPEED = 0.2
 """Speed below which a transition counts as near hover [m/s]; a choice."""
 DITHER_STEPS = 10
 """Control steps for which each value of the dither is held; a choice."""
+MEMBER = 1_000_033
+"""What is folded into the key of calibration flights to draw the member of the team that flies."""
 _BATCH = 64
 
 
@@ -111,6 +115,7 @@ def calibrate(
     role = jnp.arange(n_flights) % task.n_drones
     keys = jax.random.split(key, n_flights)
     bare = billed(reality, n_flights * task.horizon)
+    bare = one_member(bare, jax.random.fold_in(key, MEMBER))
     references, flights = _fly(task, nominal, bare, policy, attitude, excitation, keys, role)
     before, after = flights.before, flights.after
     remainder = after.pos - before.pos - CONTROL_DT * after.vel
@@ -227,7 +232,7 @@ def track_dithered(
         (state, shadow), (target, dither) = carry, inputs
         before = reality.flight(state)
         action, clipped = tracker.action(
-            before, target.pos[None], target.vel[None], target.acc[None]
+            reality.sensed(state), target.pos[None], target.vel[None], target.acc[None]
         )
         asked = action + dither
         clipped = clipped | jnp.any(jnp.abs(asked) > 1.0, axis=-1)

@@ -31,7 +31,7 @@ def fly_team(
         def step(carry: tuple, k: Array) -> tuple[tuple, TrackingFlight]:
             state, shadow = carry
             before = reality.flight(state)
-            action = controller(TaskState(before, goal, k))
+            action = controller(TaskState(reality.sensed(state), goal, k))
             shadow, state = nominal.step(shadow, action), reality.step(state, action)
             after, lagged = reality.flight(state), nominal.flight(shadow)
             return (state, shadow), TrackingFlight(

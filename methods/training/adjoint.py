@@ -69,7 +69,7 @@ def gradient(
     n_worlds, n_drones, steps = len(keys), task.n_drones, jnp.arange(task.horizon)
 
     def observe(state: Any, k: Array) -> Float[Array, "rows obs"]:
-        see = lambda s, g: task.observe(TaskState(simulator.flight(s), g, k))  # noqa: E731
+        see = lambda s, g: task.observe(TaskState(simulator.sensed(s), g, k))  # noqa: E731
         return jax.vmap(see)(state, goal).reshape(n_worlds * n_drones, -1)
 
     def act(layers: Sequence[Array]) -> Float[Array, "worlds drones 3"]:

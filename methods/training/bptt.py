@@ -40,7 +40,7 @@ from tasks.contract import AbstractTask
 
 @dataclasses.dataclass(frozen=True)
 class Rule:
-    """What of a trainer's settings goes into its program; whoever has it alike, shares that."""
+    """The settings that enter the compiled program; trainings with equal rules share a program."""
 
     n_worlds: int
     """Episodes per update."""
@@ -110,7 +110,7 @@ class BPTT(eqx.Module):
         return Rule(self.worlds(n_drones), self.decay, self.clip)
 
     def learning_rate(self, epoch: int) -> Float[Array, ""]:
-        """That of an epoch."""
+        """Learning rate of an epoch."""
         return _schedule(self.lr, self.epochs, self.final_lr)(epoch)
 
     def room(self, policy: AbstractPolicy, task: AbstractTask, n_trainings: int = 0) -> Any:
@@ -171,7 +171,7 @@ class BPTT(eqx.Module):
 
 
 def _step(team: Team | None, room: Callable[[int], Any]) -> Callable[[tuple], tuple[tuple, float]]:
-    """An epoch, and how long it waited for others [s]: alone, or in one program with a team's."""
+    """One epoch, alone or in a program with a team's, and how long it waited for others [s]."""
     if team is not None:
         return lambda given: team.call(_update, given, room)
     kept = room(0)
@@ -185,7 +185,7 @@ def _step(team: Team | None, room: Callable[[int], Any]) -> Callable[[tuple], tu
 
 
 class _Course:
-    """How far a training has come: all that its next epochs depend on, beside its key."""
+    """The state of a training: everything but its key that the next epochs depend on."""
 
     def __init__(self, settings: BPTT, policy: AbstractPolicy) -> None:
         self.settings = settings
@@ -237,7 +237,7 @@ class _Course:
         } | {f"{index:03d}": np.asarray(leaf) for index, leaf in enumerate(leaves)}
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Back to where `arrays` were taken from a course of the same training."""
+        """Restores the state that `arrays` hold, which must be of the same training."""
         columns = arrays["columns"].tolist()
         self.history = [dict(zip(columns, row.tolist(), strict=True)) for row in arrays["history"]]
         self.best, self._milestone = arrays["patience"][:2].tolist()
@@ -267,7 +267,7 @@ class Training:
     final_reward: float
     """That average at the end."""
     seconds: float
-    """Wall time, that before a kill included [s]; of epochs flown together, its share."""
+    """Wall time, including that before a kill [s]; its share where epochs are flown together."""
 
     @property
     def epochs(self) -> int:
@@ -311,7 +311,7 @@ def optimizer(clip: float) -> optax.GradientTransformation:
 
 @functools.cache
 def _schedule(lr: float, epochs: int, final_lr: float) -> Callable[[int], Array]:
-    """The cosine, as a program of its own: what depends on an epoch is a number to the other."""
+    """The cosine as a program of its own, so that the program of an epoch is given a number."""
     return jax.jit(optax.cosine_decay_schedule(lr, epochs, final_lr))
 
 

@@ -1,4 +1,4 @@
-"""Where a training in progress is kept, so that one that was killed goes on where it was.
+"""Keeps trainings in progress, so that a training that was killed resumes where it was.
 
 The harness puts a keeper into the `Context` of a run, and every trainer asks it for a place under
 the name of its stage. Without a keeper nothing is kept. A method is called again from its start:

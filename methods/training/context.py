@@ -35,7 +35,7 @@ class Context:
 
     @contextlib.contextmanager
     def in_turn(self) -> Iterator[None]:
-        """Inside, no other member of the team does such work, so that its time is this run's."""
+        """A context in which no other member of the team works, so that its time is this run's."""
         with self.team.turn if self.team else contextlib.nullcontext():
             yield
 

@@ -43,6 +43,8 @@ class Evaluation:
     """Return of each episode, exact collision penalty, mean over drones."""
     takeoff_rewards: Float[np.ndarray, " episodes"]
     """The part of it that falls in the take-off."""
+    worst_decile: float
+    """Mean return after the take-off of the worst tenth of all drones of all episodes."""
     settling_time: float
     """Time after which the team stays within `SETTLED_BAND`, mean over episodes; the whole episode
     where it does not [s]."""
@@ -89,9 +91,11 @@ def evaluate(
     contact = np.asarray(flown.contact)
     rewards, error = np.asarray(flown.reward, float).mean(axis=2), np.asarray(flown.error)
     last = int(min(task.horizon, round(ERROR_SECONDS / CONTROL_DT)))
+    settled = np.asarray(flown.reward, float)[:, takeoff_steps(task) :].sum(axis=1)
     return Evaluation(
         rewards=rewards.sum(axis=1),
         takeoff_rewards=rewards[:, : takeoff_steps(task)].sum(axis=1),
+        worst_decile=worst_tenth(settled),
         settling_time=float(settling_times(error.mean(axis=2)).mean()),
         crashes=float(np.asarray(onsets(flown.contact)).sum(axis=(1, 2)).mean()),
         crash_step_rate=float(contact.any(axis=2).mean()),
@@ -101,6 +105,12 @@ def evaluate(
             "pos": np.asarray(flown.flight.pos[0]),
         },
     )
+
+
+def worst_tenth(returns: Float[np.ndarray, "episodes drones"]) -> float:
+    """Mean of the lowest tenth of all, at least of one."""
+    lowest = np.sort(returns, axis=None)
+    return float(lowest[: max(1, round(0.1 * lowest.size))].mean())
 
 
 def takeoff_steps(task: AbstractTask) -> int:

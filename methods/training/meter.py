@@ -105,6 +105,10 @@ class Metered(AbstractSimulator):
     def flight(self, state: Any) -> Flight:
         return self.inner.flight(state)
 
+    def sensed(self, state: Any) -> Flight:
+        """What controllers see of what is flown."""
+        return self.inner.sensed(state)
+
 
 def metered(simulator: AbstractSimulator, meter: Meter) -> Metered:
     """`simulator`, its flight counted by `meter`."""

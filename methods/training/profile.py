@@ -30,7 +30,7 @@ from tasks.rollout import episode
 from tasks.rollout import start as begin
 
 ROUNDS = 7
-"""Calls of which the shortest counts."""
+"""Number of timed calls; the shortest counts."""
 _KEY = jax.random.key(0)
 
 
@@ -70,7 +70,7 @@ class Profile:
 
 
 class _FoundError(Exception):
-    """Carries what a method wanted to train in."""
+    """Carries the simulator in which a method would train."""
 
 
 class _Finder(BPTT):

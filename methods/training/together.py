@@ -24,7 +24,7 @@ Function = Callable[[Any, Any], tuple]
 
 
 class _Call:
-    """What one member wants, and what came of it."""
+    """One member's call and its result."""
 
     def __init__(self, function: Function, given: Any, make_room: Callable[[int], Any]) -> None:
         self.function, self.make_room = function, make_room
@@ -49,7 +49,7 @@ def _is_array(x: Any) -> bool:
 
 
 class Team:
-    """So many members, each a thread that enters `member` once."""
+    """A fixed number of members, each a thread that enters `member` once."""
 
     def __init__(self, members: int) -> None:
         self._size = self._left = members
@@ -57,11 +57,11 @@ class Team:
         self._rooms: dict[tuple[Hashable, int], Any] = {}
         self._change = threading.Condition()
         self.turn = threading.Lock()
-        """Who has it does what members do one after another."""
+        """Held during work that members do one after another."""
 
     @contextlib.contextmanager
     def member(self) -> Iterator[None]:
-        """Inside, the others wait for this thread's calls; afterwards they no longer do."""
+        """A context in which the other members wait for this thread's calls."""
         try:
             yield
         finally:

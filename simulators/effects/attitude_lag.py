@@ -53,6 +53,7 @@ class AttitudeLag(CommandEffect):
             ),
             "inertia": "attitude steps of 0.3 rad every 0.4 s, as sharp as the controller allows",
         },
+        check="look at the attitude loop's gains and filters",
     )
 
     def init(self, n_drones: int, dt: float) -> Memory:

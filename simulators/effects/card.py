@@ -54,6 +54,36 @@ class Probe:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Change:
+    """A parameter of an autopilot that makes up for an effect.
+
+    Its new value is either the old one times a product of powers of factors, or the old one plus a
+    sum of gains times sizes, or a value of its own. A size's factor is 1 + size where its neutral
+    value is 0, and the size itself where that is 1.
+    """
+
+    autopilot: str
+    """Whose parameter it is: crazyflie or px4."""
+    parameter: str
+    """Its name in the firmware; several that change alike, with commas between."""
+    where: str = ""
+    """In which controller or on which vehicles it acts; empty for everywhere."""
+    powers: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """Powers of the factors, by names of the effect's parameters."""
+    gains: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """Gains by names of the effect's parameters, in the parameter's unit over SI."""
+    value: float | None = None
+    """The new value, whatever the effect's size is."""
+    unit: str = ""
+    """Unit of the parameter; empty for none or where only a factor is said."""
+    holds_mass: bool = False
+    """Whether the parameter holds the believed mass now."""
+    beside_reference: bool = False
+    """Whether it is right only if the vehicle is to fly as its reference did. The simulator of a
+    vehicle that was never like it is what should change."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class EffectCard:
     """What everybody else needs to know of an effect."""
 
@@ -73,6 +103,9 @@ class EffectCard:
     families: tuple[str, ...] = ()
     """Names of the families of effects that ordinary flights often cannot tell apart, and that are
     excluded together."""
+    combined: tuple[str, float] | None = None
+    """Name of what flights tell that cannot tell this effect from another, and the power of this
+    effect's only parameter in it, as a factor 1 + size."""
     special_cases: tuple[str, ...] = ()
     """Registered names of effects that this one is at the edge of its range."""
 
@@ -105,6 +138,15 @@ class EffectCard:
     separated_from: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """By registered names of other effects, the flight that tells this effect from each of them;
     one of the two cards says it. Both effects act differently there, by their equations."""
+
+    paths: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """By names in `separated_from`, the path of `diagnosis.remedies.flight_paths` that is this
+    flight; none where targets of position and heading cannot say it, as steps of attitude."""
+
+    check: str = ""
+    """What to look at on the vehicle before a number is changed; a sentence's end after "First"."""
+    changes: tuple[Change, ...] = ()
+    """What to change in autopilots; none where no parameter makes up for the effect."""
 
     drawn: tuple[Mapping[str, float], ...] = ()
     """Parameters of a small, a medium and a large case of `bench blind`, for an effect that is
@@ -141,3 +183,8 @@ def manoeuvre(one: str, other: str) -> str | None:
     """The flight that tells two effects apart, as one of their cards says; None if neither does."""
     said = load_card(one).separated_from.get(other)
     return said or load_card(other).separated_from.get(one)
+
+
+def manoeuvre_path(one: str, other: str) -> str | None:
+    """Name of the path of that flight; None if targets of position and heading cannot say it."""
+    return load_card(one).paths.get(other) or load_card(other).paths.get(one)

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import EffectCard, Input, Shown
+from simulators.effects.card import Change, EffectCard, Input, Shown
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -43,6 +43,23 @@ class CenterOfMass(PlantEffect):
         shown={"x": Shown("forward", 1000.0, "mm"), "y": Shown("to the left", 1000.0, "mm")},
         families=("lean in hover",),
         inputs=frozenset({Input.ATTITUDE_CMD}),
+        check="move the battery until the drone hovers level",
+        changes=(
+            Change(
+                autopilot="px4",
+                parameter="CA_ROTOR0_PX, CA_ROTOR1_PX, CA_ROTOR2_PX, CA_ROTOR3_PX",
+                where="rotors' places forward of the centre of mass",
+                gains={"x": -1.0},
+                unit="m",
+            ),
+            Change(
+                autopilot="px4",
+                parameter="CA_ROTOR0_PY, CA_ROTOR1_PY, CA_ROTOR2_PY, CA_ROTOR3_PY",
+                where="rotors' places to the right of the centre of mass",
+                gains={"y": 1.0},
+                unit="m",
+            ),
+        ),
     )
 
     def init(self, n_drones: int, dt: float) -> None:

@@ -11,14 +11,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
+from simulators.drawn.distribution import Distribution
 from simulators.effects.contract import (
     AbstractEffect,
     AutopilotEffect,
     CommandEffect,
     ListeningEffect,
     PlantEffect,
+    RandomEffect,
     ResponseEffect,
     StateEffect,
     StiffEffect,
@@ -31,9 +33,17 @@ Effects = tuple[AbstractEffect, ...]
 Memories = tuple[Any, ...]
 
 
-def init(effects: Effects, n_drones: int, dt: float) -> Memories:
-    """Memories of all effects at reset, for integration steps of `dt` [s]."""
-    return tuple(effect.init(n_drones, dt) for effect in effects)
+def init(effects: Effects, n_drones: int, dt: float, key: PRNGKeyArray) -> Memories:
+    """Memories of all effects at reset, for integration steps of `dt` [s].
+
+    `key` seeds those that draw numbers, each with its own.
+    """
+    memories = tuple(effect.init(n_drones, dt) for effect in effects)
+    for i, effect in enumerate(effects):
+        if isinstance(effect, RandomEffect):
+            seeded = effect.seeded(memories[i], jax.random.fold_in(key, i))
+            memories = _put(memories, i, seeded)
+    return memories
 
 
 def _put(memories: Memories, i: int, memory: Any) -> Memories:
@@ -162,11 +172,20 @@ def has(effects: Effects, *kinds: type[AbstractEffect]) -> bool:
 
 
 def canonical(effects: Effects, digits: int = 12) -> str:
-    """Effects as text, sorted by name, parameters with so many digits; empty for none."""
+    """Effects as text, sorted by name, parameters with so many digits; empty for none.
+
+    A parameter that is drawn stands there with its distribution: `Mass(e~normal(0, 0.05))`.
+    """
     texts = []
     for effect in effects:
-        name = type(effect).__name__
-        # The shortest text that is this number in its own precision: 0.2 is not 0.200000003.
-        values = {p: float(str(np.asarray(getattr(effect, p)))) for p in type(effect).parameters}
-        texts.append(f"{name}({', '.join(f'{p}={x:.{digits}g}' for p, x in values.items())})")
+        values = (_value(effect, name, digits) for name in type(effect).parameters)
+        texts.append(f"{type(effect).__name__}({', '.join(values)})")
     return "; ".join(sorted(texts))
+
+
+def _value(effect: AbstractEffect, name: str, digits: int) -> str:
+    value = getattr(effect, name)
+    if isinstance(value, Distribution):
+        return f"{name}~{value.text(digits)}"
+    # The shortest text that is this number in its own precision: 0.2 is not 0.200000003.
+    return f"{name}={float(str(np.asarray(value))):.{digits}g}"

@@ -5,7 +5,7 @@ rotation, wrench, state. Every hook takes and returns the effect's own memory, i
 world and all its drones, and is exactly nominal when the parameters stand at their neutral values.
 
 What a diagnosis must do otherwise for some effects is a type beside the door: `OnsetEffect`,
-`VoltageEffect`, `BrakingEffect`, `WeightEffect`.
+`VoltageEffect`, `BrakingEffect`, `WeightEffect`. `RandomEffect` is one that draws numbers.
 """
 
 import abc
@@ -15,15 +15,26 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from simulators.effects.card import EffectCard
 from simulators.flight import Flight
 from simulators.vehicle import AutopilotGains, Vehicle
 
-DOORS = ("command", "autopilot", "plant", "response", "rotation", "rotors", "wrench", "state")
+DOORS = (
+    "command",
+    "autopilot",
+    "plant",
+    "response",
+    "rotation",
+    "rotors",
+    "wrench",
+    "state",
+    "sensing",
+)
 """The hooks that a simulator may have; `rotation` means that torque and inertia act, `rotors` that
-the rotors' own inertia and the curve of their response do, beside one time constant."""
+the rotors' own inertia and the curve of their response do, beside one time constant, and `sensing`
+that what controllers see is not the flight itself (`simulators/drawn/`)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -168,6 +179,14 @@ class OnsetEffect(AbstractEffect):
 
     onset: eqx.AbstractVar[Float[Array, ""]]
     """Time since the reset from which on it acts [s]."""
+
+
+class RandomEffect(AbstractEffect):
+    """An effect that draws numbers of its own while it acts; the same key gives the same ones."""
+
+    @abc.abstractmethod
+    def seeded(self, memory: Any, key: PRNGKeyArray) -> Any:
+        """The memory from which on it draws by `key`; `init` gives that of a key of its own."""
 
 
 class VoltageEffect(AbstractEffect):

@@ -54,6 +54,10 @@ class Delay(CommandEffect):
                 "attitude steps and thrust steps in turn: slow rotors round the thrust's response"
             ),
         },
+        check=(
+            "look at how old commands are when they arrive: the radio, the "
+            "companion computer's loop, queues"
+        ),
     )
 
     def init(self, n_drones: int, dt: float) -> Memory:

@@ -56,6 +56,7 @@ class Drag(WrenchEffect, BrakingEffect):
                 "straight lines at two very different speeds, 0.5 and 3 m/s, each held for 2 s"
             ),
         },
+        paths={"quadratic_drag": "two_speeds"},
     )
 
     def init(self, n_drones: int, dt: float) -> None:

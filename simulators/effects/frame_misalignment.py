@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import DEGREES, EffectCard, Input, Shown
+from simulators.effects.card import DEGREES, Change, EffectCard, Input, Shown
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
@@ -37,6 +37,23 @@ class FrameMisalignment(CommandEffect):
         shown={"angle": Shown("angle", DEGREES, "°")},
         inputs=frozenset({Input.ATTITUDE_CMD, Input.TWIN}),
         flight="back and forth along one axis, without turning",
+        check="look at how the flight controller is turned on the frame",
+        changes=(
+            Change(
+                autopilot="px4",
+                parameter="SENS_BOARD_Z_OFF",
+                where="board's yaw, where motion capture gives the heading",
+                gains={"angle": -DEGREES},
+                unit="°",
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="imu_sensors.imuPsi",
+                where="Crazyflie 2.1 and Brushless, where motion capture gives the heading",
+                gains={"angle": -DEGREES},
+                unit="°",
+            ),
+        ),
     )
 
     def init(self, n_drones: int, dt: float) -> None:

@@ -52,6 +52,7 @@ class GroundEffect(WrenchEffect):
             "thrust_gain": "hover at 0.05, 0.1, 0.3 and 1 m: ground effect vanishes with height",
             "mass": "hover at 0.05, 0.1, 0.3 and 1 m: ground effect vanishes with height",
         },
+        paths={"thrust_gain": "heights", "mass": "heights"},
     )
 
     def init(self, n_drones: int, dt: float) -> None:

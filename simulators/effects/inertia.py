@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import EffectCard, Input, Probe, percent
+from simulators.effects.card import Change, EffectCard, Input, Probe, percent
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -51,6 +51,22 @@ class Inertia(PlantEffect):
             ),
         },
         probe=Probe("rotation", {"e": 0.5}),
+        check="look for mass that was moved outwards or inwards, such as a longer battery",
+        changes=(
+            Change(autopilot="px4", parameter="MC_ROLLRATE_K, MC_PITCHRATE_K", powers={"e": 1.0}),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlMel.kR_xy",
+                where="Mellinger controller",
+                powers={"e": 1.0},
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlMel.kw_xy",
+                where="Mellinger controller",
+                powers={"e": 1.0},
+            ),
+        ),
     )
 
     def init(self, n_drones: int, dt: float) -> None:

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import EffectCard, Probe, percent
+from simulators.effects.card import Change, EffectCard, Probe, percent
 from simulators.effects.contract import Parameter, PlantEffect, WeightEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -41,6 +41,7 @@ class Mass(PlantEffect, WeightEffect):
         less="{} less mass than {base}",
         shown={"e": percent()},
         families=("thrust over mass",),
+        combined=("thrust over mass", -1.0),
         shared=False,  # would run against its alias, the thrust's gain, which stands for it
         separated_from={
             "thrust_gain": (
@@ -53,6 +54,38 @@ class Mass(PlantEffect, WeightEffect):
             ),
         },
         probe=Probe("plant", {"e": 0.3}),
+        paths={"thrust_gain": "fast_lines", "wind": "tumbling"},
+        check="weigh the vehicle with its battery",
+        changes=(
+            Change(
+                autopilot="px4",
+                parameter="MPC_THR_HOVER",
+                where="hover thrust, from which the estimator of it starts",
+                powers={"e": 1.0},
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlMel.mass",
+                where="Mellinger controller",
+                powers={"e": 1.0},
+                unit="kg",
+                holds_mass=True,
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlLee.mass",
+                where="Lee controller",
+                powers={"e": 1.0},
+                unit="kg",
+                holds_mass=True,
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="posCtlPid.thrustBase",
+                where="PID controller",
+                powers={"e": 1.0},
+            ),
+        ),
     )
 
     def init(self, n_drones: int, dt: float) -> None:

@@ -45,6 +45,7 @@ class MotorLag(PlantEffect):
         ),
         inputs=frozenset({Input.THRUST_CMD}),
         flight="thrust steps of 30 % every 0.4 s",
+        check="look at the motor controllers' settings and the propellers' inertia",
     )
 
     def init(self, n_drones: int, dt: float) -> None:

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import EffectCard, Input, Probe, percent
+from simulators.effects.card import Change, EffectCard, Input, Probe, percent
 from simulators.effects.contract import AutopilotEffect, Parameter
 from simulators.flight import Flight
 from simulators.vehicle import AutopilotGains
@@ -69,6 +69,34 @@ class RollPitchGains(AutopilotEffect):
         unbelieved=True,
         flight="attitude steps of 0.3 rad every 0.4 s",
         probe=Probe("autopilot", {"stiffness": 1.0}),
+        changes=(
+            Change(
+                autopilot="px4",
+                parameter="MC_ROLL_P, MC_PITCH_P",
+                powers={"stiffness": -1.0, "damping": 1.0},
+                beside_reference=True,
+            ),
+            Change(
+                autopilot="px4",
+                parameter="MC_ROLLRATE_K, MC_PITCHRATE_K",
+                powers={"damping": -1.0},
+                beside_reference=True,
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlMel.kR_xy",
+                where="Mellinger controller",
+                powers={"stiffness": -1.0},
+                beside_reference=True,
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlMel.kw_xy",
+                where="Mellinger controller",
+                powers={"damping": -1.0},
+                beside_reference=True,
+            ),
+        ),
     )
 
     def init(self, n_drones: int, dt: float) -> None:

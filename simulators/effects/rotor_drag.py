@@ -64,6 +64,7 @@ class RotorDrag(WrenchEffect, BrakingEffect):
                 "turn, and more along their axis"
             ),
         },
+        paths={"quadratic_drag": "two_speeds", "drag": "tumbling"},
     )
 
     def init(self, n_drones: int, dt: float) -> None:

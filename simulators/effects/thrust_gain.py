@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import EffectCard, percent
+from simulators.effects.card import Change, EffectCard, percent
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -45,6 +45,7 @@ class ThrustGain(PlantEffect):
         less="{} less thrust at the same command than {base}",
         shown={"e": percent()},
         families=("thrust over mass",),
+        combined=("thrust over mass", 1.0),
         low_if_mapped={"e": WEAKEST},
         separated_from={
             "wind": (
@@ -52,6 +53,30 @@ class ThrustGain(PlantEffect):
                 "and tilts with the drone, a vertical wind does neither"
             ),
         },
+        paths={"wind": "tumbling"},
+        check=(
+            "look at the propellers, the battery, and how commands become newtons in these logs"
+        ),
+        changes=(
+            Change(
+                autopilot="px4",
+                parameter="MPC_THR_HOVER",
+                where="hover thrust, from which the estimator of it starts",
+                powers={"e": -1.0},
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlMel.massThrust",
+                where="Mellinger controller",
+                powers={"e": -1.0},
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="posCtlPid.thrustBase",
+                where="PID controller",
+                powers={"e": -1.0},
+            ),
+        ),
     )
 
     def init(self, n_drones: int, dt: float) -> None:

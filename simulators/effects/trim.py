@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import DEGREES, EffectCard, Input, Probe, Shown
+from simulators.effects.card import DEGREES, Change, EffectCard, Input, Probe, Shown
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
@@ -51,6 +51,38 @@ class Trim(CommandEffect):
             ),
         },
         probe=Probe("command", {"roll": 0.2, "pitch": -0.1}),
+        paths={"center_of_mass": "pumping", "wind": "turning"},
+        check="level the flight controller, and calibrate its level",
+        changes=(
+            Change(
+                autopilot="px4",
+                parameter="SENS_BOARD_X_OFF",
+                where="board's roll; attitude must be measured from outside, as by motion capture",
+                gains={"roll": -DEGREES},
+                unit="°",
+            ),
+            Change(
+                autopilot="px4",
+                parameter="SENS_BOARD_Y_OFF",
+                where="board's pitch; attitude must be measured from outside, as by motion capture",
+                gains={"pitch": DEGREES},
+                unit="°",
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="imu_sensors.imuPhi",
+                where="Crazyflie 2.1 and Brushless",
+                gains={"roll": DEGREES},
+                unit="°",
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="imu_sensors.imuTheta",
+                where="Crazyflie 2.1 and Brushless",
+                gains={"pitch": DEGREES},
+                unit="°",
+            ),
+        ),
     )
 
     def init(self, n_drones: int, dt: float) -> None:

@@ -46,6 +46,7 @@ class Wind(WrenchEffect):
         separated_from={
             "gust": "10 s of hover that begin well before the disturbance does",
         },
+        paths={"gust": "hover"},
         probe=Probe("wrench", {"x": 3.0, "y": -2.0}),
     )
 

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import EffectCard, Input, percent
+from simulators.effects.card import Change, EffectCard, Input, percent
 from simulators.effects.contract import AutopilotEffect, Parameter
 from simulators.flight import Flight
 from simulators.vehicle import AutopilotGains
@@ -55,6 +55,34 @@ class YawGains(AutopilotEffect):
         inputs=frozenset({Input.ATTITUDE_CMD}),
         unbelieved=True,
         flight="yaw steps of 0.5 rad every second",
+        changes=(
+            Change(
+                autopilot="px4",
+                parameter="MC_YAW_P",
+                powers={"stiffness": -1.0, "damping": 1.0},
+                beside_reference=True,
+            ),
+            Change(
+                autopilot="px4",
+                parameter="MC_YAWRATE_K",
+                powers={"damping": -1.0},
+                beside_reference=True,
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlMel.kR_z",
+                where="Mellinger controller",
+                powers={"stiffness": -1.0},
+                beside_reference=True,
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlMel.kw_z",
+                where="Mellinger controller",
+                powers={"damping": -1.0},
+                beside_reference=True,
+            ),
+        ),
     )
 
     def init(self, n_drones: int, dt: float) -> None:

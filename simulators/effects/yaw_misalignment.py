@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import DEGREES, EffectCard, Input, Shown
+from simulators.effects.card import DEGREES, Change, EffectCard, Input, Shown
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
@@ -33,6 +33,23 @@ class YawMisalignment(CommandEffect):
         shown={"angle": Shown("angle", DEGREES, "°")},
         inputs=frozenset({Input.ATTITUDE_CMD}),
         local=True,
+        check="look at the forward axis of the motion capture's rigid body, and at the compass",
+        changes=(
+            Change(
+                autopilot="px4",
+                parameter="SENS_BOARD_Z_OFF",
+                where="board's yaw; not if motion capture gives the heading: turn its body there",
+                gains={"angle": DEGREES},
+                unit="°",
+            ),
+            Change(
+                autopilot="crazyflie",
+                parameter="imu_sensors.imuPsi",
+                where="Crazyflie 2.1 and Brushless; not if motion capture gives the heading",
+                gains={"angle": DEGREES},
+                unit="°",
+            ),
+        ),
     )
 
     def init(self, n_drones: int, dt: float) -> None:

@@ -8,6 +8,7 @@ from scipy import stats
 
 from bench.stats import bootstrap
 from bench.stats.bootstrap import (
+    Interval,
     iqm,
     iqm_interval,
     probability_of_improvement,
@@ -153,3 +154,11 @@ def test_draws_are_within_cells_and_with_replacement():
     combinations = {tuple(row) for row in drawn}
     assert combinations == set(itertools.product(range(3), repeat=3))
     assert not np.array_equal(drawn, bootstrap._draw("other cell", (0, 1, 2), 4000))
+
+
+@pytest.mark.parametrize(
+    ("value", "excluded"), [(0.49, True), (0.5, False), (0.7, False), (0.9, False), (0.91, True)]
+)
+def test_an_interval_excludes_what_lies_beyond_its_ends(value, excluded):
+    assert Interval(0.7, 0.5, 0.9).excludes(value) == excluded
+    assert not Interval(0.7, float("nan"), float("nan")).excludes(value)

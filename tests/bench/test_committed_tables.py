@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from bench.paper.page import write_claims
 from bench.paper.tuning import write_tuning
 from bench.plan.expansion import PROTOCOL, expand
 from bench.plan.suite import load_suite
@@ -40,13 +39,6 @@ def test_every_committed_row_says_where_it_comes_from(suite):
         assert runs[column].ne("").all(), column
     assert not runs["dirty"].any()
     assert all(json.loads(text)["jax"] for text in runs["versions"])
-
-
-def test_the_page_of_the_paper_regenerates_byte_for_byte(tmp_path):
-    notes = HOUSE / "reports" / "paper_notes.md"
-    write_claims(Tables.load(HOUSE / "results" / "paper"), tmp_path / "paper.md", notes)
-    kept = (HOUSE / "reports" / "paper.md").read_bytes()
-    assert (tmp_path / "paper.md").read_bytes() == kept
 
 
 def test_the_page_of_the_tuning_regenerates_byte_for_byte(tmp_path):

@@ -68,7 +68,7 @@ def test_several_cells_are_decided_by_pooled_scores():
     apart = np.mean([np.mean(GOOD) - np.mean(BAD), np.mean(BAD) + 81.0]) / (-40.0 - SPAWN_SETTLED)
     assert found.lines[0].startswith(f"Score higher by {apart:.4f} (0.0164 to 0.0183), mean over ")
     assert found.lines[0].endswith("(6 pairs of seeds).")
-    assert "Probability that a run of the first is better: 1.00" in found.lines[1]
+    assert "Probability that a run of the first is better: 1.00, 95 %" in found.lines[1]
     assert "2 cells: spread, N = 3; spread, N = 12, 3 seeds of good, 3 seeds" in found.lines[2]
     assert compare(*sides(two_cells())[::-1]).verdict is Verdict.WORSE
 

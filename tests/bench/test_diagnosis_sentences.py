@@ -7,13 +7,17 @@ import pytest
 from diagnoses_for_tests import HOSTILE, load
 
 from bench.diagnosis_report.numbers import clean, estimate, probability, quantity, rounded
+from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import (
     effect_phrase,
+    kind_label,
+    next_flight,
     remarks,
     shrink_sentence,
     verdict,
     where_sentence,
 )
+from bench.diagnosis_report.tables import parameters_table
 from diagnosis.result import Effect, Parameter
 from simulators import registry
 from simulators.effects.card import load_card, load_cards
@@ -109,6 +113,37 @@ def test_a_fault_of_the_logs_comes_before_any_physics():
         "for (frame of the path); mend that first: until then no cause in the vehicle can be named."
     )
     assert remarks(load(found))[0] == "Check y."
+    assert not any("do not confirm" in line for line in remarks(load(found)))
+    assert kind_label(load(found)) == "Mend the logs first"
+    assert next_flight(load(found)) == ""
+    assert remedy(load(found))[0] == "Check y."
+    found["interface"] = []
+    assert next_flight(load(found)) == found["next_flight"]
+
+
+@pytest.mark.parametrize(
+    ("name", "alias", "said"),
+    [
+        ("mass", "thrust_gain", "thrust over mass: -16.7 % (95 %: -20.0 to -13.0 %)"),
+        ("thrust_gain", "mass", "thrust over mass: 20 % (95 %: 15 to 25 %)"),
+    ],
+)
+def test_of_effects_that_look_alike_what_they_share_is_told(name, alias, said):
+    found = diagnoses_for_tests.effect()
+    (blamed,) = found["effects"]
+    blamed |= {"name": name, "aliases": [alias]}
+    blamed["parameters"] = [diagnoses_for_tests.parameter("e", 0.2, 0.15, 0.25, "-")]
+    assert said in remarks(load(found))[0]
+    for others in ([alias, "battery"], []):
+        blamed["aliases"] = others
+        assert not any("What these flights tell is" in line for line in remarks(load(found)))
+
+
+def test_the_badge_of_a_gap_that_a_set_makes_up_for_is_not_unexplained():
+    found = diagnoses_for_tests.unexplained()
+    assert kind_label(load(found)) == "Unexplained"
+    found["remainder"] |= {"share": 0.05, "mostly_explained": True}
+    assert kind_label(load(found)) == "No cause confirmed"
 
 
 def test_names_that_are_no_text_can_be_printed():
@@ -137,6 +172,44 @@ def test_verdict_without_an_effect_blames_none():
     for name in ("none", "unexplained", "empty"):
         assert "explained by" not in sentence(name)
         assert "mass" not in sentence(name)
+
+
+def test_a_set_that_makes_up_for_most_of_a_gap_is_told_though_none_of_it_is_blamed():
+    """What a set follows is no "nobody knows how", and no cause either."""
+    found = diagnoses_for_tests.unexplained()
+    found["remainder"] |= {"share": 0.05, "mostly_explained": True}
+    said = verdict(load(found))
+    assert "gust would make up for all but 5 % of the gap, but no effect among them passes" in said
+    assert "no known effect explains how" not in said
+
+
+def test_an_interval_wider_than_the_range_is_no_number():
+    """Of effects that only act together, none has a size by itself: -505 to 523 % says nothing."""
+    found = diagnoses_for_tests.effect()
+    (size,) = found["effects"][0]["parameters"]
+    size |= {"low": -5.05, "high": 5.23}
+    said = verdict(load(found))
+    assert "(95 %: wider than its range)" in said
+    assert "523" not in said
+    (row,) = parameters_table(load(found).effects[0]).rows
+    assert row[2] == "wider than its range"
+    size |= {"low": 0.1, "high": 0.3}
+    assert "wider" not in verdict(load(found))
+
+
+@pytest.mark.parametrize(("end", "said"), [("high", "at least 12.0 %"), ("low", "at most 12.0 %")])
+@pytest.mark.parametrize("kind", ["effect", "partly"])
+def test_a_size_at_the_end_of_its_range_says_to_which_side_it_points(kind, end, said):
+    found = diagnoses_for_tests.ALL[kind]()
+    blamed = next(effect for effect in found["effects"] if effect["blamed"])
+    blamed["name"] = "mass"
+    blamed["parameters"] = [
+        diagnoses_for_tests.parameter("e", 0.12, None, None, "-", "descriptive")
+    ]
+    blamed["parameters"][0]["at_bound"] = end
+    ends = [line for line in remarks(load(found)) if line.startswith("At the end of its")]
+    assert len(ends) == 1
+    assert f"relative change of mass ({said}" in ends[0]
 
 
 def test_drift_that_grows_is_not_said_to_fall():

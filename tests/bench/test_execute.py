@@ -18,13 +18,9 @@ from rich.console import Console
 from bench.cli.app import main
 from bench.execution.execute import _Schedule
 from bench.execution.progress import SweepProgress
-from bench.execution.worker import train_and_evaluate
 from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
-from bench.store.store import Store
 from bench.store.tables import UNITS, Tables
-from methods.contract import Ledger
-from methods.training.context import Context
 
 WAIT = 120.0
 """Longest time for which a test waits for a process [s]."""
@@ -412,17 +408,3 @@ def test_a_method_that_hides_its_flight_has_the_minutes_in_its_row(plugins, writ
     assert main(["run", str(write_suite("joyride")), "--out", str(out), "--jobs", "1"]) == 0
     results = Tables.load(out).results.set_index("metric").value
     assert results["fleet_minutes"] == pytest.approx(12.0 / 60.0)
-
-
-def test_a_tracked_run_flies_its_parents_paths_by_pd_control(plugins, tmp_path):
-    """From a fresh policy, which climbs in the nominal simulator and drifts in the other."""
-    row = Row("instant", tracked=True, task_settings={"horizon": 60})
-    parent, child = expand(Suite("test", "", ("spread",), (2,), 1, (row,))).runs
-    store = Store(tmp_path)
-    flown = train_and_evaluate(parent, store, Context())
-    store.commit(parent, flown)
-    tracked = train_and_evaluate(child, store, Context())
-    assert tracked.metrics["reward"] != pytest.approx(flown.metrics["reward"], rel=1e-3)
-    assert tracked.metrics["lf_reward"] == pytest.approx(flown.metrics["lf_reward"], rel=0.05)
-    assert tracked.trained.ledger == Ledger()
-    assert flown.trained.ledger != Ledger()

@@ -20,9 +20,8 @@ from bench.report.leaderboard import (
     write_leaderboard,
 )
 from bench.report.standings import axis_lines, standings
-from bench.stats.endings import endings
 from bench.stats.leaderboard_rows import AXES
-from bench.stats.statistics import difference
+from bench.stats.statistics import difference, endings
 from bench.text import markdown
 from bench.text.numbers import measured, number, places, seconds, significant
 

@@ -119,27 +119,35 @@ def test_cells_and_entries_that_are_not_pooled_are_named():
 
 def test_entries_with_different_gaps_share_what_all_of_them_have():
     """Five cells, three entries of which each lacks another: two cells with all four entries."""
-    sheet = Sheet()
-    sizes, lacks = (2, 3, 5, 7, 12), {"lf_baseline": 2, "hf_hotstart": 3, "hf_scratch": 5, "": 0}
-    for team_size in sizes:
-        sheet.add_upper(team_size=team_size)
-        for method, lacking in lacks.items():
-            if team_size != lacking:
-                cell = {"team_size": team_size, "rewards": (-60.0, -61.0)}
-                sheet.add(method or "hybrid", "" if method else "mlp", **cell)
-    (pool,) = pools(sheet.tables())
+    lacks = {"lf_baseline": 2, "hf_hotstart": 3, "hf_scratch": 5, "": 0}
+
+    def pooled(sizes):
+        sheet = Sheet()
+        for team_size in sizes:
+            sheet.add_upper(team_size=team_size)
+            for method, lacking in lacks.items():
+                if team_size != lacking:
+                    cell = {"team_size": team_size, "rewards": (-60.0, -61.0)}
+                    sheet.add(method or "hybrid", "" if method else "mlp", **cell)
+        (pool,) = pools(sheet.tables())
+        return pool
+
+    pool = pooled((2, 3, 5, 7, 12))
     held = len(pool.cells) * len(pool.rows)
     # 2 cells x 4 entries = 3 cells x 3 or 4 cells x 2 are 9 at most: the largest wins.
     assert held == 9
-    sheet = Sheet()
-    for team_size in range(2, 12):
-        sheet.add_upper(team_size=team_size)
-        for method, lacking in lacks.items():
-            if team_size != lacking:
-                cell = {"team_size": team_size, "rewards": (-60.0, -61.0)}
-                sheet.add(method or "hybrid", "" if method else "mlp", **cell)
-    (pool,) = pools(sheet.tables())
+    pool = pooled(range(2, 12))
     assert (len(pool.cells), len(pool.rows)) == (7, 4)
+
+
+def test_two_entries_over_two_cells_are_pooled_before_many_in_one():
+    sheet = Sheet().add_upper(team_size=2).add_upper(team_size=3)
+    for method in ("lf_baseline", "hf_hotstart", "hf_scratch", "grey_box", "online"):
+        sheet.add(method, team_size=2, rewards=(-60.0, -61.0))
+    for method in ("lf_baseline", "hf_hotstart"):
+        sheet.add(method, team_size=3, rewards=(-60.0, -61.0))
+    (pool,) = pools(sheet.tables())
+    assert (len(pool.cells), len(pool.rows)) == (2, 2)
 
 
 def test_lost_runs_are_counted_beside_the_pool_even_where_their_cell_is_not_in_it():

@@ -47,6 +47,7 @@ def test_scatter_earns_no_rank_and_is_said():
     }
     found = ranks(samples)
     assert shown(samples) == {"a": ("1", "a"), "b": ("2 to 3", "b"), "c": ("2 to 3", "a,b")}
+    assert [found[entry].place for entry in (A, B, C)] == [1, 2, 3]
     behind = found[C].behind
     assert (behind.mean, behind.low, behind.high) == pytest.approx(
         (estimate([4.0, 7.9, 398.8]).mean, *(getattr(behind, x) for x in ("low", "high")))
@@ -62,6 +63,12 @@ def test_a_better_mean_of_other_seeds_is_no_worse_a_rank():
     """B has the lower mean, because it lacks the seeds that are easy."""
     samples = {A: by_seed(-10.0, -10.1, -1.0, -1.0, -1.0), B: by_seed(-9.0, -9.11)}
     assert difference(samples[B], samples[A]).low > 0.0
+    assert shown(samples) == {"a": ("1 to 2", "a"), "b": ("1 to 2", "a")}
+
+
+def test_equal_values_are_a_tie():
+    """Their difference is 0 without any scatter, which excludes no 0."""
+    samples = {A: by_seed(-1.0, -2.0), B: by_seed(-1.0, -2.0)}
     assert shown(samples) == {"a": ("1 to 2", "a"), "b": ("1 to 2", "a")}
 
 

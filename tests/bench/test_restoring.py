@@ -164,7 +164,7 @@ def _figure8_policy():
 
 def restored(store, run):
     said = []
-    left = KeptRuns(store.directory, Tables.load(store.directory), said.append).outcome(run)
+    left = KeptRuns([store.directory], Tables.load(store.directory), said.append).outcome(run)
     assert said == []
     return left
 

@@ -107,6 +107,7 @@ def test_one_seed_has_a_mean_and_no_interval():
 
 def test_no_value_is_not_a_number():
     assert math.isnan(estimate([]).mean)
+    assert estimate([]).n == 0
 
 
 def test_a_diverged_run_counts_with_the_policy_it_left_and_a_failed_one_does_not():

@@ -3,6 +3,7 @@ import re
 
 import pytest
 
+from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite, SuiteError, built_in, load_suite
 from methods.training.evaluate import TUNING_SEEDS
 from simulators.registry import UnknownPluginError
@@ -61,6 +62,8 @@ def test_built_in_suites_are_what_the_documentation_promises():
     assert sizes == {
         "quick": (2, (3,), 1, 10),
         "contact": (2, (3, 7, 12), 5, 10),
+        "field": (4, (3, 12), 5, 10),
+        "worlds": (1, (3,), 3, 40),
         "paper": (4, (3, 5, 7, 9, 12, 18), 5, 10),
         "paper_rotorpy": (4, (3, 12), 5, 10),
         "transfer": (4, (3, 12), 5, 9),
@@ -135,6 +138,46 @@ def test_a_row_says_where_it_is_deployed(load):
         load(GOOD.replace(row, row + "\ntracked = 1"))
     with pytest.raises(SuiteError, match="give `reality` to train for it, or"):
         load(GOOD.replace(row, row + '\nreality = "crazyflow"\ntracked = true'))
+
+
+def test_a_list_of_worlds_makes_a_row_of_each(load):
+    row = 'residual = "mlp"'
+    made = load(GOOD.replace(row, row + '\nreality = ["rotorpy", "contact"]'))
+    assert [r.reality for r in made.methods] == ["rotorpy", "contact"]
+    with pytest.raises(SuiteError, match="`reality` must be text, got 3"):
+        load(GOOD.replace(row, row + '\nreality = ["rotorpy", 3]'))
+
+
+QUICK = """
+[quick]
+tasks = ["spread"]
+team_sizes = [3]
+seeds = 1
+methods = ["hybrid"]
+residuals = ["mlp"]
+"""
+
+
+def test_the_quick_part_of_a_suite_is_a_part_of_its_runs(load):
+    whole = load(GOOD + QUICK)
+    quick = whole.quickly()
+    assert (quick.tasks, quick.team_sizes, quick.seeds) == (("spread",), (3,), 1)
+    assert {run.name for run in expand(quick).runs} < {run.name for run in expand(whole).runs}
+
+
+def test_the_quick_part_of_the_worlds_has_every_world():
+    quick = load_suite("worlds").quickly()
+    assert {row.world for row in quick.methods} >= {"", "rotorpy", "contact", "field"}
+    per_world = {world: [row for row in quick.methods if row.world == world]
+                 for world in ("rotorpy", "contact", "field")}  # fmt: skip
+    assert [len(rows) for rows in per_world.values()] == [5, 5, 5]
+
+
+def test_a_suite_without_a_quick_part_says_which_have_one(load):
+    with pytest.raises(SuiteError, match=r"has no table \[quick\]. Suites that have one: worlds"):
+        load(GOOD).quickly()
+    with pytest.raises(SuiteError, match=r"\[quick\] has no key 'seed'. Did you mean 'seeds'"):
+        load(GOOD + QUICK.replace("seeds", "seed"))
 
 
 def test_the_papers_studies_beside_its_grid_are_suites():

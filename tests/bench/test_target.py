@@ -70,6 +70,14 @@ def test_the_return_at_the_spawn_is_that_of_each_run():
     assert costs(sheet)[Entry("lf_baseline")].minutes == {0: 3.0}
 
 
+def test_a_cost_that_no_row_tells_is_nothing():
+    tables = Sheet().add("hf_scratch", rewards=(-50.0,), fleet_minutes=100.0).tables()
+    untimed = tables.results.loc[tables.results["metric"] != "train_seconds"]
+    found = costs_to_target(dataclasses.replace(tables, results=untimed))[CELL]
+    entry = found[Entry("hf_scratch")]
+    assert (entry.expected_minutes, entry.expected_seconds) == (100.0, 0.0)
+
+
 def test_runs_without_a_return_at_the_spawn_have_no_cost_to_target():
     tables = Sheet().add("hf_scratch").add().tables()
     old = tables.results.loc[tables.results["metric"] != "spawn_reward"]

@@ -157,6 +157,7 @@ def test_cells_without_two_common_seeds_are_left_out_of_many():
     foreign = (seeds(9.0, 8.0), seeds(0.0, 0.0, first=5))
     assert over_cells([whole, single, foreign]) == over_cells([whole])
     assert over_cells([single, foreign]).verdict is UNTESTED
+    assert over_cells([single, foreign]).n == 0
 
 
 @pytest.mark.parametrize(

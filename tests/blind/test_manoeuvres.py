@@ -8,7 +8,7 @@ from blind.fly.realities import DT
 from blind.score.manoeuvres import TRIALS, Range, directions
 from diagnosis.decision import Decision
 from simulators import registry
-from simulators.effects.card import load_cards
+from simulators.effects.card import load_cards, manoeuvre_path
 
 T = np.arange(round(12.0 / DT)) * DT
 
@@ -21,6 +21,13 @@ def test_every_advice_is_flown_in_both_directions_and_for_as_long_as_bland_fligh
     for trial in TRIALS.values():
         advised, bland = (f.n * f.seconds for f in (trial.advised, trial.bland))
         assert advised == bland
+
+
+def test_what_is_handed_out_is_the_path_that_was_tried():
+    for pair, trial in TRIALS.items():
+        tried = trial.advised.path
+        sharp = tried in (paths.attitude_steps, paths.both_steps)
+        assert manoeuvre_path(*pair) == (None if sharp else tried.__name__)
 
 
 @pytest.mark.parametrize(

@@ -188,6 +188,7 @@ def test_an_excluded_effect_and_its_aliases_are_no_candidates():
     assert "wind" in library.effects  # its slopes still measure what is left over
 
 
+@pytest.mark.exhaustive  # twenty sets; make test asks each withheld effect's interval for its truth
 def test_intervals_cover_the_truth_as_often_as_they_say(replay):
     inside = []
     for seed in range(20):

@@ -8,8 +8,7 @@ import pytest
 from toy_library import NAMES, toy_library
 
 from blind.draw.catalogue import Withheld
-from blind.score.efficiency import over_bound
-from blind.score.identifiable import compare
+from blind.score.identifiable import compare, over_bound
 from diagnosis.decide.decidable import (
     contains,
     cramer_rao,

@@ -146,6 +146,17 @@ def test_a_gust_has_an_onset_in_its_channel():
     assert found["specific force x"] is None
 
 
+def test_a_gap_that_is_there_from_the_start_sets_in_nowhere():
+    """Large in the first flight seconds and then small, as of a loop that swings in."""
+    replay = make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    flights = point_mass_set(Gust(y=1.0, onset=3.1), n_flights=4).flights
+    tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
+    (side,) = (c for c in gap.channels(tracks, SIGMA) if c.name == "specific force y")
+    turned = dataclasses.replace(tracks, t=tracks.t.max() - tracks.t)
+    assert gap.onset(side, tracks) == pytest.approx(3.1, abs=0.5)
+    assert gap.onset(side, turned) is None
+
+
 def test_a_gap_that_grows_with_thrust_shows_in_that_regime():
     replay = make_replay(make_library(PointMass(dt=0.005)), 0.005)
     flights = point_mass_set(Mass(e=0.2), n_flights=4).flights

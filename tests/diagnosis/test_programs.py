@@ -1,12 +1,13 @@
-"""Fits of reference flights are remembered for the same arrays, and made anew for others."""
+"""Programs and fits of reference flights are kept for the same inputs, and made anew for others."""
 
 import sys
 
+import jax
 import numpy as np
 import pytest
 
 from diagnosis.replay.library import make_library
-from diagnosis.replay.programs import _files, _key, remembered
+from diagnosis.replay.programs import _files, _key, cached, remembered
 from simulators.point_mass import PointMass
 
 
@@ -25,6 +26,48 @@ def fitted(tmp_path, monkeypatch):
         return remembered("fit", make, place, settings, [array])
 
     return fit, made
+
+
+@pytest.fixture
+def program(tmp_path):
+    """A program through `cached`; says how often it was traced."""
+    before, traced = jax.config.jax_compilation_cache_dir, []
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+
+    def run(x, settings="", exclude=(), folder=str(tmp_path)):
+        def trace(x):  # a new function each time: JAX keeps what it traced of one
+            traced.append(x)
+            return 2.0 * x
+
+        jax.config.update("jax_compilation_cache_dir", folder)
+        library = make_library(PointMass(dt=0.01), exclude)
+        return np.asarray(cached("double", trace, library, settings, (x,))(x))
+
+    yield run, traced
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def test_a_program_is_traced_once_for_the_same_library_shapes_and_settings(program, tmp_path):
+    run, traced = program
+    one = np.arange(3.0)
+    np.testing.assert_array_equal(run(one), 2.0 * one)
+    np.testing.assert_array_equal(run(one + 1.0), 2.0 * one + 2.0)
+    assert len(traced) == 1
+    run(one, "other")
+    run(one, exclude=["drag"])
+    run(np.arange(4.0))
+    assert len(traced) == 4
+    for path in tmp_path.glob("double-*"):
+        path.write_bytes(b"damaged")
+    np.testing.assert_array_equal(run(one), 2.0 * one)
+    assert len(traced) == 5
+
+
+def test_a_program_is_traced_each_time_where_jax_keeps_nothing(program):
+    run, traced = program
+    for _ in range(2):
+        run(np.arange(3.0), folder=None)
+    assert len(traced) == 2
 
 
 def test_what_was_fitted_is_remembered_for_the_same_flights_only(fitted):

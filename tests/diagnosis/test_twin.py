@@ -9,11 +9,10 @@ from diagnosis.logs.flights import LogError
 from diagnosis.replay.library import make_library
 from diagnosis.twin.answer import Change
 from diagnosis.twin.channels import Channels, headed
-from diagnosis.twin.colour import fit_colour
 from diagnosis.twin.diagnose_change import answer_change
 from diagnosis.twin.drift import Scored
 from diagnosis.twin.memory import fit_memories, gram, lagged, scale_of
-from diagnosis.twin.twin import Score, make_twin, standing_out
+from diagnosis.twin.twin import Score, fit_colour, make_twin, standing_out
 from diagnosis.twin.units import compare, make_group
 from simulators.point_mass import PointMass
 

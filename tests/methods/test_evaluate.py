@@ -103,6 +103,13 @@ def test_takeoff_and_the_rest_make_the_whole_return_and_equal_a_recount(record, 
     assert takeoff.mean() > 0.5 * rest.mean()  # it falls and falls
 
 
+def test_the_worst_decile_is_the_mean_of_the_lowest_tenth_of_all_drones(record, evaluation):
+    settled = np.sort(record.reward.astype(float)[:, 8:].sum(axis=1).ravel())
+    lowest = settled[: max(1, round(0.1 * len(settled)))]
+    assert evaluation.worst_decile == pytest.approx(lowest.mean(), rel=1e-5)
+    assert evaluation.worst_decile < evaluation.settled_reward
+
+
 @pytest.mark.parametrize(("horizon", "steps"), [(500, 100), (250, 50), (15, 3), (1, 0)])
 def test_takeoff_is_a_fifth_of_any_horizon(horizon, steps):
     assert takeoff_steps(Hold(horizon=horizon)) == steps

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from bench.cli.checks import check_number
+from bench.cli.checks import check_number, check_tables
 from bench.cli.options import Part, Repeatable
 
 
@@ -16,6 +16,7 @@ def plan(
     jobs: int | None = None,
     every: Annotated[bool, Repeatable] = False,
     retry_failed: Annotated[bool, Repeatable] = False,
+    reuse: Annotated[list[Path] | None, Repeatable] = None,
 ) -> int:
     """Show what `bench run` would do with the same arguments, and what it would cost; runs nothing.
 
@@ -34,8 +35,12 @@ def plan(
         Show one line for each missing run.
     retry_failed
         Count runs that failed in an earlier call as missing.
+    reuse
+        Folder of tables whose finished runs count as finished here; may be repeated.
     """
     check_number("jobs", jobs)
+    for folder in reuse or ():
+        check_tables(folder)
     chosen = (part or Part()).of(suite)
     from rich.console import Console
 
@@ -44,5 +49,12 @@ def plan(
 
     place = out or Path("results") / chosen.name
     return show_plan(
-        chosen.name, expand(chosen), place, jobs, every, Console(), retry_failed=retry_failed
+        chosen.name,
+        expand(chosen),
+        place,
+        jobs,
+        every,
+        Console(),
+        retry_failed=retry_failed,
+        reuse=reuse or (),
     )

@@ -22,6 +22,7 @@ def run(
     retry_failed: Annotated[bool, Repeatable] = False,
     replace: Annotated[bool, Repeatable] = False,
     against: Path | None = None,
+    reuse: Annotated[list[Path] | None, Repeatable] = None,
 ) -> int:
     """Train and evaluate the runs of a suite, then write tables, leaderboard and report.
 
@@ -57,6 +58,10 @@ def run(
         Folder of tables, such as results/paper: leaderboard and report show its rows of the same
         tasks and team sizes beside yours, and say what cannot be compared. Its files stay as they
         are.
+    reuse
+        Folder of tables, such as results/paper; may be repeated. Its finished runs that the suite
+        asks for, too, are not trained again: their rows are copied, and policies that others start
+        from come from its kept ones.
     """
     check_number("jobs", jobs)
     check_number("together", together)
@@ -67,6 +72,8 @@ def run(
             raise UsageError(
                 f"--out and --against are both {out}; own rows need a folder of their own."
             )
+    for folder in reuse or ():
+        check_tables(folder)
     chosen = (part or Part()).of(suite or (against.resolve().name if against else "quick"))
     tables_dir = out or Path("results") / chosen.name
     documents_dir = out or Path("reports") / chosen.name
@@ -86,4 +93,5 @@ def run(
         retry_failed=retry_failed,
         replace=replace,
         against=against,
+        reuse=reuse or (),
     )

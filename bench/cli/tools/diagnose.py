@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from bench.cli.checks import check_flights, check_names, check_reality, check_unused
-from bench.cli.options import Repeatable
+from bench.cli.options import Remedy, Repeatable
 from bench.text.errors import UsageError
 
 
@@ -21,6 +21,7 @@ def diagnose(
     reality: str | None = None,
     team_size: int | None = None,
     seeds: int | None = None,
+    change: Remedy = Remedy(),  # noqa: B008 - frozen
 ) -> int:
     """Say why a simulator and real flights differ: where, which effect, how much it explains.
 
@@ -31,7 +32,8 @@ def diagnose(
     Parameters
     ----------
     flights
-        Folder with vehicle.toml and flights/NAME.parquet or .csv.
+        Folder with vehicle.toml and flights/NAME.parquet or .csv; with --remedy also the
+        diagnosis.json of an earlier diagnosis.
     simulator
         Simulator to compare the flights with; default: crazyflow, or point_mass for an airframe
         that crazyflow has no file of.
@@ -58,8 +60,11 @@ def diagnose(
         check_unused({"--team-size": team_size, "--seeds": seeds}, "without --deploy")
     else:
         given = {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
-        check_unused(given, "with --deploy")
-    for folder in (flights, reference):
+        check_unused(given | {"--remedy": change.remedy}, "with --deploy")
+    change.check(
+        flights, {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
+    )
+    for folder in (None if change.of_file(flights) else flights, reference):
         if folder is not None:
             check_flights(folder)
     check_names("simulator", [simulator] if simulator else ())
@@ -71,9 +76,13 @@ def diagnose(
 
     os.environ.update(environment())
     if flights is not None:
-        from bench.diagnosis_report.command import run_diagnosis
+        from bench.diagnosis_report.command import place_of, run_diagnosis
 
-        return run_diagnosis(flights, simulator, reference, exclude or (), out)
+        out = out or place_of(flights)
+        status = 0
+        if not change.of_file(flights):
+            status = run_diagnosis(flights, simulator, reference, exclude or (), out)
+        return status or change.write(flights if change.of_file(flights) else out)
     from rich.console import Console
 
     from bench.diagnosis_report.deploy import deploy as deploy_team

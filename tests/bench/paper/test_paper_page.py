@@ -143,6 +143,15 @@ def test_refuted_is_bold_and_settled_before_whole(tmp_path):
     assert f"\n{HOW}\n" in found
 
 
+def test_a_claim_that_every_cell_run_so_far_supports_is_listed_apart(tmp_path):
+    sheet = Sheet()
+    for method, residual, reward in (("lf_baseline", "", -9.0), ("hybrid", "mlp", -5.0)):
+        rewards = tuple(reward - 0.01 * seed for seed in range(5))
+        sheet.add(method, residual, task="spread", team_size=3, rewards=rewards)
+    (line,) = lines_of(written(sheet.tables(), tmp_path), "- **Supported so far")
+    assert "Hybrid deploys above the LF baseline in every cell" in line
+
+
 def test_tables_of_the_first_protocol_say_that_they_have_the_whole_return_only(tmp_path):
     sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0)).add(rewards=(-60.0, -60.5))
     sheet.results = [row for row in sheet.results if row["metric"] != "settled_reward"]

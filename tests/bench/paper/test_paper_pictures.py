@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from bench.paper.pictures import ARROWS, BOXES, write_pipeline, write_top_views
-from bench.store.tables import SCHEMAS, Tables, table
+from bench.paper.pictures import ARROWS, BOXES, keep_flights, write_pipeline, write_top_views
+from bench.store.tables import FEW_TRAJECTORIES, SCHEMAS, Tables, table
 
 
 @pytest.fixture(scope="module")
@@ -43,3 +43,24 @@ def test_top_views_are_there_where_trajectories_are(flown, tmp_path):
     assert not path.exists()
     assert write_top_views(flown, path, 3)
     assert imread(path).std() > 0.02
+
+
+def test_flights_that_are_kept_draw_the_same_picture(flown, tmp_path):
+    few = dataclasses.replace(flown, curves=table("curves", []))
+    few.save(tmp_path)
+    (tmp_path / "trajectories.parquet").unlink()
+    assert Tables.load(tmp_path).trajectories.empty
+    keep_flights(flown, tmp_path, 3)
+    kept = Tables.load(tmp_path)
+    assert (
+        kept.trajectories["run"].nunique()
+        == kept.runs.query("method == 'hybrid' and residual == 'mlp' and team_size == 3")[
+            "task"
+        ].nunique()
+    )  # one seed a task
+    assert write_top_views(flown, tmp_path / "all.png", 3)
+    assert write_top_views(kept, tmp_path / "few.png", 3)
+    assert (tmp_path / "all.png").read_bytes() == (tmp_path / "few.png").read_bytes()
+    few.save(tmp_path)  # the whole table counts where it is there
+    assert (tmp_path / FEW_TRAJECTORIES).is_file()
+    assert len(Tables.load(tmp_path).trajectories) == len(flown.trajectories)

@@ -1,0 +1,122 @@
+"""What to change after a diagnosis, as Markdown for one autopilot or for the simulator."""
+
+from collections.abc import Mapping, Sequence
+
+from bench.diagnosis_report import tables
+from bench.diagnosis_report.effect_words import effect_words
+from bench.diagnosis_report.numbers import MISSING, clean, estimate, rounded, with_unit
+from bench.diagnosis_report.remedy import remedy
+from bench.diagnosis_report.sentences import drift_clause, join, logs_first, next_flight, verdict
+from bench.text import markdown
+from diagnosis.remedies.changes import FirmwareChange, firmware_changes, without_parameter
+from diagnosis.remedies.trajectory import Trajectory
+from diagnosis.result import Diagnosis
+from simulators.effects.card import manoeuvre
+
+TARGETS = {
+    "crazyflow": "crazyflow",
+    "crazyflie": "the Crazyflie's firmware",
+    "px4": "PX4",
+}
+"""What a remedy may be for, as `--remedy` is given it, with its name."""
+DESCRIPTIVE = (
+    "Descriptive only: something else acts, too, or nothing is confirmed, and the numbers may be "
+    "biased by it. They say what to look at; do not write them into a vehicle."
+)
+
+
+def remedy_text(
+    diagnosis: Diagnosis, target: str, values: Mapping[str, float], flight: Sequence[str]
+) -> str:
+    """The document; `values` are the autopilot's parameters now, `flight` says what to fly next."""
+    parts = [f"# What to change in {TARGETS[target]}: {markdown.escape(tables.title(diagnosis))}"]
+    parts.append(f"**{markdown.escape(verdict(diagnosis))}**")
+    if target == "crazyflow":
+        parts += [markdown.escape(line) for line in remedy(diagnosis)]
+        parts += ["The numbers are in params.toml."] if diagnosis.effects else []
+    else:
+        parts += _autopilot(diagnosis, target, values)
+    parts += ["## Fly next", *map(markdown.escape, flight)]
+    return "\n\n".join(parts) + "\n"
+
+
+def flight_lines(diagnosis: Diagnosis, trajectory: Trajectory, named: bool) -> list[str]:
+    """What is in the files of the next flight; `named` if they are what the advice says."""
+    said = [advice] if (advice := next_flight(diagnosis)) else []
+    if not named:
+        said.append(
+            "The files hold no such flight: targets of position cannot say it, or nothing is to be "
+            "separated. They hold climbs and hard turns, which show whether the change has helped."
+        )
+    shrunk = f"{100 * trajectory.scale:.0f} % of its full size, " if trajectory.scale < 1.0 else ""
+    said.append(
+        f"The path '{trajectory.path}' lies within the geofence at {shrunk}at most "
+        f"{rounded(trajectory.top_speed, 2)} m/s, {trajectory.durations.sum():.1f} s long; "
+        "accelerations are those of the full size. Take off to its first point before, land after."
+    )
+    return said
+
+
+def _autopilot(diagnosis: Diagnosis, target: str, values: Mapping[str, float]) -> list[str]:
+    if diagnosis.verdict in ("none", "too_few") or not diagnosis.effects or logs_first(diagnosis):
+        return [markdown.escape(line) for line in remedy(diagnosis)]
+    changes = firmware_changes(diagnosis, target)
+    now = [change for change in changes if not change.waits_for]
+    wait = [change for change in changes if change.waits_for]
+    parts = [DESCRIPTIVE] if any(change.descriptive for change in changes) else []
+    if checks := [effect_words(clean(e.name)).check for e in diagnosis.effects]:
+        first = [check for check in dict.fromkeys(checks) if check]
+        parts += [f"First {join(first)}."] if first else []
+    if now:
+        heading = "## What it would change" if any(c.descriptive for c in now) else "## Change"
+        parts += [heading, _table(now, values), *_expected(diagnosis)]
+    if wait:
+        parts += ["## Do not change yet", *_waiting(wait), _table(wait, values)]
+    if idle := without_parameter(diagnosis, target):
+        labels = join(effect_words(clean(name)).label for name in idle)
+        parts += [
+            "## No parameter for it",
+            f"No parameter of {TARGETS[target]} makes up for: {labels}. Keep it in the simulator "
+            "(`--remedy crazyflow`).",
+        ]
+    return parts
+
+
+def _table(changes: Sequence[FirmwareChange], values: Mapping[str, float]) -> str:
+    headings = ("parameter", "change", "95 %", "now", "new", "where", "makes up for")
+    rows = [_row(change, name, values) for change in changes for name in change.parameters]
+    return markdown.table(
+        headings, [[markdown.escape(cell) for cell in row] for row in rows], (0, 5, 6)
+    )
+
+
+def _row(change: FirmwareChange, name: str, values: Mapping[str, float]) -> list[str]:
+    amount, interval = estimate(change.amount, change.low, change.high)
+    unit = change.unit if change.how == "plus" else ""
+    old = values.get(name, change.was)
+    new = change.amount if change.how == "value" else old if old is None else change.of(old)
+    return [
+        name,
+        "set" if change.how == "value" else f"{change.how} {with_unit(amount, unit)}",
+        with_unit(interval, unit) if interval else MISSING,
+        MISSING if old is None else with_unit(rounded(old, 4), change.unit),
+        MISSING if new is None else with_unit(rounded(new, 4), change.unit),
+        change.where,
+        " or ".join(effect_words(clean(name)).label for name in (change.effect, *change.alike)),
+    ]
+
+
+def _expected(diagnosis: Diagnosis) -> list[str]:
+    clause = drift_clause(diagnosis.shrink)
+    return [f"Expected once vehicle and simulator agree: {clause}."] if clause else []
+
+
+def _waiting(changes: Sequence[FirmwareChange]) -> list[str]:
+    """One line for each pair of effects that must be told apart, with the flight that does it."""
+    pairs = {(c.effect, alias): None for c in changes for alias in c.waits_for}
+    said = []
+    for one, other in pairs:
+        labels = [effect_words(clean(name)).label for name in (one, other)]
+        flight = manoeuvre(one, other) or "fly what shows each of them most, in flights of its own"
+        said.append(f"Until {labels[0]} is told from {labels[1]}: {flight}.")
+    return [markdown.escape(line) for line in said]

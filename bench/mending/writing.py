@@ -1,0 +1,93 @@
+"""Writes the folder of a remedy beside a diagnosis: what to change, and what to fly next."""
+
+from pathlib import Path
+
+from bench.diagnosis_report.documents import NAMES, write_files
+from bench.mending.flight_files import mission, polynomial_csv, setpoint_csv
+from bench.mending.patch import patch_text
+from bench.mending.px4_params import changed_params, read_params
+from bench.mending.remedy_text import flight_lines, remedy_text
+from diagnosis.decide.advice import pair_to_separate
+from diagnosis.remedies.changes import firmware_changes
+from diagnosis.remedies.flight_paths import GENERAL
+from diagnosis.remedies.trajectory import Geofence, plan
+from diagnosis.result import Diagnosis
+from simulators.effects.card import manoeuvre_path
+
+
+def write_remedy(
+    diagnosis: Diagnosis,
+    out: Path,
+    target: str,
+    geofence: Geofence,
+    home: tuple[float, float] | None = None,
+    parameters: Path | None = None,
+) -> Path:
+    """Writes the folder `remedy-TARGET` in `out`, all files or none, and returns it.
+
+    Args:
+        diagnosis: What was found.
+        out: Folder of the diagnosis.
+        target: Key of `remedy_text.TARGETS`.
+        geofence: Where the next flight must stay.
+        home: Latitude and longitude [degrees] of the geofence's middle, for a mission of PX4.
+        parameters: PX4's parameters as QGroundControl saves them.
+
+    Raises:
+        UsageError: `out` cannot be written to, or `parameters` cannot be read.
+    """
+    folder = out / f"remedy-{target}"
+    values = read_params(parameters) if parameters else {}
+    pair = pair_to_separate({effect.name: effect.aliases for effect in diagnosis.blamed})
+    path = manoeuvre_path(*pair) if pair else None
+    trajectory = plan(path or GENERAL, geofence)
+    lines = flight_lines(diagnosis, trajectory, named=path is not None)
+    texts = {"remedy.md": remedy_text(diagnosis, target, values, lines)}
+    if target == "crazyflow" and diagnosis.effects:
+        texts["params.toml"] = patch_text(diagnosis)
+    if target == "px4":
+        texts["next_flight_setpoints.csv"] = setpoint_csv(trajectory)
+        if home:
+            texts["next_flight.plan"] = mission(trajectory, geofence, home)
+        if parameters and (new := _new_values(diagnosis, values)):
+            texts["changed.params"] = changed_params(parameters, new)
+    else:
+        texts["next_flight.csv"] = polynomial_csv(trajectory)
+    write_files(folder, texts)
+    for name in FILES:
+        if name not in texts:
+            (folder / name).unlink(missing_ok=True)  # of an earlier remedy
+    return folder
+
+
+FILES = (
+    "remedy.md",
+    "params.toml",
+    "changed.params",
+    "next_flight.csv",
+    "next_flight_setpoints.csv",
+    "next_flight.plan",
+)
+"""What the folder of a remedy may hold."""
+
+
+def load_diagnosis(path: Path) -> tuple[Diagnosis, Path]:
+    """The diagnosis in a folder or in its `diagnosis.json`, and the folder.
+
+    Raises:
+        ValueError: The file is no diagnosis.
+    """
+    file = path / NAMES[0] if path.is_dir() else path
+    return Diagnosis.load(file), file.parent
+
+
+def _new_values(diagnosis: Diagnosis, values: dict[str, float]) -> dict[str, float]:
+    """New values of the parameters in `values` that are measured and wait for nothing."""
+    new: dict[str, float] = {}
+    for change in firmware_changes(diagnosis, "px4"):
+        if change.descriptive or change.waits_for:
+            continue
+        for name in change.parameters:
+            if name in values:
+                new[name] = change.of(new.get(name, values[name]))
+    return new

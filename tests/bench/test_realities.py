@@ -1,0 +1,64 @@
+"""Realities as text: numbers, distributions, sensing, and worlds with a name."""
+
+import pytest
+
+from bench.cli.checks import check_reality
+from bench.plan.names import worlds
+from bench.plan.realities import parse_reality, written
+from bench.stats.statistics import Entry, cells_meant, default_of
+from bench.text.errors import UsageError
+from simulators.drawn.drawn_team import Drawn
+from simulators.effects.chain import canonical
+from simulators.registry import UnknownPluginError
+
+LAW = "crazyflow+mass(e~normal(0,0.05))+drag(c=1)"
+
+
+def test_a_distribution_is_written_canonically():
+    assert written(parse_reality(LAW)) == "crazyflow+Drag(c=1); Mass(e~normal(0, 0.05))"
+    spaced = "crazyflow + drag(c = 1) + mass( e ~ normal( 0 , 5e-2 ) )"
+    assert written(parse_reality(spaced)) == written(parse_reality(LAW))
+
+
+def test_a_variant_that_names_a_drawn_world_is_understood():
+    reality = parse_reality(LAW)
+    entry = Entry("hybrid", "mlp", f"reality={written(reality)}, trainer.lr=0.01")
+    assert default_of(entry).variant == f"reality={written(reality)}"
+    (cell,) = cells_meant("circle", 3, entry.variant, ())
+    assert cell.deployed_effects == canonical(reality.effects)
+
+
+def test_a_reality_without_draws_is_the_simulator_itself():
+    assert not isinstance(parse_reality("crazyflow+mass(e=0.1)"), Drawn)
+
+
+@pytest.mark.parametrize("name", sorted(worlds()))
+def test_a_world_with_a_name_is_what_its_text_says(name):
+    check_reality(name)
+    assert written(parse_reality(name)) == written(parse_reality(worlds()[name]))
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("mass(e~0.1)", "with a distribution such as ~normal"),
+        ("mass(e~normal(0.1))", "with a distribution such as ~normal"),
+        ("mass(e~gamma(1, 2))", r"must be uniform\(LEAST, LARGEST\) or normal"),
+        ("mass(e~normal(0, 0))", "standard deviation of a normal must be above 0"),
+        ("mass(e~normal(0.7, 0.1))", r"mean of a normal must lie .* in \[-0.3, 0.6\]"),
+        ("mass(e~uniform(0.2, 0.1))", "must rise and lie within"),
+        ("mass(e~uniform(0, 0.7))", "must rise and lie within"),
+        ("mass(e~normal(x, 0.1))", "finite numbers"),
+        ("mass(e=0.1, e~normal(0, 0.1))", "given twice"),
+        ("sensing(latency=0.1)", r"latency of 'sensing' must lie in \[0, 0.06\]"),
+        ("mass(e~normal(0, 0.1))+collision(radius=0.1)", "Collision acts between drones"),
+    ],
+)
+def test_a_distribution_that_makes_no_sense_is_refused(text, match):
+    with pytest.raises(UsageError, match=match):
+        parse_reality(f"crazyflow+{text}")
+
+
+def test_an_unknown_effect_of_a_drawn_reality_is_named_at_once():
+    with pytest.raises(UnknownPluginError, match="Did you mean"):
+        check_reality("crazyflow+mas(e~normal(0, 0.1))+sensing(pos=0.1)")

@@ -1,0 +1,36 @@
+"""Sizes of the house: folders that one can overlook, modules that one can read."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+HOUSE = Path(__file__).parents[1]
+PACKAGES = ("bench", "blind", "diagnosis", "methods", "simulators", "tasks")
+MOST_MODULES = 12
+"""Modules of a folder; `simulators/effects` has one for each effect."""
+MOST_LINES = 400
+"""Lines of a module, of tests too."""
+
+
+def modules(*packages):
+    return [path for package in packages for path in sorted((HOUSE / package).rglob("*.py"))]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_folder_holds_more_modules_than_one_can_overlook(package):
+    own = [path for path in modules(package) if path.name != "__init__.py"]
+    assert own
+    sizes = Counter(path.parent.relative_to(HOUSE).as_posix() for path in own)
+    sizes.pop("simulators/effects", None)
+    assert {folder: n for folder, n in sizes.items() if n > MOST_MODULES} == {}
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, "tests", "benchmarks"])
+def test_no_module_is_longer_than_one_can_read(package):
+    lengths = {
+        path.relative_to(HOUSE).as_posix(): len(path.read_text(encoding="utf-8").splitlines())
+        for path in modules(package)
+    }
+    assert lengths
+    assert {path: n for path, n in lengths.items() if n > MOST_LINES} == {}
