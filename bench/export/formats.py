@@ -7,6 +7,7 @@ folder is moved to `place` when all is written, so that nothing half written is 
 
 import dataclasses
 import importlib
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -71,12 +72,21 @@ FORMATS: dict[Name, Format] = {
 """How each format is written."""
 
 
+SILENT = {
+    "DO_NOT_TRACK": "true",
+    "MLFLOW_DISABLE_TELEMETRY": "true",
+    "WANDB_ERROR_REPORTING": "false",
+}
+"""Variables with which the tools' libraries tell their makers nothing."""
+
+
 def check_available(name: Name) -> None:
     """Refuses a format whose packages are not installed.
 
     Raises:
         UsageError: One is missing.
     """
+    os.environ.update(SILENT)
     found = FORMATS[name]
     for package in found.needs:
         try:

@@ -68,6 +68,8 @@ def verify(
         if status := sweep(plan, place, place, jobs):
             return status
         again = Tables.load(place).metrics(run.name)
+    if out is None:
+        say(console, "What was trained is removed again; --out FOLDER keeps it.")
     found = []
     for metric, idle in COMPARED.items():
         one = _compared(tables, row, metric, again[metric], again.get(idle, math.nan))
