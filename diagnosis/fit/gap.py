@@ -244,8 +244,8 @@ def onset(channel: Channel, tracks: Tracks) -> float | None:
     """The time [s] since the start at which a channel's gap sets in, if it clearly does.
 
     Its mean jumps there, which lowers the sum of squares by more than a third and by more than
-    noise would in one of a hundred flights; and before, the gap is less than half of what it is
-    then. One that was there from the start and falls, or comes and goes, sets in nowhere.
+    noise would in one of a hundred flights; and before, the gap is smaller than it is then. One
+    that is there from the start and falls sets in nowhere.
     """
     ok = np.isfinite(channel.value)
     t, y = tracks.t[ok], channel.value[ok]
@@ -262,7 +262,7 @@ def onset(channel: Channel, tracks: Tracks) -> float | None:
     clear = whole - left[best] > max(whole / 3.0, 15.0 * channel.noise**2)
     first = float(times[2:-2][best])
     earlier, later = (rms(channel.value[ok][side]) for side in (t < first, t >= first))
-    return first if clear and earlier < 0.5 * later else None
+    return first if clear and earlier < later else None
 
 
 def in_time(tracks: Tracks, sigma: Float[np.ndarray, " 9"]) -> tuple[GapInTime, ...]:
