@@ -108,7 +108,7 @@ class Remedy:
         """
         if self.remedy is None:
             return 0
-        from bench.mending.writing import load_diagnosis, write_remedy
+        from bench.diagnosis_report.mending.writing import load_diagnosis, write_remedy
         from diagnosis.remedies.trajectory import Geofence
 
         box, place = Geofence(*self._box()), self._place()

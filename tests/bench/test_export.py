@@ -11,9 +11,9 @@ import yaml
 from tables_for_tests import Sheet
 
 from bench.cli.app import main
-from bench.export import formats
-from bench.export.column_words import COLUMN_WORDS, TABLE_WORDS
-from bench.export.run_views import CURVES, run_views
+from bench.sharing.export import formats
+from bench.sharing.export.column_words import COLUMN_WORDS, TABLE_WORDS
+from bench.sharing.export.run_views import CURVES, run_views
 from bench.store.tables import SCHEMAS
 
 EXTRAS = {name: found.needs for name, found in formats.FORMATS.items()}
@@ -204,7 +204,7 @@ def test_nothing_is_left_of_an_export_that_fails(tables, tmp_path, monkeypatch, 
         raise OSError("the disk is full")
 
     before = sorted(tmp_path.iterdir())
-    monkeypatch.setattr("bench.export.to_huggingface.write", broken)
+    monkeypatch.setattr("bench.sharing.export.to_huggingface.write", broken)
     out = tmp_path / "exported"
     assert main(["export", str(tables), "--to", "huggingface", "--out", str(out)]) == 1
     assert "the disk is full" in capsys.readouterr().err

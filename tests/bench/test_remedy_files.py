@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from bench.cli.app import main
-from bench.mending.flight_files import mission, polynomial_csv, setpoint_csv
-from bench.mending.patch import patch_text
-from bench.mending.px4_params import read_params
-from bench.mending.remedy_text import TARGETS, remedy_text
-from bench.mending.writing import FILES
+from bench.diagnosis_report.mending.flight_files import mission, polynomial_csv, setpoint_csv
+from bench.diagnosis_report.mending.patch import patch_text
+from bench.diagnosis_report.mending.px4_params import read_params
+from bench.diagnosis_report.mending.remedy_text import TARGETS, remedy_text
+from bench.diagnosis_report.mending.writing import FILES
 from diagnosis.remedies.trajectory import Geofence, plan
 from diagnosis.result import Effect, Parameter
 from simulators import registry

@@ -9,9 +9,9 @@ import pytest
 
 from bench.cli.app import main
 from bench.plan.sources import own_source
+from bench.sharing.submission.agreement import agreement, worst
 from bench.store.record import checksum
 from bench.store.tables import Tables
-from bench.submission.agreement import agreement, worst
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from flights_for_tests import point_mass_set
 from log_writers import write_ulog
 
 from bench.cli.app import main
-from bench.mending.px4_params import read_params
+from bench.diagnosis_report.mending.px4_params import read_params
 from simulators.effects.mass import Mass
 from simulators.effects.thrust_gain import ThrustGain
 from simulators.vehicle import GRAVITY

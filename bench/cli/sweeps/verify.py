@@ -45,7 +45,7 @@ def verify(
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # leave it to the workers
     from rich.console import Console
 
-    from bench.submission.retrained import verify as verify_folder
+    from bench.sharing.submission.retrained import verify as verify_folder
 
     return verify_folder(
         folder, Console(), task=task, team_size=team_size, seed=seed, jobs=jobs, out=out

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from bench.cli.checks import check_tables
-from bench.export.formats import FORMATS, Name, check_available
-from bench.export.formats import export as export_tables
+from bench.sharing.export.formats import FORMATS, Name, check_available
+from bench.sharing.export.formats import export as export_tables
 from bench.store.new_folder import check_free
 
 

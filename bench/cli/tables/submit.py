@@ -27,8 +27,8 @@ def submit(directory: Path, /, *, method: str, out: Path) -> int:
     check_free(out)
     from rich.console import Console
 
+    from bench.sharing.submission.folder import submit as submit_rows
     from bench.store.tables import Tables
-    from bench.submission.folder import submit as submit_rows
     from bench.text.say import say
 
     count = submit_rows(Tables.load(directory), method, out)

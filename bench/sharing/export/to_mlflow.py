@@ -8,7 +8,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bench.export.run_views import RunView, run_views
+from bench.sharing.export.run_views import RunView, run_views
 from bench.store.tables import Tables
 
 MOST_PARAMS = 100

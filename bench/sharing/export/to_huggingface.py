@@ -7,7 +7,7 @@ and on the key `configs`. The front matter is JSON, of which YAML is a superset.
 import json
 from pathlib import Path
 
-from bench.export.column_words import ABOUT, COLUMN_WORDS, LICENSE, TABLE_WORDS, save_tables
+from bench.sharing.export.column_words import ABOUT, COLUMN_WORDS, LICENSE, TABLE_WORDS, save_tables
 from bench.store.tables import SCHEMAS, Tables
 from bench.text.markdown import escape, table
 

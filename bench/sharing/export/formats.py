@@ -37,35 +37,35 @@ class Format:
 
 FORMATS: dict[Name, Format] = {
     "tensorboard": Format(
-        "bench.export.to_tensorboard",
+        "bench.sharing.export.to_tensorboard",
         "Open it with: tensorboard --logdir {}",
         ("tensorboardX",),
         "tensorboard",
     ),
     "mlflow": Format(
-        "bench.export.to_mlflow",
+        "bench.sharing.export.to_mlflow",
         "Open it with: mlflow ui --backend-store-uri sqlite:///{}/mlflow.db",
         ("mlflow", "sqlalchemy", "alembic"),
         "mlflow",
     ),
     "wandb": Format(
-        "bench.export.to_wandb",
+        "bench.sharing.export.to_wandb",
         "Upload it with: wandb sync {}/wandb/offline-run-*",
         ("wandb",),
         "wandb",
     ),
     "marl-eval": Format(
-        "bench.export.to_marl_eval",
+        "bench.sharing.export.to_marl_eval",
         "Load {}/raw_data.json and give it to marl_eval's data_process_pipeline.",
     ),
     "croissant": Format(
-        "bench.export.to_croissant",
+        "bench.sharing.export.to_croissant",
         "Check it with: mlcroissant validate --jsonld {}/croissant.json",
         ("mlcroissant",),
         "croissant",
     ),
     "huggingface": Format(
-        "bench.export.to_huggingface",
+        "bench.sharing.export.to_huggingface",
         "Upload it with: hf upload --repo-type dataset USER/NAME {}",
     ),
 }

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from bench.diagnosis_report.documents import NAMES, write_files
-from bench.mending.flight_files import mission, polynomial_csv, setpoint_csv
-from bench.mending.patch import patch_text
-from bench.mending.px4_params import changed_params, read_params
-from bench.mending.remedy_text import flight_lines, remedy_text
+from bench.diagnosis_report.mending.flight_files import mission, polynomial_csv, setpoint_csv
+from bench.diagnosis_report.mending.patch import patch_text
+from bench.diagnosis_report.mending.px4_params import changed_params, read_params
+from bench.diagnosis_report.mending.remedy_text import flight_lines, remedy_text
 from diagnosis.decide.advice import pair_to_separate
 from diagnosis.remedies.changes import firmware_changes
 from diagnosis.remedies.flight_paths import GENERAL

@@ -9,11 +9,11 @@ from typing import Any
 from rich.console import Console
 
 from bench.execution.sweep import sweep
+from bench.sharing.submission.agreement import Agreement, agreement, worst
+from bench.sharing.submission.folder import load, simulator_of
+from bench.sharing.submission.planned_row import other_key, planned
 from bench.stats.statistics import cell_of, entry_of, records, seed_values
 from bench.store.tables import Tables
-from bench.submission.agreement import Agreement, agreement, worst
-from bench.submission.folder import load, simulator_of
-from bench.submission.planned_row import other_key, planned
 from bench.text.errors import UsageError
 from bench.text.numbers import significant
 from bench.text.say import say

@@ -13,11 +13,11 @@ from typing import Any
 
 from bench.plan.expansion import packages
 from bench.plan.provenance import processor
+from bench.sharing.submission.planned_row import other_key, planned
 from bench.stats.statistics import Entry, estimate, records, seed_values
 from bench.store.new_folder import new_folder
 from bench.store.record import checksum, to_json
 from bench.store.tables import SCHEMAS, Tables
-from bench.submission.planned_row import other_key, planned
 from bench.text.errors import UsageError
 from bench.text.markdown import escape, table
 from bench.text.numbers import mean_std, significant

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.export.column_words import (
+from bench.sharing.export.column_words import (
     ABOUT,
     CITATION,
     COLUMN_WORDS,

@@ -4,7 +4,7 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from bench.export.run_views import run_views
+from bench.sharing.export.run_views import run_views
 from bench.store.tables import Tables
 
 

@@ -1,0 +1,1 @@
+"""Results for others: in the formats of other tools, and as a folder for a pull request."""
