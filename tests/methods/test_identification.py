@@ -99,7 +99,7 @@ def test_a_key_repeats_its_flights_and_another_key_flies_and_logs_others(flights
 
 def test_dither_is_held_bounded_and_another_in_each_flight(monkeypatch):
     given, whole = [], identification._fly
-    spy = lambda *a: given.append(np.asarray(a[-1])) or whole(*a)  # noqa: E731
+    spy = lambda *a: given.append(np.asarray(a[3])) or whole(*a)  # noqa: E731
     monkeypatch.setattr(identification, "_fly", spy)
     identification.fly(PointMass(), Crazyflow(), KEY)
     blocks = given[0].reshape(3, -1, HELD, 3)
