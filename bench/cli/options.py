@@ -33,7 +33,7 @@ class Part:
     """Only methods with this residual; those that take none are kept if --method names them; may be
     repeated."""
     quick: Annotated[bool, Repeatable] = False
-    """Only the suite's quick part, which shows in minutes what the whole is about."""
+    """Only the small part of the suite that its table [quick] names."""
     seeds: int | None = None
     """Only this many seeds, counted from the suite's first; rows with fewer seeds keep theirs."""
     setting: Annotated[list[str] | None, Repeatable] = None

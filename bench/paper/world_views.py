@@ -1,7 +1,7 @@
 """The tables of several suites, sorted by the world in which policies were deployed.
 
 In the view of a world that world is home: its rows name no world, so that scores, claims and
-boards read them as they read those of undisturbed crazyflow. Suites may call one thing by two
+boards read them like rows of undisturbed crazyflow. Two suites may call the same world by two
 names: RotorPy is home in `paper_rotorpy` and `reality=rotorpy` in `worlds`.
 """
 
@@ -16,8 +16,8 @@ from bench.stats.statistics import records, without_world
 from bench.store.tables import LARGE, Tables, table
 
 AS_IS = "as it is"
-"""Variant of a policy that knows high fidelity from another world than the one it is deployed in;
-one that has never flown in high fidelity knows none."""
+"""Variant of a policy that was trained or calibrated in another world than the one in which it is
+deployed. A policy that was never flown in high fidelity is no such variant."""
 
 
 class World(NamedTuple):

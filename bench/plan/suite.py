@@ -95,7 +95,7 @@ class Row:
 
 @dataclasses.dataclass(frozen=True)
 class QuickPart:
-    """A small part of a suite that shows in minutes what the whole is about."""
+    """A small part of a suite that shows what the whole is about."""
 
     tasks: tuple[str, ...]
     """Registered names, among the suite's."""

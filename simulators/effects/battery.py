@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import Change, EffectCard, Shown
+from simulators.effects.card import VOLTAGE_COMPENSATION, EffectCard, Shown
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
@@ -50,20 +50,7 @@ class Battery(PlantEffect):
         },
         paths={"thrust_gain": "hover", "mass": "hover"},
         check="charge the battery, and look at its age",
-        changes=(
-            Change(
-                autopilot="px4",
-                parameter="MC_BAT_SCALE_EN",
-                where="thrust scaled by the battery's voltage",
-                value=1.0,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="CONFIG_ENABLE_THRUST_BAT_COMPENSATED",
-                where="an option of the build, no parameter at run time",
-                value=1.0,
-            ),
-        ),
+        changes=VOLTAGE_COMPENSATION,
     )
 
     def init(self, n_drones: int, dt: float) -> None:

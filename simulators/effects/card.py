@@ -83,6 +83,23 @@ class Change:
     vehicle that was never like it is what should change."""
 
 
+VOLTAGE_COMPENSATION = (
+    Change(
+        autopilot="px4",
+        parameter="MC_BAT_SCALE_EN",
+        where="thrust scaled by the battery's voltage",
+        value=1.0,
+    ),
+    Change(
+        autopilot="crazyflie",
+        parameter="CONFIG_ENABLE_THRUST_BAT_COMPENSATED",
+        where="an option of the build, no parameter at run time",
+        value=1.0,
+    ),
+)
+"""What makes up for thrust that falls with the battery's voltage."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EffectCard:
     """What everybody else needs to know of an effect."""

@@ -17,7 +17,7 @@ def read_params(path: Path) -> dict[str, float]:
     """Values by name.
 
     Raises:
-        UsageError: The file is not one that QGroundControl saves.
+        UsageError: The file is no parameter file of QGroundControl.
     """
     return {name: value for name, (value, _) in _rows(path).items()}
 

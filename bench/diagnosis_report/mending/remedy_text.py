@@ -52,7 +52,7 @@ def flight_lines(diagnosis: Diagnosis, trajectory: Trajectory, named: bool) -> l
     said.append(
         f"The path '{trajectory.path}' lies within the geofence at {shrunk}at most "
         f"{rounded(trajectory.top_speed, 2)} m/s, {trajectory.durations.sum():.1f} s long; "
-        "accelerations are those of the full size. Take off to its first point before, land after."
+        "its accelerations do not depend on the size. Fly to its first point before, land after it."
     )
     return said
 
@@ -118,5 +118,5 @@ def _waiting(changes: Sequence[FirmwareChange]) -> list[str]:
     for one, other in pairs:
         labels = [effect_words(clean(name)).label for name in (one, other)]
         flight = manoeuvre(one, other) or "fly what shows each of them most, in flights of its own"
-        said.append(f"Until {labels[0]} is told from {labels[1]}: {flight}.")
+        said.append(f"To tell {labels[0]} from {labels[1]}, fly this: {flight}.")
     return [markdown.escape(line) for line in said]
