@@ -13,7 +13,14 @@ from bench.paper.values import name_of
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
 from bench.stats.choices import Tie, choices
-from bench.stats.scores import PRIMARY, UPPER, fallen_references, primary
+from bench.stats.scores import (
+    PRIMARY,
+    STEADY,
+    UPPER,
+    fallen_references,
+    primary,
+    steadied_references,
+)
 from bench.stats.statistics import difference, estimate, matched, seed_values
 from bench.stats.verdicts import Verdict, in_cell
 from bench.store.tables import Tables
@@ -247,6 +254,12 @@ def _whom(tables: Tables) -> list[str]:
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:
         found.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")
+    steadied = [cell.label for cell in sorted(steadied_references(tables))]
+    if steadied:
+        found.append(
+            "The upper reference diverged, and a score of 1 is what it reaches with "
+            f"`{STEADY}`: {'; '.join(steadied)}."
+        )
     return [*found, TIES]
 
 

@@ -12,7 +12,15 @@ from bench.report.page import write_report
 from bench.report.pictures.pooled import pooled_panels
 from bench.report.pooled_text import improvement_lines, pool_lines, pool_remarks
 from bench.stats.pooled import pools
-from bench.stats.scores import PRIMARY, primary, scored, upper_returns
+from bench.stats.scores import (
+    PRIMARY,
+    STEADY,
+    fallen_references,
+    primary,
+    scored,
+    steadied_references,
+    upper_returns,
+)
 from bench.stats.statistics import Cell, Entry
 from bench.store.tables import Tables
 from methods.training.evaluate import standing_rewards, takeoff_steps
@@ -77,6 +85,20 @@ def test_a_diverged_upper_reference_gives_no_score_and_the_pool_says_so():
     assert set(scored(tables)["task"]) == {"spread"}
     (pool,) = pools(tables)
     assert "Not pooled: circle, N = 3: its upper reference diverged." in pool_remarks(pool)
+
+
+def test_a_steady_variant_stands_for_an_upper_reference_that_diverged():
+    sheet = Sheet().add(rewards=(-45.0,)).add(task="circle", rewards=(-45.0,))
+    sheet.add_upper(-2000.0, task="circle", status="diverged")
+    sheet.add_upper(-45.0, task="circle", variant=STEADY)
+    sheet.add_upper(-1.0).add_upper(-90.0, variant=STEADY)  # holds by default
+    sheet.add(team_size=12, rewards=(-45.0,)).add_upper(-2000.0, team_size=12, status="diverged")
+    sheet.add_upper(-900.0, team_size=12, variant=STEADY, status="diverged")
+    tables = sheet.tables()
+    assert upper_returns(tables) == {Cell("circle", 3): -45.0, Cell("spread", 3): -1.0}
+    assert steadied_references(tables) == {Cell("circle", 3)}
+    assert fallen_references(tables) == {Cell("spread", 12)}
+    assert dict(scored(tables)[["task", "value"]].to_numpy())["circle"] == 1.0
 
 
 def test_tables_of_the_first_protocol_have_no_scores():
