@@ -20,10 +20,10 @@ from rich.text import Text
 from bench.paper.claims import OWN, PAPER
 from bench.paper.page import judged
 from bench.paper.values import name_of
-from bench.paper.world_views import World, views
+from bench.paper.world_views import AS_IS, World, views
 from bench.report.page import write_page
 from bench.stats.scores import UPPER, recovered, scored
-from bench.stats.statistics import Cell, Entry, Values, default_of, estimate, seed_values
+from bench.stats.statistics import REALITY, Cell, Entry, Values, default_of, estimate, seed_values
 from bench.stats.verdicts import Verdict, over_cells
 from bench.store.tables import Tables
 from bench.text import markdown
@@ -99,9 +99,13 @@ def matrix(found: Mapping[World, Tables]) -> Matrix:
 
 
 def _default(values: Values) -> Values:
-    """Default settings without the upper reference, at home."""
+    """Default settings without the upper reference, at home or as they are elsewhere."""
     return {
-        cell: {e: own for e, own in entries.items() if e.method != UPPER and default_of(e) == e}
+        cell: {
+            e: own
+            for e, own in entries.items()
+            if e.method != UPPER and (e.variant == AS_IS or default_of(e) == e)
+        }
         for cell, entries in values.items()
     }
 
@@ -114,19 +118,27 @@ def _standing(
 ) -> Standing:
     scores, deciles, minutes = {}, {}, []
     for world, own in values.items():
-        flown = _of(own, entry, shared)
+        here = _flown_as(entry, world)
+        flown = _of(own, here, shared)
         if len(flown) < len(shared) or not flown:
             continue
         scores[world] = _mean(flown)
         results = found[world].results
-        bills = _of(seed_values(results, "fleet_minutes"), entry, shared)
+        bills = _of(seed_values(results, "fleet_minutes"), here, shared)
         minutes += [x for seeds in bills for x in seeds.values()]
-        tenths = _of(seed_values(results, "worst_decile_reward"), entry, shared)
+        tenths = _of(seed_values(results, "worst_decile_reward"), here, shared)
         if tenths:
             deciles[world] = float(np.mean([estimate(s.values()).mean for s in tenths]))
     complete = len(scores) == len(values)
     worst = min(scores, key=lambda world: scores[world][0]) if complete and scores else None
     return Standing(entry, scores, deciles, estimate(minutes).mean, worst)
+
+
+def _flown_as(entry: Entry, world: World) -> Entry:
+    """What an entry is called in a world: where it was trained, a policy is not *as it is*."""
+    if entry.variant == AS_IS and world == World(REALITY):
+        return entry._replace(variant="")
+    return entry
 
 
 def _of(values: Values, entry: Entry, shared: set[tuple[str, int]]) -> list[Mapping[int, float]]:
@@ -160,11 +172,18 @@ def _on_front(one: Standing, all_: Sequence[Standing]) -> bool:
     )
 
 
+def _name(entry: Entry) -> str:
+    """What the page calls an entry."""
+    if entry.variant == AS_IS:
+        return f"{name_of(entry._replace(variant=''))}, {AS_IS}"
+    return name_of(entry)
+
+
 def lines(found: Matrix) -> list[tuple[str, ...]]:
     """The matrix as text, a line a method; those on the front are bold."""
     made = []
     for standing in found.standings:
-        name = name_of(standing.entry)
+        name = _name(standing.entry)
         scores = (standing.scores.get(w, (math.nan,) * 3) for w in found.worlds)
         made.append(
             (
@@ -199,7 +218,7 @@ def document(suites: Sequence[Tables]) -> str:
     parts += [markdown.table(("method", *names, *HEADINGS), lines(made), (0, len(names) + 1))]
     tenths = [
         (
-            markdown.escape(name_of(s.entry)),
+            markdown.escape(_name(s.entry)),
             *(significant(s.deciles[w], 3) if w in s.deciles else MISSING for w in made.worlds),
         )
         for s in made.standings
@@ -241,7 +260,7 @@ def _summary(made: Matrix, claims: Mapping[str, Mapping[World, Verdict]]) -> lis
     """What to take away, in one screen."""
     complete = [s for s in made.standings if s.worst is not None]
     bullets = [
-        f"- **{markdown.escape(name_of(s.entry))}** keeps a score of "
+        f"- **{markdown.escape(_name(s.entry))}** keeps a score of "
         f"{significant(s.worst_score, 3)} in its worst world ({s.worst.name}) for "
         f"{significant(s.minutes)} fleet-minutes."
         for s in sorted(complete, key=lambda s: s.minutes)
@@ -259,7 +278,7 @@ def _summary(made: Matrix, claims: Mapping[str, Mapping[World, Verdict]]) -> lis
             if verdicts.count(v)
         )
         bullets.append(
-            f"- {world.name}: best mean {markdown.escape(name_of(best.entry))} "
+            f"- {world.name}: best mean {markdown.escape(_name(best.entry))} "
             f"({measured(*best.scores[world])}); claims: {counts or 'none tested'}."
         )
     return ["## In short", "\n".join(bullets) or "No method flew in every world."]

@@ -98,6 +98,21 @@ def test_scores_the_worst_world_and_the_front_are_those_of_a_recount():
     np.testing.assert_allclose([mean - low, high - mean], half, rtol=1e-3)
 
 
+def test_a_policy_that_is_deployed_as_it_is_has_its_own_line_with_its_home_score():
+    sheet = Sheet()
+    for world, hybrid in ((PLAIN, -60.0), (ROTORPY, -300.0), (PUSHING, -70.0)):
+        add(sheet, world, "hybrid", "mlp", mean=hybrid, trained=world is PLAIN, fleet_minutes=40.0)
+        add(sheet, world, "lf_baseline", mean=-90.0, trained=world is PLAIN)
+    found = matrix(views([sheet.tables()]))
+    as_is = HYBRID._replace(variant=AS_IS)
+    by_entry = {s.entry: s for s in found.standings}
+    assert list(by_entry[as_is].scores) == [PLAIN, ROTORPY, PUSHING]
+    assert by_entry[as_is].worst == ROTORPY
+    assert by_entry[as_is].scores[PLAIN] == by_entry[HYBRID].scores[PLAIN]
+    assert by_entry[HYBRID].worst is None  # trained in one world of three
+    assert [s.entry for s in found.standings] == [LF, as_is, HYBRID]
+
+
 def test_without_an_upper_reference_scores_run_to_a_perfect_return():
     found = matrix(views(suites(upper=False)))
     assert found.scale == TO_PERFECT
