@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from bench.plan.names import worlds
-from bench.plan.realities import parse_reality, written
+from bench.plan.realities import shortened
 from bench.stats.statistics import records, without_world
 from bench.store.tables import LARGE, Tables, table
 
@@ -34,8 +33,7 @@ class World(NamedTuple):
     @property
     def name(self) -> str:
         """A short name: that of a named world, else its text."""
-        named = {written(parse_reality(name)): name for name in worlds()}
-        return named.get(self.text, self.text)
+        return shortened(self.text)
 
 
 def views(suites: Sequence[Tables]) -> dict[World, Tables]:

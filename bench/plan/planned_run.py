@@ -9,6 +9,7 @@ import rfc8785
 
 from bench.plan.keys import Setting
 from bench.plan.provenance import digest
+from bench.plan.realities import shortened
 from bench.text.pages import file_name
 
 REALITY = "crazyflow"
@@ -78,7 +79,7 @@ class Run:
         """Short text for people, e.g. "hybrid-mlp circle n3 s0"."""
         method = f"{self.method}-{self.residual}" if self.residual else self.method
         label = f"{method} {self.task} n{self.team_size} s{self.seed}"
-        return f"{label} ({self.variant})" if self.variant else label
+        return f"{label} ({shortened(self.variant)})" if self.variant else label
 
     @functools.cached_property
     def name(self) -> str:

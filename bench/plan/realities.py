@@ -1,5 +1,6 @@
 """Simulated realities as text: a simulator and the effects that it has beyond the nominal one."""
 
+import functools
 import math
 import re
 from collections.abc import Mapping
@@ -7,7 +8,7 @@ from typing import Any
 
 import equinox as eqx
 
-from bench.plan.names import SENSING, world_text
+from bench.plan.names import SENSING, world_text, worlds
 from bench.text.errors import UsageError
 from simulators import registry
 from simulators.contract import AbstractSimulator, MissingDoorError, with_effects
@@ -25,6 +26,21 @@ _LAW = re.compile(r"(\w+)\(([^,]+),([^,]+)\)")
 def written(reality: AbstractSimulator) -> str:
     """Canonical text of a simulator and its effects."""
     return f"{reality.name}+{canonical(reality.effects)}".rstrip("+")
+
+
+def shortened(text: str) -> str:
+    """`text` with the names of worlds in the place of what they are (`named_worlds.toml`)."""
+    if "(" not in text:  # nothing that loads a plug-in, where there is nothing to shorten
+        return text
+    for long, name in _names().items():
+        text = re.sub(re.escape(long) + "(?!;)", name, text)  # not a world with more effects
+    return text
+
+
+@functools.cache
+def _names() -> dict[str, str]:
+    """Name of each named world, by its canonical text."""
+    return {written(parse_reality(name)): name for name in worlds()}
 
 
 def parse_reality(text: str, where: str = "`--reality`") -> AbstractSimulator:

@@ -24,6 +24,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from bench.plan.realities import shortened
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 
@@ -53,7 +54,7 @@ class Entry(NamedTuple):
     def label(self) -> str:
         """The name to show, e.g. `hybrid (mlp)`."""
         name = f"{self.method} ({self.residual})" if self.residual else self.method
-        return ", ".join(filter(None, [name, self.variant]))
+        return ", ".join(filter(None, [name, shortened(self.variant)]))
 
 
 class Cell(NamedTuple):
@@ -68,6 +69,9 @@ class Cell(NamedTuple):
     def label(self) -> str:
         """The name to show, e.g. `circle, N = 3`."""
         name = f"{self.task}, N = {self.team_size}"
+        world = f"{self.simulator}+{self.deployed_effects}".rstrip("+")
+        if (named := shortened(world)) != world:
+            return f"{name}, flown in {named}"
         extras = [
             self.simulator != REALITY and f"flown in {self.simulator}",
             self.deployed_effects and f"flown with {self.deployed_effects}",

@@ -5,7 +5,7 @@ import pytest
 from bench.cli.checks import check_reality
 from bench.plan.expansion import expand
 from bench.plan.names import worlds
-from bench.plan.realities import parse_reality, written
+from bench.plan.realities import parse_reality, shortened, written
 from bench.plan.suite import Row, Suite
 from bench.stats.statistics import Entry, cells_meant, default_of
 from bench.text.errors import UsageError
@@ -73,3 +73,12 @@ def test_the_key_of_a_run_knows_how_its_team_was_drawn():
     assert "module simulators.drawn.sensing" in drawn.sources
     assert "drawn team" not in plain.resolved["versions"]
     assert "reality=crazyflow+Drag(c=1); Mass(e~normal(0, 0.05))" in drawn.variant
+
+
+@pytest.mark.parametrize("name", sorted(worlds()))
+def test_people_read_the_name_of_a_world_and_not_what_it_is_made_of(name):
+    text = written(parse_reality(name))
+    assert shortened(f"hf_scratch (reality={text})") == f"hf_scratch (reality={name})"
+    longer = f"{text}; Wind(x=1, y=0)"
+    assert shortened(longer) == longer  # another world
+    assert shortened("crazyflow") == "crazyflow"

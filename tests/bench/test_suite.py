@@ -66,7 +66,7 @@ def test_built_in_suites_are_what_the_documentation_promises():
         "worlds": (1, (3,), 3, 44),
         "paper": (4, (3, 5, 7, 9, 12, 18), 5, 10),
         "paper_rotorpy": (4, (3, 12), 5, 10),
-        "transfer": (4, (3, 12), 5, 9),
+        "transfer": (4, (3, 12), 5, 21),
         "ablations": (2, (3, 12), 3, 15),
         "budget": (4, (3, 7, 12), 3, 6),
         "off_spec": (2, (3, 7, 12), 5, 20),
