@@ -2,10 +2,12 @@
 
 import base64
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 import seaborn
 
@@ -152,6 +154,37 @@ def write_flights(tables: Tables, path: Path) -> bool:
             ]
     keys = {"x": "calibration flights", "y": "loses more [%]", "hue": "task", "col": "N"}
     return _draw(rows, path, **keys, title="N = {col_name}", symlog=True)
+
+
+def write_gaps(
+    names: Sequence[str], gaps: Mapping[str, Sequence[tuple[float, float, float]]], path: Path
+) -> None:
+    """Writes a PNG: what each method misses to a score of 1 in each world, a line a method.
+
+    Args:
+        names: The methods, from top to bottom.
+        gaps: Mean with the ends of its interval by world, as long as `names`; NaN where unknown.
+        path: Of the picture.
+    """
+    places = np.arange(len(names))
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(figsize=(7.5, 0.8 + 0.36 * len(names)), layout="constrained")
+        colors = seaborn.color_palette("colorblind", len(gaps))
+        for i, (world, values) in enumerate(gaps.items()):
+            mean, low, high = np.asarray(values, float).T
+            # An interval that reaches a score of 1 would have no end on a logarithmic axis.
+            ends = np.nan_to_num([np.minimum(mean - low, 0.9 * mean), high - mean])
+            axes.errorbar(
+                mean, places, xerr=ends, fmt="osD^v<>Ph*"[i % 10], color=colors[i],
+                label=plain(world), markersize=6, elinewidth=1.2,
+            )  # fmt: skip
+        axes.set(yticks=places, yticklabels=[plain(name) for name in names], xscale="log")
+        axes.set_xlabel("missing to a score of 1, mean over the cells (left is better)")
+        axes.invert_yaxis()
+        axes.grid(axis="y", color="0.92")
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        figure.savefig(path, dpi=110)
+        plt.close(figure)
 
 
 TEAM = "team size N"

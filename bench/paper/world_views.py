@@ -1,22 +1,46 @@
-"""The tables of several suites, sorted by the world in which policies were deployed.
+"""Methods against worlds: the tables of several suites, sorted by the world flown in, and scores.
 
 In the view of a world that world is home: its rows name no world, so that scores, claims and
 boards read them like rows of undisturbed crazyflow. Two suites may call the same world by two
 names: RotorPy is home in `paper_rotorpy` and `reality=rotorpy` in `worlds`.
 """
 
-from collections.abc import Sequence
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from bench.plan.realities import shortened
-from bench.stats.statistics import records, without_world
+from bench.stats.scores import UPPER, recovered, scored
+from bench.stats.statistics import (
+    REALITY,
+    Cell,
+    Entry,
+    Values,
+    default_of,
+    estimate,
+    records,
+    seed_values,
+    without_world,
+)
+from bench.stats.verdicts import over_cells
 from bench.store.tables import LARGE, Tables, table
 
 AS_IS = "as it is"
 """Variant of a policy that was trained or calibrated in another world than the one in which it is
 deployed. A policy that was never flown in high fidelity is no such variant."""
+
+TO_UPPER = (
+    "Scores: settled reward between that of a team that stays at its spawn (0) and that of the "
+    "upper reference of the same world (1)"
+)
+TO_PERFECT = (
+    "Scores: settled reward between that of a team that stays at its spawn (0) and 0, which is "
+    "perfect and out of reach (1); some world has no upper reference in these tables"
+)
 
 
 class World(NamedTuple):
@@ -75,3 +99,174 @@ def _view(tables: Tables, world: World, flying: set[str]) -> Tables:
 def _variant(variant: str, flies: bool) -> str:
     rest, deployed = without_world(variant)
     return ", ".join(filter(None, [AS_IS if deployed and flies else "", rest]))
+
+
+def ways(view: Tables) -> dict[str, Tables]:
+    """What claims are judged by in the view of a world: `view`, and its policies *as they are*.
+
+    In the second, what a method that was never flown there deploys stands under the method's name.
+    """
+    own = view.results
+    as_is = set(own.loc[own["variant"].eq(AS_IS), "method"])
+    flown_here = set(own.loc[own["variant"].eq(""), "method"])
+    if not as_is:
+        return {"": view}
+
+    def renamed(frame: pd.DataFrame) -> pd.DataFrame:
+        gone = frame["variant"].eq("") & frame["method"].isin(list(as_is))
+        kept = pd.DataFrame(frame.loc[~gone])
+        return kept.assign(variant=kept["variant"].where(kept["variant"].ne(AS_IS), ""))
+
+    other = dataclasses.replace(view, results=renamed(own), runs=renamed(view.runs))
+    return {"": view, AS_IS: other} if as_is & flown_here else {AS_IS: other}
+
+
+class Standing(NamedTuple):
+    """A method over all worlds."""
+
+    entry: Entry
+    scores: Mapping[World, tuple[float, float, float]]
+    """Mean with the ends of its interval, NaN without one, by world that it flew in every cell."""
+    deciles: Mapping[World, float]
+    """Settled reward of the worst tenth of its drones, mean over cells and seeds, by world."""
+    minutes: float
+    """High-fidelity flight, mean over worlds, cells and seeds; of a policy that is deployed *as it
+    is*, what its training flew [min]."""
+    worst: World | None
+    """The world of its lowest score; None unless it flew in all worlds."""
+
+    @property
+    def worst_score(self) -> float:
+        """The lowest score; NaN unless it flew in all worlds."""
+        return self.scores[self.worst][0] if self.worst is not None else math.nan
+
+
+class Matrix(NamedTuple):
+    """Methods against worlds."""
+
+    worlds: tuple[World, ...]
+    cells: tuple[Cell, ...]
+    """Tasks and team sizes that are compared, named as if at home: those that every method flew in
+    every world, of the methods that flew everywhere at all."""
+    left_out: tuple[Cell, ...]
+    """Others, which some of these methods flew in every world."""
+    standings: list[Standing]
+    """Highest worst-world score first, then who did not fly everywhere."""
+    front: frozenset[Entry]
+    """Methods that no other beats in worst-world score without flying more."""
+    scale: str
+    """What a score is."""
+
+
+def matrix(found: Mapping[World, Tables]) -> Matrix:
+    """The matrix of the views of worlds."""
+    values = {world: _default(seed_values(scored(t), "score")) for world, t in found.items()}
+    scale = TO_UPPER
+    if not all(values.values()):
+        values, scale = {w: _default(recovered(t)) for w, t in found.items()}, TO_PERFECT
+    entries = sorted({e for own in values.values() for entries in own.values() for e in entries})
+    shared, some = _shared(entries, values)
+    standings = [_standing(entry, values, found, shared) for entry in entries]
+    standings = sorted(
+        (s for s in standings if s.scores),
+        key=lambda s: (s.worst is None, -s.worst_score if s.worst else 0.0, s.entry),
+    )
+    front = frozenset(s.entry for s in standings if _on_front(s, standings))
+    cells, left_out = (tuple(Cell(*c) for c in sorted(x)) for x in (shared, some - shared))
+    return Matrix(tuple(found), cells, left_out, standings, front, scale)
+
+
+def _shared(
+    entries: Sequence[Entry], values: Mapping[World, Values]
+) -> tuple[set[tuple[str, int]], set[tuple[str, int]]]:
+    """Tasks and team sizes that everybody flew in all worlds, and those that somebody did.
+
+    Of everybody who flew somewhere in all worlds; if nobody did, what was flown in each world.
+    """
+    flown = []
+    for entry in entries:
+        places = [
+            {(c.task, c.team_size) for c, e in own.items() if flown_as(entry, world) in e}
+            for world, own in values.items()
+        ]
+        flown.append(set.intersection(*places))
+    flown = [cells for cells in flown if cells]
+    if not flown:
+        every = [{(c.task, c.team_size) for c in own} for own in values.values()]
+        flown = [set.intersection(*every)]
+    return set.intersection(*flown), set.union(*flown)
+
+
+def _default(values: Values) -> Values:
+    """Default settings without the upper reference, at home or as they are elsewhere."""
+    return {
+        cell: {
+            e: own
+            for e, own in entries.items()
+            if e.method != UPPER and (e.variant == AS_IS or default_of(e) == e)
+        }
+        for cell, entries in values.items()
+    }
+
+
+def _standing(
+    entry: Entry,
+    values: Mapping[World, Values],
+    found: Mapping[World, Tables],
+    shared: set[tuple[str, int]],
+) -> Standing:
+    scores, deciles, minutes = {}, {}, []
+    for world, own in values.items():
+        here = flown_as(entry, world)
+        flown = _of(own, here, shared)
+        if len(flown) < len(shared) or not flown:
+            continue
+        scores[world] = _mean(flown)
+        results = found[world].results
+        if entry.variant != AS_IS or world == World(REALITY):
+            bills = _of(seed_values(results, "fleet_minutes"), here, shared)
+            minutes += [x for seeds in bills for x in seeds.values()]
+        tenths = _of(seed_values(results, "worst_decile_reward"), here, shared)
+        if tenths:
+            deciles[world] = float(np.mean([estimate(s.values()).mean for s in tenths]))
+    complete = len(scores) == len(values)
+    worst = min(scores, key=lambda world: scores[world][0]) if complete and scores else None
+    return Standing(entry, scores, deciles, estimate(minutes).mean, worst)
+
+
+def flown_as(entry: Entry, world: World) -> Entry:
+    """What an entry is called in a world: where it was trained, a policy is not *as it is*."""
+    if entry.variant == AS_IS and world == World(REALITY):
+        return entry._replace(variant="")
+    return entry
+
+
+def _of(values: Values, entry: Entry, shared: set[tuple[str, int]]) -> list[Mapping[int, float]]:
+    """Values by seed of a method, in each of the shared cells that it flew."""
+    return [
+        own[entry]
+        for cell, own in values.items()
+        if (cell.task, cell.team_size) in shared and entry in own
+    ]
+
+
+def _mean(flown: Sequence[Mapping[int, float]]) -> tuple[float, float, float]:
+    """Mean over cells, with the interval of the mean over seeds where every cell has two."""
+    mean = float(np.mean([estimate(seeds.values()).mean for seeds in flown]))
+    if min(map(len, flown)) < 2:
+        return mean, math.nan, math.nan
+    test = over_cells((seeds, dict.fromkeys(seeds, 0.0)) for seeds in flown)
+    return mean, test.low, test.high
+
+
+def _on_front(one: Standing, all_: Sequence[Standing]) -> bool:
+    """Whether nobody has a higher worst score for no more flight, nor less flight for no less."""
+    if one.worst is None:
+        return False
+    return not any(
+        other.worst_score >= one.worst_score
+        and other.minutes <= one.minutes
+        and (other.worst_score > one.worst_score or other.minutes < one.minutes)
+        for other in all_
+        if other.worst is not None
+    )

@@ -9,26 +9,33 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from bench.paper.claims import OWN, PAPER
+from bench.paper.figures import data_uri, write_gaps
 from bench.paper.page import judged
 from bench.paper.values import name_of
-from bench.paper.world_views import AS_IS, World, views
+from bench.paper.world_views import (
+    AS_IS,
+    Matrix,
+    Standing,
+    World,
+    flown_as,
+    matrix,
+    views,
+    ways,
+)
 from bench.report.page import write_page
-from bench.stats.scores import UPPER, recovered, scored
-from bench.stats.statistics import REALITY, Cell, Entry, Values, default_of, estimate, seed_values
-from bench.stats.verdicts import Verdict, over_cells
+from bench.stats.statistics import Entry
+from bench.stats.verdicts import Verdict
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.numbers import MISSING, measured, significant
-from bench.text.pages import write_text
+from bench.text.pages import read_notes, write_text
 from bench.text.say import say
 
 TITLE = "Worlds that differ: which way of training survives"
@@ -36,140 +43,7 @@ MOST_TELLING = 3
 """Worlds from which on `bench run` adds the page."""
 FEWEST = 2
 """Worlds without which there is nothing to compare."""
-TO_UPPER = (
-    "Scores: settled reward between that of a team that stays at its spawn (0) and that of the "
-    "upper reference of the same world (1)"
-)
-TO_PERFECT = (
-    "Scores: settled reward between that of a team that stays at its spawn (0) and 0, which is "
-    "perfect and out of reach (1); some world has no upper reference in these tables"
-)
 HEADINGS = ("worst world", "worst score", "flight [fleet-minutes]")
-
-
-class Standing(NamedTuple):
-    """A method over all worlds."""
-
-    entry: Entry
-    scores: Mapping[World, tuple[float, float, float]]
-    """Mean with the ends of its interval, NaN without one, by world that it flew in every cell."""
-    deciles: Mapping[World, float]
-    """Settled reward of the worst tenth of its drones, mean over cells and seeds, by world."""
-    minutes: float
-    """High-fidelity flight, mean over worlds, cells and seeds [min]."""
-    worst: World | None
-    """The world of its lowest score; None unless it flew in all worlds."""
-
-    @property
-    def worst_score(self) -> float:
-        """The lowest score; NaN unless it flew in all worlds."""
-        return self.scores[self.worst][0] if self.worst is not None else math.nan
-
-
-class Matrix(NamedTuple):
-    """Methods against worlds."""
-
-    worlds: tuple[World, ...]
-    cells: tuple[Cell, ...]
-    """Tasks and team sizes that were flown in every world, named as if at home."""
-    standings: list[Standing]
-    """Highest worst-world score first, then who did not fly everywhere."""
-    front: frozenset[Entry]
-    """Methods that no other beats in worst-world score without flying more."""
-    scale: str
-    """What a score is."""
-
-
-def matrix(found: Mapping[World, Tables]) -> Matrix:
-    """The matrix of the views of worlds."""
-    values = {world: _default(seed_values(scored(t), "score")) for world, t in found.items()}
-    scale = TO_UPPER
-    if not all(values.values()):
-        values, scale = {w: _default(recovered(t)) for w, t in found.items()}, TO_PERFECT
-    shared = set.intersection(*({(c.task, c.team_size) for c in own} for own in values.values()))
-    cells = tuple(Cell(*cell) for cell in sorted(shared))
-    entries = sorted({e for own in values.values() for entries in own.values() for e in entries})
-    standings = [_standing(entry, values, found, shared) for entry in entries]
-    standings = sorted(
-        (s for s in standings if s.scores),
-        key=lambda s: (s.worst is None, -s.worst_score if s.worst else 0.0, s.entry),
-    )
-    front = frozenset(s.entry for s in standings if _on_front(s, standings))
-    return Matrix(tuple(found), cells, standings, front, scale)
-
-
-def _default(values: Values) -> Values:
-    """Default settings without the upper reference, at home or as they are elsewhere."""
-    return {
-        cell: {
-            e: own
-            for e, own in entries.items()
-            if e.method != UPPER and (e.variant == AS_IS or default_of(e) == e)
-        }
-        for cell, entries in values.items()
-    }
-
-
-def _standing(
-    entry: Entry,
-    values: Mapping[World, Values],
-    found: Mapping[World, Tables],
-    shared: set[tuple[str, int]],
-) -> Standing:
-    scores, deciles, minutes = {}, {}, []
-    for world, own in values.items():
-        here = _flown_as(entry, world)
-        flown = _of(own, here, shared)
-        if len(flown) < len(shared) or not flown:
-            continue
-        scores[world] = _mean(flown)
-        results = found[world].results
-        bills = _of(seed_values(results, "fleet_minutes"), here, shared)
-        minutes += [x for seeds in bills for x in seeds.values()]
-        tenths = _of(seed_values(results, "worst_decile_reward"), here, shared)
-        if tenths:
-            deciles[world] = float(np.mean([estimate(s.values()).mean for s in tenths]))
-    complete = len(scores) == len(values)
-    worst = min(scores, key=lambda world: scores[world][0]) if complete and scores else None
-    return Standing(entry, scores, deciles, estimate(minutes).mean, worst)
-
-
-def _flown_as(entry: Entry, world: World) -> Entry:
-    """What an entry is called in a world: where it was trained, a policy is not *as it is*."""
-    if entry.variant == AS_IS and world == World(REALITY):
-        return entry._replace(variant="")
-    return entry
-
-
-def _of(values: Values, entry: Entry, shared: set[tuple[str, int]]) -> list[Mapping[int, float]]:
-    """Values by seed of a method, in each of the shared cells that it flew."""
-    return [
-        own[entry]
-        for cell, own in values.items()
-        if (cell.task, cell.team_size) in shared and entry in own
-    ]
-
-
-def _mean(flown: Sequence[Mapping[int, float]]) -> tuple[float, float, float]:
-    """Mean over cells, with the interval of the mean over seeds where every cell has two."""
-    mean = float(np.mean([estimate(seeds.values()).mean for seeds in flown]))
-    if min(map(len, flown)) < 2:
-        return mean, math.nan, math.nan
-    test = over_cells((seeds, dict.fromkeys(seeds, 0.0)) for seeds in flown)
-    return mean, test.low, test.high
-
-
-def _on_front(one: Standing, all_: Sequence[Standing]) -> bool:
-    """Whether nobody has a higher worst score for no more flight, nor less flight for no less."""
-    if one.worst is None:
-        return False
-    return not any(
-        other.worst_score >= one.worst_score
-        and other.minutes <= one.minutes
-        and (other.worst_score > one.worst_score or other.minutes < one.minutes)
-        for other in all_
-        if other.worst is not None
-    )
 
 
 def _name(entry: Entry) -> str:
@@ -179,10 +53,15 @@ def _name(entry: Entry) -> str:
     return name_of(entry)
 
 
+def _travelled(found: Matrix) -> list[Standing]:
+    """Who flew in several worlds; all, if nobody did."""
+    return [s for s in found.standings if len(s.scores) >= FEWEST] or found.standings
+
+
 def lines(found: Matrix) -> list[tuple[str, ...]]:
     """The matrix as text, a line a method; those on the front are bold."""
     made = []
-    for standing in found.standings:
+    for standing in _travelled(found):
         name = _name(standing.entry)
         scores = (standing.scores.get(w, (math.nan,) * 3) for w in found.worlds)
         made.append(
@@ -199,8 +78,8 @@ def lines(found: Matrix) -> list[tuple[str, ...]]:
     return made
 
 
-def document(suites: Sequence[Tables]) -> str:
-    """The page as Markdown."""
+def document(suites: Sequence[Tables], picture: str = "") -> str:
+    """The page as Markdown, with a link to its figure if there is one."""
     found = views(suites)
     if len(found) < FEWEST:
         return f"# {TITLE}\n\nThese tables hold fewer than {FEWEST} worlds.\n"
@@ -208,20 +87,26 @@ def document(suites: Sequence[Tables]) -> str:
     cells = "; ".join(markdown.escape(cell.label) for cell in made.cells) or "none"
     claims = _claims(found)
     names = [world.name for world in made.worlds]
-    parts = [f"# {TITLE}", *_summary(made, claims), "## Scores"]
+    parts = [f"# {TITLE}", *_summary(made, claims)]
+    if picture:
+        parts += [f"![What each method misses to a score of 1 in each world]({picture})"]
+    parts += ["## Scores"]
     parts += [
-        f"{made.scale}; mean over the cells that were flown in every world ({cells}), with the "
+        f"{made.scale}; mean over {cells}, which every method here flew in every world, with the "
         "95 % interval over seeds where there are two. Bold: on the front, where nobody has a "
         "higher score in the worst world without flying more. Flight: mean over worlds. A policy "
-        "that is deployed *as it is* was trained in another world."
+        "that is deployed *as it is* was trained in another world, and has that one's score there."
     ]
+    if made.left_out:
+        left_out = "; ".join(markdown.escape(cell.label) for cell in made.left_out)
+        parts += [f"Left out, because not every method flew there in every world: {left_out}."]
     parts += [markdown.table(("method", *names, *HEADINGS), lines(made), (0, len(names) + 1))]
     tenths = [
         (
             markdown.escape(_name(s.entry)),
             *(significant(s.deciles[w], 3) if w in s.deciles else MISSING for w in made.worlds),
         )
-        for s in made.standings
+        for s in _travelled(made)
         if s.deciles
     ]
     if tenths:
@@ -229,34 +114,43 @@ def document(suites: Sequence[Tables]) -> str:
         parts += [markdown.table(("method", *names), tenths)]
     parts += ["## What of the claims holds where"]
     parts += [
-        "Judged in each world by its settled rewards, as on the page of the paper. A claim about "
-        "more cells than were flown in a world is undecided there unless what was flown refutes it."
+        "Judged in each world by its settled rewards, as on the page of the paper; where policies "
+        "are deployed *as they are*, claims about what was deployed only. A claim about more "
+        "cells than were flown in a world is undecided there unless what was flown refutes it."
     ]
+    where = list(dict.fromkeys(place for own in claims.values() for place in own))
     rows = [
-        (title, *(f"**{v.value}**" if v is Verdict.REFUTED else v.value for v in verdicts.values()))
-        for title, verdicts in claims.items()
+        (title, *(_verdict(own.get(place, Verdict.UNTESTED)) for place in where))
+        for title, own in claims.items()
     ]
-    parts += [markdown.table(("claim", *names), rows, range(len(names) + 1))]
+    parts += [markdown.table(("claim", *where), rows, range(len(where) + 1))]
     legend = [f"- `{w.name}`: {markdown.escape(w.text)}" for w in made.worlds if w.name != w.text]
     parts += ["## The worlds", "\n".join(legend)] if legend else []
     return "\n\n".join(parts) + "\n"
 
 
-def _claims(found: Mapping[World, Tables]) -> dict[str, dict[World, Verdict]]:
-    """Verdict on each claim by world, of the claims that some world tests."""
-    made: dict[str, dict[World, Verdict]] = {}
+def _verdict(found: Verdict) -> str:
+    return f"**{found.value}**" if found is Verdict.REFUTED else found.value
+
+
+def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
+    """Verdict on each claim by world, of the claims that another world than the first tests."""
+    made: dict[str, dict[str, Verdict]] = {}
     for world, tables in found.items():
-        for one in judged(tables):
-            if one.claim.section in (PAPER, OWN):
-                made.setdefault(one.claim.title, {})[world] = one.finding.verdict
+        for way, own in ways(tables).items():
+            for one in judged(own):
+                if one.claim.section in (PAPER, OWN) and (way == "" or one.claim.rule.deployed):
+                    where = ", ".join(filter(None, [world.name, way]))
+                    made.setdefault(one.claim.title, {})[where] = one.finding.verdict
+    first = next(iter(found)).name
     return {
         title: verdicts
         for title, verdicts in made.items()
-        if set(verdicts.values()) != {Verdict.UNTESTED}
+        if {v for where, v in verdicts.items() if where != first} - {Verdict.UNTESTED}
     }
 
 
-def _summary(made: Matrix, claims: Mapping[str, Mapping[World, Verdict]]) -> list[str]:
+def _summary(made: Matrix, claims: Mapping[str, Mapping[str, Verdict]]) -> list[str]:
     """What to take away, in one screen."""
     complete = [s for s in made.standings if s.worst is not None]
     bullets = [
@@ -271,14 +165,15 @@ def _summary(made: Matrix, claims: Mapping[str, Mapping[World, Verdict]]) -> lis
         if not here:
             continue
         best = max(here, key=lambda s: s.scores[world][0])
-        verdicts = [own[world] for own in claims.values() if world in own]
+        places = (world.name, f"{world.name}, {AS_IS}")
+        verdicts = [own[place] for own in claims.values() for place in places if place in own]
         counts = ", ".join(
             f"{verdicts.count(v)} {v.value}"
             for v in (Verdict.SUPPORTED, Verdict.REFUTED, Verdict.UNDECIDED)
             if verdicts.count(v)
         )
         bullets.append(
-            f"- {world.name}: best mean {markdown.escape(_name(best.entry))} "
+            f"- {world.name}: best mean {markdown.escape(_name(flown_as(best.entry, world)))} "
             f"({measured(*best.scores[world])}); claims: {counts or 'none tested'}."
         )
     return ["## In short", "\n".join(bullets) or "No method flew in every world."]
@@ -309,8 +204,35 @@ def add_worlds_page(tables_dir: Path, documents_dir: Path) -> None:
     say(console, f"Worlds: {path}")
 
 
-def write_worlds_page(suites: Sequence[Tables], path_md: Path) -> None:
-    """Writes the page as Markdown, and as HTML beside it."""
-    text = document(suites)
-    write_text(Path(path_md), text)
-    write_page(text, Path(path_md).with_suffix(".html"), TITLE)
+def write_worlds_page(suites: Sequence[Tables], path_md: Path, notes: Path | None = None) -> None:
+    """Writes the page as Markdown, with its figure (`_gaps.png`), and as HTML beside it.
+
+    `notes` is a Markdown file to append, e.g. why a method fails in a world.
+
+    Raises:
+        UsageError: The notes cannot be read.
+    """
+    own = "" if notes is None else read_notes(notes).strip()
+    path, found = Path(path_md), views(suites)
+    picture = path.with_name(f"{path.stem}_gaps.png")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    drawn = len(found) >= FEWEST and _draw(matrix(found), picture)
+    text = document(suites, picture.name if drawn else "")
+    if own:
+        text += f"\n{own}\n"
+    write_text(path, text)
+    page = text.replace(f"({picture.name})", f"({data_uri(picture)})") if drawn else text
+    write_page(page, path.with_suffix(".html"), TITLE)
+
+
+def _draw(made: Matrix, path: Path) -> bool:
+    """Draws who flew everywhere; False if nobody did."""
+    shown = [s for s in made.standings if s.worst is not None]
+    gaps = {
+        world.name: [(1.0 - mean, 1.0 - high, 1.0 - low) for mean, low, high in own]
+        for world in made.worlds
+        for own in [[s.scores[world] for s in shown]]
+    }
+    if shown:
+        write_gaps([_name(s.entry) for s in shown], gaps, path)
+    return bool(shown)

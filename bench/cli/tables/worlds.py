@@ -14,6 +14,7 @@ def worlds(
     /,
     *,
     out: Path | None = None,
+    notes: Path | None = None,
 ) -> int:
     """Write the page of worlds: who survives where, and which claims hold there.
 
@@ -23,6 +24,8 @@ def worlds(
         Folders with results.parquet and its companions, such as results/paper results/field.
     out
         Markdown file to write, with HTML beside it; default: reports/worlds.md.
+    notes
+        Markdown file to append, such as reports/worlds_notes.md.
     """
     for directory in directories:
         check_tables(directory)
@@ -32,6 +35,6 @@ def worlds(
     from bench.paper.worlds_page import write_worlds_page
     from bench.store.tables import Tables
 
-    write_worlds_page([Tables.load(directory) for directory in directories], path)
+    write_worlds_page([Tables.load(directory) for directory in directories], path, notes)
     print(f"Worlds: {path}")  # noqa: T201
     return 0

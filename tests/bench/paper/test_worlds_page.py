@@ -4,15 +4,8 @@ import numpy as np
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet
 
-from bench.paper.world_views import AS_IS, World, views
-from bench.paper.worlds_page import (
-    TO_PERFECT,
-    TO_UPPER,
-    add_worlds_page,
-    document,
-    matrix,
-    write_worlds_page,
-)
+from bench.paper.world_views import AS_IS, TO_PERFECT, TO_UPPER, World, matrix, views
+from bench.paper.worlds_page import add_worlds_page, document, write_worlds_page
 from bench.plan.realities import parse_reality
 from bench.stats.scores import UPPER
 from bench.stats.statistics import Entry
@@ -125,7 +118,9 @@ def test_who_did_not_fly_everywhere_has_no_worst_world():
     for sheet, world in ((one, PLAIN), (two, ROTORPY)):
         add(sheet, world, "lf_baseline", mean=-90.0)
     add(two, ROTORPY, "grey_box", mean=-60.0, fleet_minutes=0.5)
+    add(two, ROTORPY, "lf_baseline", mean=-90.0, team_size=12)
     found = matrix(views([one.tables(), two.tables()]))
+    assert [(c.team_size, found.left_out) for c in found.cells] == [(3, ())]
     (grey,) = [s for s in found.standings if s.entry == GREY]
     assert grey.worst is None
     assert found.standings[-1] == grey
@@ -142,7 +137,46 @@ def test_the_page_says_it_in_words_and_is_the_same_whatever_the_order(tmp_path):
     assert "keeps a score of 0.965 in its worst world (contact) for 0.5 fleet-minutes" in text
     assert f"`contact`: {PUSHING.text}" in text.replace("\\", "")
     assert "| Hybrid deploys above the LF baseline in every cell | " in text
-    assert document(own[::-1]) == text
+    assert document(own[::-1], "worlds_gaps.png") == text
+
+
+def test_cells_that_not_everybody_flew_everywhere_are_left_out_by_name():
+    sheet = Sheet()
+    for world in (PLAIN, ROTORPY):
+        for size in (3, 12):
+            add(sheet, world, "lf_baseline", mean=-90.0, trained=False, team_size=size)
+        add(sheet, world, "domain_randomization", mean=-80.0, trained=False)
+    text = document([sheet.tables()])
+    assert "mean over spread, N = 3, which every method here flew in every world" in text
+    assert "not every method flew there in every world: spread, N = 12." in text
+
+
+def test_claims_are_judged_of_policies_as_they_are_by_what_they_return_there():
+    sheet = Sheet()
+    for world, hybrid in ((PLAIN, -60.0), (ROTORPY, -300.0)):
+        trained = world is PLAIN
+        add(sheet, world, "hybrid", "mlp", mean=hybrid, trained=trained, fleet_minutes=40.0)
+        add(sheet, world, "lf_baseline", mean=-90.0, trained=trained)
+    text = document([sheet.tables()])
+    assert "| claim | crazyflow | rotorpy, as it is |" in text
+    assert (
+        "| Hybrid deploys above the LF baseline in every cell | undecided | **refuted** |" in text
+    )
+    assert "Hybrid needs the least HF flight" not in text  # about training, which was elsewhere
+    assert "Hybrid, as it is | 0.93" in text
+    (flight,) = [one.split("|")[-2].strip() for one in text.splitlines() if "Hybrid, as it" in one]
+    assert flight == "40"  # what its training flew, although nothing was flown where it is deployed
+
+
+def test_the_page_shows_who_flew_everywhere_and_ends_with_notes(tmp_path):
+    notes = tmp_path / "notes.md"
+    notes.write_text("## Why\n\nBecause.\n", encoding="utf-8")
+    write_worlds_page(suites(), tmp_path / "worlds.md", notes)
+    assert (tmp_path / "worlds_gaps.png").stat().st_size > 5000
+    text = (tmp_path / "worlds.md").read_text(encoding="utf-8")
+    assert "](worlds_gaps.png)" in text
+    assert text.endswith("## Why\n\nBecause.\n")
+    assert "data:image/png" in (tmp_path / "worlds.html").read_text(encoding="utf-8")
 
 
 def test_one_world_alone_is_no_comparison():
