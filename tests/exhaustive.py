@@ -57,6 +57,18 @@ RULES: tuple[Rule, ...] = (
         "wind, mass, gust and delay: a force, a property of the plant, an onset and a command",
     ),
     Rule(
+        "methods/test_adjoint.py",
+        "test_it_is_the_gradient_of_an_episode",
+        "residual-True$",
+        "the same residual in finer steps, and a point mass without one in steps as long",
+    ),
+    Rule(
+        "methods/test_adjoint.py",
+        "test_it_is_so_in_double_precision_for_every_task",
+        "(Figure8|PitchAndExpand)-",
+        "circle and spread; gradients of every task in tests/tasks/test_task_gradients.py",
+    ),
+    Rule(
         "methods/test_methods.py",
         "test_.*",
         "(hybridsindy|upper_reference)$",

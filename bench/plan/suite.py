@@ -40,16 +40,24 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
+
+import pydantic
 
 from bench.plan.keys import Setting
 from bench.plan.names import require
-from bench.plan.toml_table import SuiteError, check_keys, flag, typed, values
+from bench.plan.toml_table import SuiteError, read_table
 from simulators import registry
 
 BUILT_IN = Path(__file__).parent / "suites"
 """Where the built-in suites are."""
+Settings: TypeAlias = Mapping[str, pydantic.SkipValidation[Setting]]
+"""Fields to override; planning checks them against the plug-in's class."""
+NO_OTHER_KEYS = pydantic.ConfigDict(extra="forbid")
+"""A misspelt key in a file is an error."""
 
 
+@pydantic.with_config(NO_OTHER_KEYS)
 @dataclasses.dataclass(frozen=True)
 class Row:
     """One method to compare."""
@@ -58,11 +66,11 @@ class Row:
     """Registered name."""
     residual: str = ""
     """Registered name of the residual; empty: the method's default, or none."""
-    settings: Mapping[str, Setting] = dataclasses.field(default_factory=dict)
+    settings: Settings = dataclasses.field(default_factory=dict)
     """Fields of the method to override."""
-    task_settings: Mapping[str, Setting] = dataclasses.field(default_factory=dict)
+    task_settings: Settings = dataclasses.field(default_factory=dict)
     """Fields of the task to override."""
-    nominal: Mapping[str, Setting] = dataclasses.field(default_factory=dict)
+    nominal: Settings = dataclasses.field(default_factory=dict)
     """Fields of the low-fidelity simulator to override, for the row and for its parents."""
     simulator: str = ""
     """High-fidelity simulator that stands for the real world, for the row and for its parents;
@@ -72,14 +80,14 @@ class Row:
     deployed; empty: `simulator` without effects. Its parents know `simulator`."""
     deployed_in: str = ""
     """The same for a row that trains nothing: what it would train without this key is deployed."""
-    tracked: bool = False
+    tracked: pydantic.StrictBool = False
     """Whether a PD controller flies what that policy flies in the nominal simulator, instead of the
     policy; such a row trains nothing either."""
     tasks: tuple[str, ...] | None = None
     """Tasks to which the row is restricted; None: all of the suite."""
-    team_sizes: tuple[int, ...] | None = None
+    team_sizes: tuple[pydantic.StrictInt, ...] | None = None
     """Team sizes to which the row is restricted; None: all of the suite."""
-    seeds: int | None = None
+    seeds: pydantic.StrictInt | None = None
     """Number of seeds to which the row is restricted; None: all of the suite."""
 
     @property
@@ -93,15 +101,16 @@ class Row:
         return self.reality or self.deployed_in or self.simulator
 
 
+@pydantic.with_config(NO_OTHER_KEYS)
 @dataclasses.dataclass(frozen=True)
 class QuickPart:
     """A small part of a suite that shows what the whole is about."""
 
     tasks: tuple[str, ...]
     """Registered names, among the suite's."""
-    team_sizes: tuple[int, ...]
+    team_sizes: tuple[pydantic.StrictInt, ...]
     """Numbers of drones, among the suite's."""
-    seeds: int
+    seeds: pydantic.StrictInt
     """Number of seeds, at most the suite's."""
     methods: tuple[str, ...]
     """Registered names, among those of the suite's rows."""
@@ -109,6 +118,7 @@ class QuickPart:
     """Registered names of the residuals of methods that take one."""
 
 
+@pydantic.with_config(NO_OTHER_KEYS)
 @dataclasses.dataclass(frozen=True)
 class Suite:
     """A product of tasks, team sizes, seeds and method rows."""
@@ -119,13 +129,13 @@ class Suite:
     """One line."""
     tasks: tuple[str, ...]
     """Registered names."""
-    team_sizes: tuple[int, ...]
+    team_sizes: tuple[pydantic.StrictInt, ...]
     """Numbers of drones, each at least 2."""
-    seeds: int
+    seeds: pydantic.StrictInt
     """Number of seeds."""
     methods: tuple[Row, ...]
     """What is compared."""
-    first_seed: int = 0
+    first_seed: pydantic.StrictInt = 0
     """Seeds `first_seed` to `first_seed + seeds - 1` are run."""
     simulator: str = ""
     """High-fidelity simulator of the rows that name none; empty: crazyflow."""
@@ -273,68 +283,32 @@ def load_suite(name: str) -> Suite:
 
 def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
     where = f"Suite '{path.stem}'"
-    check_keys(where, content, Suite, required=("tasks", "team_sizes", "seeds", "methods"))
-    rows, simulator = [], typed(where, content, "simulator", str, "")
-    for number, row in enumerate(typed(where, content, "methods", list), start=1):
+    simulator, tables = content.get("simulator"), content.get("methods")
+    shared = {"simulator": simulator} if isinstance(simulator, str) else {}
+    rows: list[tuple[str, Row]] = []
+    for number, table in enumerate(tables if isinstance(tables, list) else (), start=1):
         place = f"{where}, method {number}"
-        if not isinstance(row, dict):
-            raise SuiteError(f"{place} must be a table, got {row!r}.")
-        check_keys(place, row, Row, required=("method",))
-        rows += [
-            Row(
-                method=typed(place, row, "method", str),
-                residual=typed(place, row, "residual", str, ""),
-                settings=typed(place, row, "settings", dict, {}),
-                task_settings=typed(place, row, "task_settings", dict, {}),
-                nominal=typed(place, row, "nominal", dict, {}),
-                simulator=typed(place, row, "simulator", str, simulator),
-                reality=reality,
-                deployed_in=deployed_in,
-                tracked=flag(place, row, "tracked"),
-                tasks=values(place, row, "tasks", str) if "tasks" in row else None,
-                team_sizes=values(place, row, "team_sizes", int) if "team_sizes" in row else None,
-                seeds=typed(place, row, "seeds", int) if "seeds" in row else None,
-            )
-            for reality in _worlds(place, row, "reality")
-            for deployed_in in _worlds(place, row, "deployed_in")
-        ]
-    suite = Suite(
-        name=typed(where, content, "name", str, path.stem),
-        description=typed(where, content, "description", str, ""),
-        tasks=values(where, content, "tasks", str),
-        team_sizes=values(where, content, "team_sizes", int),
-        seeds=typed(where, content, "seeds", int),
-        methods=tuple(rows),
-        first_seed=typed(where, content, "first_seed", int, 0),
-        simulator=simulator,
-        quick=_quick(where, content),
-    )
-    for number, row in enumerate(rows, start=1):
-        _check_within(suite, row, f"{where}, method {number}")
+        rows += [(place, read_table(Row, row, place)) for row in _one_a_world(table, shared)]
+    given: dict[str, object] = {"name": path.stem, "description": "", **content}
+    if isinstance(tables, list):
+        given["methods"] = [row for _, row in rows]
+    if "quick" in content:
+        given["quick"] = read_table(QuickPart, content["quick"], f"{where}, [quick]")
+    suite = read_table(Suite, given, where)
+    for place, row in rows:
+        _check_within(suite, row, place)
     return suite
 
 
-def _worlds(where: str, row: Mapping[str, Setting], key: str) -> tuple[str, ...]:
-    """The worlds of a row under a key: one or a list of them; an empty text without any."""
-    if isinstance(row.get(key), list):
-        return values(where, row, key, str)
-    return (typed(where, row, key, str, ""),)
-
-
-def _quick(where: str, content: Mapping[str, Setting]) -> QuickPart | None:
-    """The table [quick], if there is one."""
-    if "quick" not in content:
-        return None
-    table, place = typed(where, content, "quick", dict), f"{where}, [quick]"
-    keys = tuple(field.name for field in dataclasses.fields(QuickPart))
-    check_keys(place, table, QuickPart, required=keys)
-    return QuickPart(
-        tasks=values(place, table, "tasks", str),
-        team_sizes=values(place, table, "team_sizes", int),
-        seeds=typed(place, table, "seeds", int),
-        methods=values(place, table, "methods", str),
-        residuals=values(place, table, "residuals", str),
-    )
+def _one_a_world(table: object, shared: Mapping[str, object]) -> Sequence[object]:
+    """The table of a row over what all rows share, once for each of the worlds that it lists."""
+    if not isinstance(table, dict):
+        return [table]
+    rows = [{**shared, **table}]
+    for key in ("reality", "deployed_in"):
+        if isinstance(table.get(key), list):
+            rows = [{**row, key: world} for row in rows for world in table[key]]
+    return rows
 
 
 def _check_within(suite: Suite, row: Row, where: str) -> None:

@@ -1,52 +1,60 @@
-"""Reads keys of the tables in a suite file; each error names the table and the key."""
+"""Makes dataclasses of the tables in a suite file; each error names the table and the key."""
 
 import dataclasses
-from collections.abc import Mapping
+import functools
 from typing import TypeVar
 
-from bench.plan.keys import Setting, unknown_key
+import pydantic
+from pydantic_core import ErrorDetails
+
+from bench.plan.keys import unknown_key
 from bench.text.errors import UsageError
 
 T = TypeVar("T")
+KINDS = {
+    "bool_type": "true or false",
+    "dataclass_type": "a table",
+    "dict_type": "a table",
+    "int_type": "a whole number",
+    "string_type": "text",
+    "tuple_type": "a list",
+}
+"""What pydantic expected, by its name of the error, in words."""
 
 
 class SuiteError(UsageError):
     """A suite that cannot be run as it is written; the message is one line."""
 
 
-def check_keys(
-    where: str, table: Mapping[str, Setting], cls: type, required: tuple[str, ...]
-) -> None:
-    """Refuses a key that is no field of `cls`, and a table without a required key."""
-    allowed = [field.name for field in dataclasses.fields(cls)]
-    for key in table:
-        if key not in allowed:
-            raise SuiteError(unknown_key(where, key, allowed))
-    for key in required:
-        if key not in table:
-            raise SuiteError(f"{where} lacks the key '{key}'.")
+def read_table(cls: type[T], table: object, where: str) -> T:
+    """The `cls`, a dataclass, whose fields a table gives; `where` is what messages begin with.
+
+    Raises:
+        SuiteError: A key is unknown or missing, or its value is of another kind.
+        ValueError: `cls` itself refuses the values; it is raised as it is.
+    """
+    try:
+        return _reader(cls).validate_python(table)
+    except pydantic.ValidationError as error:
+        # A misspelt key is missing, too; the spelling says more.
+        wrong = min(error.errors(), key=lambda e: e["type"] == "missing")
+        raise _refused(cls, wrong, where) from error
 
 
-def typed(
-    where: str, table: Mapping[str, Setting], key: str, kind: type[T], default: T | None = None
-) -> T:
-    """The value of a key, which must be of a kind; without a default the key must be there."""
-    value = table[key] if default is None else table.get(key, default)
-    if not isinstance(value, kind) or isinstance(value, bool):
-        words = {str: "text", int: "a whole number", dict: "a table", list: "a list"}[kind]
-        raise SuiteError(f"{where}: `{key}` must be {words}, got {value!r}.")
-    return value
+@functools.cache
+def _reader(cls: type[T]) -> pydantic.TypeAdapter[T]:
+    """What pydantic makes of the annotations of a dataclass."""
+    return pydantic.TypeAdapter(cls)
 
 
-def flag(where: str, table: Mapping[str, Setting], key: str) -> bool:
-    """The value of a key that is true or false; false without it."""
-    value = table.get(key, False)
-    if not isinstance(value, bool):
-        raise SuiteError(f"{where}: `{key}` must be true or false, got {value!r}.")
-    return value
-
-
-def values(where: str, table: Mapping[str, Setting], key: str, kind: type[T]) -> tuple[T, ...]:
-    """The values of a key that has a list, each of a kind."""
-    found = typed(where, table, key, list)
-    return tuple(typed(where, {key: value}, key, kind) for value in found)
+def _refused(cls: type, wrong: ErrorDetails, where: str) -> Exception:
+    """One error of pydantic as a person reads it."""
+    kind, key = wrong["type"], str(*wrong["loc"][:1])
+    if kind == "value_error":
+        return wrong.get("ctx", {})["error"]
+    if kind == "missing":
+        return SuiteError(f"{where} lacks the key '{key}'.")
+    if kind == "unexpected_keyword_argument":
+        return SuiteError(unknown_key(where, key, [f.name for f in dataclasses.fields(cls)]))
+    what = f"{where}: `{key}`" if key else where
+    return SuiteError(f"{what} must be {KINDS[kind]}, got {wrong['input']!r}.")

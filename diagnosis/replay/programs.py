@@ -10,10 +10,10 @@ programs and fit for themselves. A file that cannot be read is made anew.
 
 import dataclasses
 import hashlib
+import importlib
 import importlib.metadata
 import io
 import os
-import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -102,10 +102,15 @@ def _shown(library: Library) -> str:
 
 
 def _files(library: Library, *code: str) -> list[Path]:
-    """Every module of the simulators, of the effects, and in or below `code`, sorted by name."""
+    """Every module of the simulators, of the effects, and in or below `code`, sorted by name.
+
+    Those that nobody imported are among them: a key must not depend on what else a process does.
+    """
     packages = {kind.__module__.split(".")[0] for kind in library.effects.values()}
     packages |= {"simulators", type(library.simulator).__module__.split(".")[0], *code}
-    below = tuple(f"{package}." for package in packages)
-    found = {n: m for n, m in sys.modules.items() if m and (n in packages or n.startswith(below))}
-    files = [getattr(found[name], "__file__", None) for name in sorted(found)]
-    return [Path(file) for file in files if file]
+    files = []
+    for module in map(importlib.import_module, sorted(packages)):
+        folders, file = getattr(module, "__path__", ()), getattr(module, "__file__", None)
+        files += [path for folder in folders for path in sorted(Path(folder).rglob("*.py"))]
+        files += [Path(file)] if file and not folders else []
+    return files

@@ -95,6 +95,9 @@ def test_built_in_suites_are_what_the_documentation_promises():
         ("[3]", "[]", "`team_sizes` must not be empty"),
         ('"mine"', '"../mine"', "names a folder, got '../mine'"),
         ("[[methods]]", "[methods]", "`methods` must be a list"),
+        ("[[methods]]", "methods = [3]\n[quick]", "Suite 'file', method 1 must be a table, got 3."),
+        ("seeds = 2", "seeds = 2\nquick = 3", "Suite 'file', [quick] must be a table, got 3."),
+        ("seeds = 2", "seeds = 2\nsimulator = 3", "Suite 'file': `simulator` must be text, got 3."),
         ("seeds = 2", "seeds = ", "cannot be read"),
         (
             'residual = "mlp"',
@@ -146,6 +149,9 @@ def test_a_list_of_worlds_makes_a_row_of_each(load):
     assert [r.reality for r in made.methods] == ["rotorpy", "contact"]
     with pytest.raises(SuiteError, match="`reality` must be text, got 3"):
         load(GOOD.replace(row, row + '\nreality = ["rotorpy", 3]'))
+    after = row + '\nreality = ["rotorpy", "contact"]\n[[methods]]\nmethod = "hybrid"\nseeds = 3'
+    with pytest.raises(SuiteError, match="method 2: `seeds` must be at most"):
+        load(GOOD.replace(row, after))
 
 
 QUICK = """

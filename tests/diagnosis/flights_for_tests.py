@@ -6,9 +6,12 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile
+from diagnosis.replay.library import with_aliases
+from simulators import registry
 from simulators.algebra.rotation import quat_to_rpy
 from simulators.contract import with_effects
 from simulators.flight import Flight
@@ -112,6 +115,22 @@ def noisy(flight, cmd, rng, noise=1.0, dt=CONTROL_DT):
 def flight_set(flights, mass=0.0434, drone="cf21B_500"):
     """The flights as they come from a folder."""
     return FlightSet(Path("flown"), VehicleFile("test", drone, mass), tuple(flights), ())
+
+
+def few_or_all(*names, others=()):
+    """Cases of what to exclude: all effects but these and those that look like them, or `others`.
+
+    A program with all candidates takes half a minute to compile, and is another one for each
+    airframe, simulator and number of drones; cases with all are therefore exhaustive.
+    """
+    rest = [n for n in registry.names("effect") if not with_aliases([n]) & {*names}]
+    return pytest.mark.parametrize(
+        "exclude",
+        [
+            pytest.param(rest, id="few candidates"),
+            pytest.param(others, id="all candidates", marks=pytest.mark.exhaustive),
+        ],
+    )
 
 
 def point_mass_set(*effects, dt=0.005, **settings):

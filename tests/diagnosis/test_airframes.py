@@ -12,7 +12,7 @@ import pytest
 import rotorpy.vehicles.crazyflie_params
 import rotorpy.vehicles.hummingbird_params
 import rotorpy.vehicles.px4_sihsim_quadx_params
-from flights_for_tests import flight_set, made_log
+from flights_for_tests import few_or_all, flight_set, made_log
 from log_tables import table
 from scipy.spatial.transform import Rotation
 
@@ -122,8 +122,9 @@ def heavy(tmp_path_factory):
     return written(tmp_path_factory.mktemp("own") / "heavy", flown(mass=1.65))
 
 
-def test_a_quadrotor_of_another_size_is_diagnosed_from_its_data_sheet(heavy):
-    found = diagnosis.diagnose(heavy)
+@few_or_all("mass", "trim")
+def test_a_quadrotor_of_another_size_is_diagnosed_from_its_data_sheet(heavy, exclude):
+    found = diagnosis.diagnose(heavy, exclude=exclude)
     assert found.settings.simulator == "point_mass"
     (named,) = [e for e in found.blamed if {"mass", "thrust_gain"} & {e.name, *e.aliases}]
     (size,) = named.parameters

@@ -7,7 +7,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
+from flights_for_tests import SIGMA, few_or_all, flight_set, fly, point_mass_set
 
 from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decision import Decision
@@ -114,13 +114,18 @@ def test_with_many_flights_a_third_is_never_fitted():
     assert windows.aside <= 0.25 * windows.n
 
 
-def test_flights_of_different_team_sizes_are_diagnosed_together():
+@few_or_all("wind", "mass", "downwash")
+def test_flights_of_different_team_sizes_are_diagnosed_together(exclude):
     """Two flights of one drone and one of two, each left out in turn."""
     first, second, third, fourth = point_mass_set(Wind(x=0.5), n_flights=4).flights
     (beside,) = fourth.drones
     beside = dataclasses.replace(beside, pos=beside.pos + np.asarray([5.0, 0.0, 0.0]))
     both = dataclasses.replace(third, drones=(*third.drones, beside))
-    content = diagnose(flight_set([first, second, both]), simulator="point_mass")
+    content = diagnose(
+        flight_set([first, second, both]),
+        simulator="point_mass",
+        exclude=exclude,
+    )
     (effect,) = content.effects
     assert effect.name == "wind"
     assert content.shrink.n == 3
@@ -247,8 +252,9 @@ def test_beside_a_reference_only_what_changed_is_named():
     assert {flight.use for flight in content.reference.used} == {"reference"}
 
 
-def test_a_withheld_effect_is_not_blamed_and_what_is_left_is_located():
-    content = diagnose(point_mass_set(Wind(x=0.5)), simulator="point_mass", exclude=("wind",))
+@few_or_all("mass", "drag", "trim", others=("wind",))
+def test_a_withheld_effect_is_not_blamed_and_what_is_left_is_located(exclude):
+    content = diagnose(point_mass_set(Wind(x=0.5)), simulator="point_mass", exclude=exclude)
     named = {name for line in content.candidates for name in line.effects}
     assert named.isdisjoint({"wind", "gust"})
     assert judged_of(content.verdict) == "unexplained"

@@ -63,6 +63,16 @@ def test_a_program_is_traced_once_for_the_same_library_shapes_and_settings(progr
     assert len(traced) == 5
 
 
+def test_a_key_does_not_depend_on_what_else_was_imported(monkeypatch):
+    library = make_library(PointMass(dt=0.01))
+    before = _key(library, "", (), "diagnosis")
+    for name in [n for n in sys.modules if n.startswith(("simulators.rotorpy", "diagnosis.twin"))]:
+        monkeypatch.delitem(sys.modules, name)
+    assert _key(library, "", (), "diagnosis") == before
+    monkeypatch.setattr(sys.modules["simulators"], "__path__", [])
+    assert _key(library, "", (), "diagnosis") != before
+
+
 def test_a_program_is_traced_each_time_where_jax_keeps_nothing(program):
     run, traced = program
     for _ in range(2):

@@ -49,8 +49,11 @@ def workplace(tmp_path):
     return tmp_path
 
 
-def call(place, program, *arguments):
-    """Exit status and all that a program of ours, or pip, says; what it installs is on its path."""
+def call(place, programs, program, *arguments):
+    """Exit status and all that a program of ours, or pip, says; what it installs is on its path.
+
+    What JAX compiles is kept in the folder `programs`.
+    """
     site = place / "site"
     if program == "pip":
         start = ["-m", "pip", "--disable-pip-version-check"]
@@ -58,7 +61,12 @@ def call(place, program, *arguments):
         arguments = [x for x in arguments if x != "-e"] + ["--no-index", "--target", str(site)]
     else:
         start = ["-c", "import sys; from bench.cli.app import main; sys.exit(main())"]
-    variables = {"PYTHONPATH": os.pathsep.join((str(site), str(HOUSE))), "COLUMNS": "200"}
+    variables = {
+        "PYTHONPATH": os.pathsep.join((str(site), str(HOUSE))),
+        "COLUMNS": "200",
+        "JAX_COMPILATION_CACHE_DIR": str(programs),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
+    }
     done = subprocess.run(
         [sys.executable, *start, *arguments],
         capture_output=True,
@@ -71,7 +79,7 @@ def call(place, program, *arguments):
     return done.returncode, done.stdout + done.stderr
 
 
-def test_the_method_gets_from_an_empty_folder_to_a_row_that_is_verified(workplace):
+def test_the_method_gets_from_an_empty_folder_to_a_row_that_is_verified(workplace, program_cache):
     commands = [
         shlex.split(line.removeprefix("$ "))
         for line in "\n".join(blocks(METHOD, "console")).splitlines()
@@ -84,7 +92,8 @@ def test_the_method_gets_from_an_empty_folder_to_a_row_that_is_verified(workplac
             arguments = [*arguments[:seeds], *arguments[seeds + 2 :], *SMALL, "--jobs", "1"]
         if arguments[0] == "compare":
             continue  # one seed compares with nothing; the command is parsed like all others
-        statuses[arguments[0]], said[arguments[0]] = call(workplace, program, *arguments)
+        status, text = call(workplace, program_cache, program, *arguments)
+        statuses[arguments[0]], said[arguments[0]] = status, text
     assert [*statuses] == ["install", "list", "check", "run", "submit", "verify"]
     assert {*statuses.values()} == {0}, said
     assert "guessed-drag 1.0.0" in said["list"]
