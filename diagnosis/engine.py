@@ -64,8 +64,9 @@ def diagnose(
     if weighed_anew(question):
         found = beside_twin(question, progress)
     else:
-        prepared = prepare(question, progress=progress)
-        if prepared.base is not None and prepared.base.unfollowed(decision) and alone(question):
+        or_twin = alone(question)
+        prepared = prepare(question, progress=progress, or_twin=or_twin)
+        if or_twin and prepared.base is not None and prepared.base.unfollowed(decision):
             found = beside_twin(question, progress)
         else:
             found = answer(question, study(question, prepared, progress))

@@ -84,10 +84,16 @@ class Prepared:
         return dataclasses.replace(part, shake=self.every.shake)
 
 
-def prepare(question: Question, prescribe: bool = False, progress: Progress = silent) -> Prepared:
+def prepare(
+    question: Question,
+    prescribe: bool = False,
+    progress: Progress = silent,
+    or_twin: bool = False,
+) -> Prepared:
     """The flights in windows, the simulator with its library, and what the reference says.
 
-    With `prescribe`, the attitude is the measured one.
+    With `prescribe`, the attitude is the measured one. With `or_twin`, a twin takes the place of a
+    reference that is not followed, whose fit may then end early.
 
     Raises:
         LogError: No flight has an input that can be replayed, or the reference flew another
@@ -102,9 +108,10 @@ def prepare(question: Question, prescribe: bool = False, progress: Progress = si
     progress(f"compiling the simulator{fitted}", 0.05)
     decision, base = question.decision, None
     if compared is not None:
-        base = reference_of(replay, compared.flights[:PROBE], decision)
-        if len(compared.flights) > PROBE and not base.unfollowed(decision):
-            base = reference_of(replay, compared.flights, decision)
+        many = len(compared.flights) > PROBE
+        base = reference_of(replay, compared.flights[:PROBE], decision, or_twin, narrow=not many)
+        if many and not base.unfollowed(decision):
+            base = reference_of(replay, compared.flights, decision, or_twin)
     every = make_likelihood(replay, logs, base.enlarged * sigma if base else sigma)
     fit_ids, held = shrinkage.split(len(logs), decision)
     return Prepared(inputs, compared, base, every, sigma, fit_ids, held, decision)
@@ -214,17 +221,26 @@ def noise_of(replay: Replay, logs: Sequence[FlightLog]) -> Float[np.ndarray, " 9
 
 
 def reference_of(
-    replay: Replay, logs: Sequence[FlightLog], decision: Decision = Decision()
+    replay: Replay,
+    logs: Sequence[FlightLog],
+    decision: Decision = Decision(),
+    or_twin: bool = False,
+    narrow: bool = True,
 ) -> Reference:
-    """What reference flights say; remembered where compiled programs are."""
+    """What reference flights say (`fit_reference`); remembered where compiled programs are.
+
+    Without `narrow`, one program flies everything (`Likelihood.narrow`): a few flights that decide
+    on a twin are fitted sooner than another program is compiled.
+    """
 
     def fit() -> dict[str, np.ndarray]:
         likelihood = make_likelihood(replay, logs, noise_of(replay, logs))
-        return fit_reference(likelihood, decision).to_arrays()
+        likelihood = dataclasses.replace(likelihood, narrow=narrow)
+        return fit_reference(likelihood, decision, or_twin).to_arrays()
 
     rows = [vars(drone).items() for log in logs for drone in log.drones]
     inputs = [x for columns in rows for _, x in columns if x is not None]
     given = [[name for name, x in columns if x is not None] for columns in rows]
-    settings = f"dt={replay.dt} measured={replay.measured} {given} {decision}"
+    settings = f"dt={replay.dt} measured={replay.measured} {given} {decision} {or_twin=} {narrow=}"
     settings += f" drones={[len(log.drones) for log in logs]}"
     return Reference.of(remembered("reference", fit, replay.library, settings, inputs))

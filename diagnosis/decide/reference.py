@@ -93,14 +93,20 @@ class Reference:
         )
 
 
-def fit_reference(likelihood: Likelihood, decision: Decision = Decision()) -> Reference:
-    """The library fitted to the reference flights of `likelihood`, whose noise is enlarged."""
+def fit_reference(
+    likelihood: Likelihood, decision: Decision = Decision(), or_twin: bool = False
+) -> Reference:
+    """The library fitted to the reference flights of `likelihood`, whose noise is enlarged.
+
+    With `or_twin`, a twin takes the place of a fit that is `unfollowed`: its steps end as soon as
+    it will stay so (`_descended`).
+    """
     library = likelihood.replay.library
     n_flights = len({flight for group in likelihood.groups for flight in group.flight})
-    vector = _descended(likelihood, library, decision)
+    vector = _descended(likelihood, library, decision, or_twin)
     spoiled = beyond(decision.reference_distrust_sigmas, decision)
     likelihood = likelihood.settled(vector, spoiled)
-    vector = _descended(likelihood, library, decision, vector)
+    vector = _descended(likelihood, library, decision, or_twin, vector)
     normal = likelihood.normal(vector)
     per_channel = normal.kind.sum(axis=0) / (normal.dof.sum() / likelihood.n_channels)
     # A channel that these flights hardly excited would be believed too much: both horizontal
@@ -175,12 +181,21 @@ def _descended(
     likelihood: Likelihood,
     library: Library,
     decision: Decision,
+    or_twin: bool,
     start: Float[np.ndarray, " params"] | None = None,
 ) -> Float[np.ndarray, " params"]:
-    """The whole library fitted from `start`, as a shift of its neutral vector."""
+    """The whole library fitted from `start`, as a shift of its neutral vector.
+
+    A fit whose misfit is above `attitude_lost` on the mean of all channels is so on one of them,
+    and `unfollowed`. With `or_twin`, the steps end where that is still so after all steps that are
+    allowed, were each to gain as much as the last one. As a rule gains shrink from step to step;
+    a fit that only paused goes on in the second descent, without the windows that stand out.
+    """
     evidence = Evidence.of(likelihood, library.neutral, np.diag(_prior(library, decision)))
     vector = library.neutral if start is None else start
     fit = evidence.made(Set(), vector, vector - library.neutral)
     # Gains count in units of the misfit, by which the noise is enlarged in the end.
-    phi = max(1.0, fit.normal.chi2 / float(fit.normal.dof.sum()))
-    return polished(dataclasses.replace(evidence, phi=phi), fit, -np.inf, STEPS).vector
+    numbers = float(fit.normal.dof.sum())
+    phi = max(1.0, fit.normal.chi2 / numbers)
+    goal = -0.5 * decision.attitude_lost * numbers / phi if or_twin else -np.inf
+    return polished(dataclasses.replace(evidence, phi=phi), fit, goal, STEPS).vector

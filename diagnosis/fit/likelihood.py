@@ -73,6 +73,8 @@ class Likelihood:
     """Windows that were left out when this was settled."""
     typical: float = 1.0
     """Misfit of the median window that counts."""
+    narrow: bool = True
+    """Whether replays along few parameters have a program of their own, which must be compiled."""
     cache: ReplayCache = dataclasses.field(default_factory=ReplayCache, repr=False, compare=False)
     """Replays flown so far. A likelihood with another noise or start needs another cache."""
 
@@ -153,7 +155,7 @@ class Likelihood:
         if not cache.turns and not np.array_equal(vectors, self._start_vector):
             self._replayed(self._start_vector)
         known = cache.turns and (cache.slopes or not others)
-        if along is not None and (len(along) > NARROW or not known):
+        if along is not None and (len(along) > NARROW or not known or not self.narrow):
             along = None
         same = vectors.tobytes()
         key = (same, along if along is None else tuple(along), others and along is not None)

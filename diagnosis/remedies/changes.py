@@ -2,10 +2,11 @@
 
 The cards of the effects say which parameter makes up for which effect (`EffectCard.changes`). A
 change waits where these flights cannot tell its effect from another that another parameter makes
-up for.
+up for. Effects that change the same parameter are made up for together, by one change.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -19,8 +20,8 @@ from simulators.effects.card import Change, load_card
 class FirmwareChange:
     """One parameter of an autopilot, and what becomes of it."""
 
-    effect: str
-    """Registered name of the effect that it makes up for."""
+    effects: tuple[str, ...]
+    """Registered names of the effects that it makes up for."""
     parameters: tuple[str, ...]
     """Names in the firmware; all change alike."""
     where: str
@@ -40,7 +41,7 @@ class FirmwareChange:
     descriptive: bool
     """Whether the size may be biased, so that it says what to look at only."""
     alike: tuple[str, ...]
-    """Effects that these flights cannot tell from it and that change the parameter alike."""
+    """Effects that these flights cannot tell from those and that change the parameter alike."""
     waits_for: tuple[str, ...]
     """Those that must be told from it first."""
 
@@ -50,18 +51,23 @@ class FirmwareChange:
 
 
 def firmware_changes(diagnosis: Diagnosis, autopilot: str) -> tuple[FirmwareChange, ...]:
-    """What the effects of the likeliest set change in an autopilot; nothing if there are none."""
-    return tuple(
-        _of(diagnosis, effect, change)
-        for effect in diagnosis.effects
-        for change in load_card(effect.name).changes
-        if change.autopilot == autopilot and _applies(diagnosis, effect, change)
-    )
+    """What the effects of the likeliest set change in an autopilot; nothing if there are none.
+
+    Where several of them act on the same parameters in the same way, one change stands for all.
+    """
+    alike: dict[tuple, list[FirmwareChange]] = {}
+    for effect in diagnosis.effects:
+        for change in load_card(effect.name).changes:
+            if change.autopilot == autopilot and _applies(diagnosis, effect, change):
+                made = _of(diagnosis, effect, change)
+                alike.setdefault((made.parameters, made.where, made.how), []).append(made)
+    return tuple(functools.reduce(_together, same) for same in alike.values())
 
 
 def without_parameter(diagnosis: Diagnosis, autopilot: str) -> tuple[str, ...]:
     """Effects that no parameter of the autopilot makes up for."""
-    changed = {change.effect for change in firmware_changes(diagnosis, autopilot)}
+    changes = firmware_changes(diagnosis, autopilot)
+    changed = {name for change in changes for name in change.effects}
     return tuple(effect.name for effect in diagnosis.effects if effect.name not in changed)
 
 
@@ -80,7 +86,7 @@ def _of(diagnosis: Diagnosis, effect: Effect, change: Change) -> FirmwareChange:
     else:
         how, (amount, low, high) = "plus", _sum(change, sizes)
     return FirmwareChange(
-        effect=effect.name,
+        effects=(effect.name,),
         parameters=tuple(change.parameter.split(", ")),
         where=change.where,
         how=how,
@@ -93,6 +99,37 @@ def _of(diagnosis: Diagnosis, effect: Effect, change: Change) -> FirmwareChange:
         alike=tuple(alias for alias in effect.aliases if _shares(alias, change)),
         waits_for=tuple(alias for alias in effect.aliases if not _shares(alias, change)),
     )
+
+
+def _together(one: FirmwareChange, other: FirmwareChange) -> FirmwareChange:
+    """Both changes of the same parameters as one.
+
+    The two amounts are taken as independent, as the sizes of one effect are. That is cautious where
+    flights tell little more than their product (mass and thrust), whose errors cancel each other.
+    """
+    effects = (*one.effects, *other.effects)
+    first, second = ((x.amount, x.low, x.high) for x in (one, other))
+    if one.how == "value":
+        amount, low, high = first
+    elif one.how == "times":
+        amount, low, high = _exponential(_summed([_logarithm(first), _logarithm(second)]))
+    else:
+        amount, low, high = _summed([first, second])
+    return dataclasses.replace(
+        one,
+        effects=effects,
+        amount=amount,
+        low=low,
+        high=high,
+        descriptive=one.descriptive or other.descriptive,
+        alike=_besides(effects, (*one.alike, *other.alike)),
+        waits_for=_besides(effects, (*one.waits_for, *other.waits_for)),
+    )
+
+
+def _besides(effects: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """`names` without `effects`, each once."""
+    return tuple(dict.fromkeys(name for name in names if name not in effects))
 
 
 def _shares(alias: str, change: Change) -> bool:
@@ -115,21 +152,40 @@ def _product(effect: str, change: Change, sizes: list[Parameter]) -> Ends:
         factor = value if kinds[size.name].neutral == 1.0 else 1.0 + value
         return change.powers[size.name] * math.log(max(factor, 1e-9))
 
-    value, *ends = _added([(log, size) for size in sizes])
-    low, high = (None if end is None else math.exp(end) for end in ends)
-    return math.exp(value), low, high
+    return _exponential(_summed([_mapped(log, size) for size in sizes]))
 
 
 def _sum(change: Change, sizes: list[Parameter]) -> Ends:
-    return _added([(lambda size, x: change.gains[size.name] * x, size) for size in sizes])
+    return _summed([_mapped(lambda size, x: change.gains[size.name] * x, size) for size in sizes])
 
 
-def _added(terms: Sequence[tuple[Callable[[Parameter, float], float], Parameter]]) -> Ends:
-    """A sum of monotonic functions of sizes, and its interval by the root sum of squares."""
-    value, below, above = sum(f(size, size.value) for f, size in terms), 0.0, 0.0
-    for f, size in terms:
-        if size.low is None or size.high is None:
+def _exponential(ends: Ends) -> Ends:
+    value, *interval = ends
+    low, high = (None if end is None else math.exp(end) for end in interval)
+    return math.exp(value), low, high
+
+
+def _logarithm(ends: Ends) -> Ends:
+    value, *interval = ends
+    low, high = (None if end is None else math.log(end) for end in interval)
+    return math.log(value), low, high
+
+
+def _mapped(function: Callable[[Parameter, float], float], size: Parameter) -> Ends:
+    """A monotonic function of a size, ends in order."""
+    value = function(size, size.value)
+    if size.low is None or size.high is None:
+        return value, None, None
+    low, high = sorted((function(size, size.low), function(size, size.high)))
+    return value, low, high
+
+
+def _summed(terms: Sequence[Ends]) -> Ends:
+    """The sum of independent numbers, and its interval by the root sum of squares."""
+    value = sum(term[0] for term in terms)
+    below, above = 0.0, 0.0
+    for middle, low, high in terms:
+        if low is None or high is None:
             return value, None, None
-        middle, ends = f(size, size.value), sorted((f(size, size.low), f(size, size.high)))
-        below, above = below + (middle - ends[0]) ** 2, above + (ends[1] - middle) ** 2
+        below, above = below + (middle - low) ** 2, above + (high - middle) ** 2
     return value, value - math.sqrt(below), value + math.sqrt(above)

@@ -114,6 +114,45 @@ def test_a_change_waits_for_an_alias_that_another_parameter_makes_up_for():
     assert firmware_changes(fading, "px4")[0].waits_for == ("battery",)
 
 
+def together(*effects, verdict="partly"):
+    """A diagnosis of several effects: name, interval of `e`, names of what looks like it."""
+    sizes = [
+        Effect(
+            name=name,
+            blamed=True,
+            probability=None,
+            aliases=aliases,
+            parameters=(parameter("e", *ends),),
+        )
+        for name, ends, aliases in effects
+    ]
+    return dataclasses.replace(made.load(made.effect()), verdict=verdict, effects=tuple(sizes))
+
+
+def test_two_effects_on_one_parameter_are_one_change_by_the_product():
+    both = together(("mass", (0.6, 0.5, 0.7), ()), ("thrust_gain", (0.45, 0.4, 0.5), ()))
+    (hover,) = firmware_changes(both, "px4")
+    assert hover.effects == ("mass", "thrust_gain")
+    assert hover.amount == pytest.approx(1.6 / 1.45)
+    below = np.hypot(np.log(1.6 / 1.5), np.log(1.5 / 1.45))
+    assert np.log(hover.low) == pytest.approx(np.log(hover.amount) - below)
+    above = np.hypot(np.log(1.7 / 1.6), np.log(1.45 / 1.4))
+    assert np.log(hover.high) == pytest.approx(np.log(hover.amount) + above)
+    assert without_parameter(both, "px4") == ()
+    # Two controllers of a Crazyflie take the mass, one the thrust, and one takes both.
+    effects = {c.parameters: c.effects for c in firmware_changes(both, "crazyflie")}
+    assert effects[("posCtlPid.thrustBase",)] == ("mass", "thrust_gain")
+    assert effects[("ctrlMel.mass",)] == ("mass",)
+    assert len(effects) == len(firmware_changes(both, "crazyflie"))
+
+
+def test_one_change_of_two_effects_waits_for_neither_of_them_and_lacks_an_interval_as_one_does():
+    sizes = ("mass", (0.1,), ("thrust_gain", "drag")), ("thrust_gain", (-0.1, -0.2, 0.0), ())
+    (hover,) = firmware_changes(together(*sizes), "px4")
+    assert (hover.low, hover.high) == (None, None)
+    assert (hover.alike, hover.waits_for) == ((), ("drag",))
+
+
 def test_what_may_be_biased_is_descriptive():
     for verdict, use in (("partly", "measured"), ("effect", "descriptive")):
         diagnosis = found("mass", parameter("e", 0.1, use=use), verdict=verdict)

@@ -71,9 +71,9 @@ def _autopilot(diagnosis: Diagnosis, target: str, values: Mapping[str, float]) -
         heading = "## What it would change" if any(c.descriptive for c in now) else "## Change"
         parts += [heading, _table(now, values), *_expected(diagnosis)]
     if wait:
-        parts += ["## Do not change yet", *_waiting(wait), _table(wait, values)]
+        parts += ["## Do not change yet", *_waiting(diagnosis, wait), _table(wait, values)]
     if idle := without_parameter(diagnosis, target):
-        labels = join(effect_words(clean(name)).label for name in idle)
+        labels = join(_labels(idle))
         parts += [
             "## No parameter for it",
             f"No parameter of {TARGETS[target]} makes up for: {labels}. Keep it in the simulator "
@@ -102,8 +102,12 @@ def _row(change: FirmwareChange, name: str, values: Mapping[str, float]) -> list
         MISSING if old is None else with_unit(rounded(old, 4), change.unit),
         MISSING if new is None else with_unit(rounded(new, 4), change.unit),
         change.where,
-        " or ".join(effect_words(clean(name)).label for name in (change.effect, *change.alike)),
+        " or ".join([join(_labels(change.effects)), *_labels(change.alike)]),
     ]
+
+
+def _labels(effects: Sequence[str]) -> list[str]:
+    return [effect_words(clean(name)).label for name in effects]
 
 
 def _expected(diagnosis: Diagnosis) -> list[str]:
@@ -111,12 +115,13 @@ def _expected(diagnosis: Diagnosis) -> list[str]:
     return [f"Expected once vehicle and simulator agree: {clause}."] if clause else []
 
 
-def _waiting(changes: Sequence[FirmwareChange]) -> list[str]:
+def _waiting(diagnosis: Diagnosis, changes: Sequence[FirmwareChange]) -> list[str]:
     """One line for each pair of effects that must be told apart, with the flight that does it."""
-    pairs = {(c.effect, alias): None for c in changes for alias in c.waits_for}
+    alike = {(effect.name, alias) for effect in diagnosis.effects for alias in effect.aliases}
+    waiting = ((e, alias) for c in changes for e in c.effects for alias in c.waits_for)
     said = []
-    for one, other in pairs:
-        labels = [effect_words(clean(name)).label for name in (one, other)]
+    for one, other in dict.fromkeys(pair for pair in waiting if pair in alike):
+        labels = _labels((one, other))
         flight = manoeuvre(one, other) or "fly what shows each of them most, in flights of its own"
         said.append(f"To tell {labels[0]} from {labels[1]}, fly this: {flight}.")
     return [markdown.escape(line) for line in said]

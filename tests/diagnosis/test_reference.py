@@ -1,0 +1,68 @@
+"""The fit of reference flights ends early where no step that is left can make it follow them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from flights_for_tests import SIGMA, point_mass_set
+
+from diagnosis.decide.prepared import make_likelihood
+from diagnosis.decide.reference import fit_reference
+from diagnosis.fit import descent
+from diagnosis.replay.library import make_library
+from diagnosis.replay.replay import make_replay
+from simulators.effects.delay import Delay
+from simulators.effects.drag import Drag
+from simulators.effects.mass import Mass
+from simulators.point_mass import PointMass
+
+
+@pytest.fixture(scope="module")
+def replay():
+    return make_replay(make_library(PointMass(dt=0.005), referenced=True), 0.005)
+
+
+@pytest.fixture
+def steps(monkeypatch):
+    """One entry for each step that a fit asks whether it ends."""
+    made, ends = [], descent._ends
+    monkeypatch.setattr(descent, "_ends", lambda *args: made.append(1) or ends(*args))
+    return made
+
+
+def backwards(flight):
+    """A flight whose commands were logged in the wrong order: no effect describes it."""
+    (drone,) = flight.drones
+    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, cmd=drone.cmd[::-1]),))
+
+
+def test_flights_that_no_effect_describes_are_unfollowed_after_fewer_steps(replay, steps):
+    flights = [backwards(flight) for flight in point_mass_set(n_flights=3).flights]
+    whole = fit_reference(make_likelihood(replay, flights, SIGMA))
+    n_whole = len(steps)
+    early = fit_reference(make_likelihood(replay, flights, SIGMA), or_twin=True)
+    assert whole.unfollowed()
+    assert early.unfollowed()
+    assert len(steps) - n_whole < 0.6 * n_whole
+
+
+def test_flights_that_effects_describe_are_fitted_to_the_end(replay):
+    effects = Mass(e=0.3), Delay(seconds=0.06), Drag(c=1.0)
+    flights = point_mass_set(*effects, n_flights=3).flights
+    whole = fit_reference(make_likelihood(replay, flights, SIGMA))
+    early = fit_reference(make_likelihood(replay, flights, SIGMA), or_twin=True)
+    assert not whole.unfollowed()
+    for name, kept in whole.to_arrays().items():
+        np.testing.assert_array_equal(early.to_arrays()[name], kept, err_msg=name)
+
+
+def test_without_a_narrow_program_every_replay_has_all_slopes(replay):
+    logs = point_mass_set(n_flights=1, seconds=2.0).flights
+    few = make_likelihood(replay, logs, SIGMA)
+    every = dataclasses.replace(few, narrow=False)
+    told = []
+    for likelihood in (few, every):
+        likelihood.normal(replay.library.neutral)  # what errors of starts take is known after it
+        curvature = likelihood.normal(0.01 + replay.library.neutral, [0]).H.sum(axis=0)
+        told.append(np.count_nonzero(np.diag(curvature)))
+    assert told[0] <= 1 < told[1]
