@@ -67,6 +67,8 @@ reports: $(READY)
 		$(BIN)/bench leaderboard results/$$suite > /dev/null && $(BIN)/bench report results/$$suite \
 			|| exit 1; \
 	done
+	@$(BIN)/bench worlds results/paper results/transfer --notes reports/worlds_notes.md
+	@$(BIN)/bench worlds results/paper results/field_parts --out reports/field_parts.md
 	@$(BIN)/python -m bench.paper.tuning results/tuning reports/tuning.md
 	@$(BIN)/bench blind --report
 
