@@ -34,6 +34,8 @@ class Part:
     repeated."""
     quick: Annotated[bool, Repeatable] = False
     """Only the small part of the suite that its table [quick] names."""
+    deployed: Annotated[bool, Repeatable] = False
+    """Only rows that train nothing and deploy elsewhere what another run trained."""
     seeds: int | None = None
     """Only this many seeds, counted from the suite's first; rows with fewer seeds keep theirs."""
     setting: Annotated[list[str] | None, Repeatable] = None
@@ -56,7 +58,7 @@ class Part:
             self.residual or (),
             self.seeds,
         )
-        return overridden(chosen, settings)
+        return overridden(chosen.deploying() if self.deployed else chosen, settings)
 
 
 @cyclopts.Parameter(name="*")

@@ -191,6 +191,20 @@ class Suite:
         part = self.quick
         return self.select(part.tasks, part.team_sizes, part.methods, part.residuals, part.seeds)
 
+    def deploying(self) -> "Suite":
+        """The suite with the rows that train nothing.
+
+        Raises:
+            SuiteError: It has none.
+        """
+        rows = tuple(row for row in self.methods if row.deploys)
+        if not rows:
+            raise SuiteError(
+                f"Every row of suite '{self.name}' trains; --deployed takes those with "
+                "`deployed_in` or `tracked`."
+            )
+        return dataclasses.replace(self, methods=rows)
+
     def select(
         self,
         tasks: Sequence[str] = (),

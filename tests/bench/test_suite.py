@@ -174,6 +174,17 @@ def test_the_quick_part_of_a_suite_is_a_part_of_its_runs(load):
     assert {run.name for run in expand(quick).runs} < {run.name for run in expand(whole).runs}
 
 
+def test_what_only_deploys_is_a_part_of_a_suite():
+    whole = load_suite("transfer")
+    part = whole.deploying()
+    assert len(part.methods) == 18
+    assert all(row.deployed_in for row in part.methods)
+    left_out = [row.method for row in whole.methods if row not in part.methods]
+    assert left_out == ["recalibrated", "grey_box", "hf_hotstart", "upper_reference"]
+    with pytest.raises(SuiteError, match="Every row of suite 'scale' trains; --deployed takes"):
+        load_suite("scale").deploying()
+
+
 def test_the_quick_part_of_the_worlds_has_every_world():
     quick = load_suite("worlds").quickly()
     assert {row.world for row in quick.methods} >= {"", "rotorpy", "contact", "field"}
