@@ -9,7 +9,9 @@ policy's idea of "along the path" by half a step (1 m/s around 1 m: 10 mrad, 0.5
 every step of the episode), and the drag that fits it is 3 % off.
 
 Every training episode draws its own lags and delays around the identified ones, so that a policy
-does not live on the last degree of phase margin (`methods/training/varied.py`).
+does not live on the last degree of phase margin (`methods/training/varied.py`). With `delay`,
+commands are late by a drawn time as well, which the calibration flights did not show: for teams
+that will fly over a slower link than the calibration drone did.
 
 With a residual, a frozen black box on top corrects what the named effects leave: it is fitted to
 the same flights, features and targets as Hybrid's but with the corrected point mass in the place
@@ -39,6 +41,7 @@ from methods.training.policy import AbstractPolicy, make_policy
 from methods.training.varied import vary_times
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
+from simulators.effects.delay import LONGEST
 from simulators.vehicle import CONTROL_DT
 
 
@@ -57,6 +60,8 @@ class GreyBox(AbstractMethod):
     """Integration step of the point mass [s]."""
     spread: float = eqx.field(static=True, default=0.5)
     """Largest change of the logarithm of an identified time in a training episode [-]."""
+    delay: float = eqx.field(static=True, default=0.0, metadata={"neutral": True})
+    """Most that commands are later in a training episode than was identified [s]."""
     trainer: BPTT = eqx.field(default=BPTT(decay=0.99))
     """How the policy is trained."""
 
@@ -77,6 +82,8 @@ class GreyBox(AbstractMethod):
             raise ValueError(f"`dt` must lie in (0, {CONTROL_DT}] s, got {self.dt}.")
         if not 0.0 <= self.spread < 2.0:
             raise ValueError(f"`spread` must lie in [0, 2), got {self.spread}.")
+        if not 0.0 <= self.delay <= LONGEST:
+            raise ValueError(f"`delay` must lie in [0, {LONGEST}] s, got {self.delay}.")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
@@ -99,7 +106,7 @@ class GreyBox(AbstractMethod):
             calibration_crashes=found.crashes,
             train_seconds=seconds,
         )
-        varied, stage = vary_times(corrected, self.spread), "grey-box training"
+        varied, stage = vary_times(corrected, self.spread, self.delay), "grey-box training"
         trained = train_in_point_mass(
             self.trainer, setup, varied, policy, train_key, stage, bill, notes
         )

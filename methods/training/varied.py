@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from simulators.contract import AbstractSimulator
+from simulators.contract import AbstractSimulator, with_effects
 from simulators.effects.contract import AbstractEffect
+from simulators.effects.delay import Delay
 from simulators.flight import Flight
 from simulators.vehicle import ActionSpace, VehicleSpec
 
@@ -96,17 +97,24 @@ def vary(
     )
 
 
-def vary_times(simulator: AbstractSimulator, spread: float) -> AbstractSimulator:
+def vary_times(
+    simulator: AbstractSimulator, spread: float, delay: float = 0.0
+) -> AbstractSimulator:
     """`simulator` with the times of its effects within a factor exp(+-`spread`) of what they are.
 
-    They stay within the bounds of their parameters: no delay outlasts its buffer.
+    Commands are up to `delay` [s] later than that. All stay within the bounds of their parameters:
+    no delay outlasts its buffer.
     """
-    factor = jnp.exp(jnp.asarray([-spread, spread]))
-    ranges = [
-        (float(low), float(high))
-        for time, bounds in zip(_times(simulator), _bounds(simulator), strict=True)
-        for low, high in [jnp.clip(time * factor, *bounds)]
-    ]
+    if delay and not any(isinstance(effect, Delay) for effect in simulator.effects):
+        simulator = with_effects(simulator, [Delay()])
+    factor, ranges = jnp.exp(jnp.asarray([-spread, spread])), []
+    for effect in simulator.effects:
+        later = jnp.asarray([0.0, delay if isinstance(effect, Delay) else 0.0])
+        for name, parameter in effect.parameters.items():
+            if parameter.unit in TIMES:
+                ends = getattr(effect, name) * factor + later
+                low, high = jnp.clip(ends, parameter.low, parameter.high)
+                ranges.append((float(low), float(high)))
     return vary(simulator, _times, ranges)
 
 
@@ -120,15 +128,5 @@ def _times(simulator: AbstractSimulator) -> list[Any]:
         getattr(effect, name)
         for effect in simulator.effects
         for name, parameter in effect.parameters.items()
-        if parameter.unit in TIMES
-    ]
-
-
-def _bounds(simulator: AbstractSimulator) -> list[tuple[float, float]]:
-    """Least and largest value of each."""
-    return [
-        (parameter.low, parameter.high)
-        for effect in simulator.effects
-        for parameter in effect.parameters.values()
         if parameter.unit in TIMES
     ]

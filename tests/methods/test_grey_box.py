@@ -19,6 +19,7 @@ from methods.training.bptt import BPTT
 from methods.training.evaluate import evaluation_keys, fly
 from methods.training.meter import train_metered
 from methods.training.policy import PolicyController, make_policy
+from methods.training.varied import TIMES
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects import chain
@@ -327,8 +328,26 @@ def test_training_draws_every_time_of_the_effects_anew(found, monkeypatch):
     np.testing.assert_allclose(drawn.max(axis=0), np.exp(0.3) * np.asarray(times), rtol=0.05)
 
 
+def test_training_knows_commands_that_are_later_than_the_flights_showed(found, monkeypatch):
+    given = []
+    monkeypatch.setattr(grey_box, "identify", lambda *_: found)
+    whole = BPTT.train
+    monkeypatch.setattr(BPTT, "train", lambda *a: given.append(a[2]) or whole(*a))
+    setup = Setup(Hold(n_drones=2, horizon=5), PointMass(), Crazyflow())
+    for delay in (0.0, 0.05):
+        METHODS["grey_box"](trainer=TINY, delay=delay).train(setup, KEY)
+    without, late = given
+    np.testing.assert_array_equal(without.low, late.low)
+    later = np.asarray(late.high - without.high)
+    of_delay = [isinstance(e, Delay) for e in late.simulator.effects for p in e.parameters.values()
+                if p.unit in TIMES]  # fmt: skip
+    assert sum(of_delay) == 1
+    np.testing.assert_allclose(later, np.where(of_delay, 0.05, 0.0), atol=1e-6)
+
+
 @pytest.mark.parametrize(
-    ("field", "value"), [("largest", 0), ("dt", 0.0), ("dt", 0.05), ("spread", -0.1)]
+    ("field", "value"),
+    [("largest", 0), ("dt", 0.0), ("dt", 0.05), ("spread", -0.1), ("delay", 0.2)],
 )
 def test_settings_out_of_range_are_refused(field, value):
     with pytest.raises(ValueError, match=f"`{field}` must"):

@@ -209,3 +209,15 @@ def test_a_vehicle_stays_the_same_for_a_whole_episode():
         after = simulator.step_cmd(state, cmd, 0.02)
         np.testing.assert_array_equal(after.drawn, state.drawn)
         state = after
+
+
+def test_commands_are_later_than_identified_by_a_drawn_time():
+    """With an identified delay, and with none, where one is added."""
+    known = np.asarray(drawn(vary_times(with_effects(NOMINAL, [Delay(seconds=0.02)]), 0.0, 0.03)))
+    np.testing.assert_allclose([known.min(), known.max()], [0.02, 0.05], rtol=0.02)
+    added = vary_times(with_effects(NOMINAL, [Drag(c=1.0)]), 0.5, 0.06)
+    late = np.asarray(drawn(added))
+    assert late.shape == (len(KEYS), 1)
+    np.testing.assert_allclose([late.min(), late.mean(), late.max()], [0, 0.03, 0.06], atol=1e-3)
+    own = with_effects(NOMINAL, [Drag(c=1.0), Delay(seconds=float(late[0, 0]))])
+    assert_alike(flown(added, KEYS[0]), flown(own, KEYS[0]), atol=1e-5)
