@@ -1,5 +1,7 @@
 """The page of worlds: who survives where, from small tables of two suites."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet
@@ -12,6 +14,7 @@ from bench.stats.statistics import Entry
 from bench.store.tables import Tables
 from simulators.effects.chain import canonical
 
+ROOT = Path(__file__).parents[3]
 CONTACT = canonical(parse_reality("contact").effects)
 PLAIN, ROTORPY, PUSHING = World("crazyflow"), World("rotorpy"), World("crazyflow", CONTACT)
 LF, HYBRID, GREY = Entry("lf_baseline"), Entry("hybrid", "mlp"), Entry("grey_box")
@@ -215,3 +218,18 @@ def test_a_sweep_in_one_world_shows_none(tmp_path, capsys):
     add_worlds_page(tmp_path / "nowhere", tmp_path / "pages")
     assert capsys.readouterr().out == ""
     assert not (tmp_path / "pages").exists()
+
+
+@pytest.mark.parametrize(
+    ("page", "suites", "notes"),
+    [
+        ("worlds.md", ("paper", "transfer"), "worlds_notes.md"),
+        ("field_parts.md", ("paper", "field_parts"), ""),
+    ],
+)
+def test_the_committed_pages_are_those_of_the_committed_tables(tmp_path, page, suites, notes):
+    reports = ROOT / "reports"
+    tables = [Tables.load(ROOT / "results" / suite) for suite in suites]
+    write_worlds_page(tables, tmp_path / page, reports / notes if notes else None)
+    own = (tmp_path / page).read_text(encoding="utf-8")
+    assert own == (reports / page).read_text(encoding="utf-8")
