@@ -54,7 +54,7 @@ golden: $(READY)
 	@echo "Comparing diagnoses, keys, rows and documents with the kept ones (GOLDEN=--write keeps)."
 	@$(BIN)/python -m tests.golden --jobs $(JOBS) $(GOLDEN)
 
-# Suites with tables whose pages compare with the paper; `scale` has a board only.
+# Suites with tables whose pages compare with the paper; other suites have a board only.
 CLAIMED := paper off_spec
 
 reports: $(READY)
@@ -63,7 +63,7 @@ reports: $(READY)
 		notes=reports/$${suite}_notes.md; \
 		$(BIN)/bench claims results/$$suite $$([ -f $$notes ] && echo --notes $$notes) || exit 1; \
 	done
-	@for suite in $(CLAIMED) scale; do \
+	@for suite in $(CLAIMED) scale transfer field_parts; do \
 		$(BIN)/bench leaderboard results/$$suite > /dev/null && $(BIN)/bench report results/$$suite \
 			|| exit 1; \
 	done

@@ -135,10 +135,6 @@ class OnlyOneHolds(AbstractRule):
     def one_refutes(self) -> bool:
         return False
 
-    @property
-    def deployed(self) -> bool:
-        return True
-
     def judge(self, tables: Tables, metric: str) -> Finding:
         classes = (*self.others, self.one)
         cells = {

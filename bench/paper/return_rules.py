@@ -62,10 +62,6 @@ class Above(AbstractRule):
     def one_refutes(self) -> bool:
         return self.at_least == 1.0
 
-    @property
-    def deployed(self) -> bool:
-        return not self.metric
-
     def judge(self, tables: Tables, metric: str) -> Finding:
         metric = self.metric or metric
         values = self.source(tables, metric)
@@ -130,10 +126,6 @@ class GapNarrows(AbstractRule):
     def one_refutes(self) -> bool:
         return False
 
-    @property
-    def deployed(self) -> bool:
-        return True
-
     def judge(self, tables: Tables, metric: str) -> Finding:
         gaps = gaps_by_size(self.source(tables, metric), self.behind, self.ahead)
         if len(gaps) < 2:
@@ -169,10 +161,6 @@ class GapAtMost(AbstractRule):
             f"{100 * self.bound:g} %{since}, by its t-interval over seeds"
         )
 
-    @property
-    def deployed(self) -> bool:
-        return True
-
     def judge(self, tables: Tables, metric: str) -> Finding:
         gaps = gaps_by_size(self.source(tables, metric), self.behind, self.ahead)
         means = {n: estimate(g.values()) for n, g in gaps.items() if n >= self.from_size}
@@ -200,10 +188,6 @@ class Shortfall(AbstractRule):
             f"{NAMES[self.behind]} loses at least {100 * self.low:.0f} % more than "
             f"{NAMES[self.ahead]} in every cell, by the paired difference over seeds"
         )
-
-    @property
-    def deployed(self) -> bool:
-        return True
 
     def judge(self, tables: Tables, metric: str) -> Finding:
         pairs = pairs_of(undisturbed(tables, metric), self.ahead, self.behind)

@@ -45,11 +45,6 @@ class AbstractRule(abc.ABC):
         """Whether what was run can refute it, whatever the rest will be."""
         return True
 
-    @property
-    def deployed(self) -> bool:
-        """Whether it is about returns of deployed policies, and not about their training."""
-        return False
-
     @abc.abstractmethod
     def judge(self, tables: Tables, metric: str) -> Finding:
         """The finding by a metric, where the rule is about returns at all."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from bench.plan.realities import joined
 from bench.stats.scores import home_of, undisturbed
 from bench.stats.statistics import Entry, Values, seed_values
 from bench.store.tables import Tables
@@ -40,7 +41,7 @@ def off_spec(tables: Tables, metric: str) -> Values:
     """Values in each world in which something was recalibrated, by what it is there."""
     nominal, home, found = undisturbed(tables, metric), home_of(tables), {}
     for cell, entries in seed_values(tables.results, metric).items():
-        world = f"{cell.simulator}+{cell.deployed_effects}".rstrip("+")
+        world = joined(cell.simulator, cell.deployed_effects)
         here = f"deployed_in={world}"
         named = {
             RECALIBRATED: entries.get(Entry("recalibrated", variant=f"reality={world}")),

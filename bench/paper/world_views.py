@@ -8,13 +8,13 @@ names: RotorPy is home in `paper_rotorpy` and `reality=rotorpy` in `worlds`.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from bench.plan.realities import shortened
-from bench.stats.scores import UPPER, recovered, scored
+from bench.plan.realities import joined, shortened
+from bench.stats.scores import PRIMARY, UPPER, recovered, scored
 from bench.stats.statistics import (
     REALITY,
     Cell,
@@ -33,13 +33,15 @@ AS_IS = "as it is"
 """Variant of a policy that was trained or calibrated in another world than the one in which it is
 deployed. A policy that was never flown in high fidelity is no such variant."""
 
+RETURNS = ("reward", PRIMARY, "spawn_settled_reward")
+"""Metrics that a deployed policy has of the world in which it is deployed, and that claims read."""
 TO_UPPER = (
-    "Scores: settled reward between that of a team that stays at its spawn (0) and that of the "
-    "upper reference of the same world (1)"
+    "A score of 0 is the settled reward of a team that stays at its spawn, a score of 1 that of "
+    "the upper reference of the same world"
 )
 TO_PERFECT = (
-    "Scores: settled reward between that of a team that stays at its spawn (0) and 0, which is "
-    "perfect and out of reach (1); some world has no upper reference in these tables"
+    "A score of 0 is the settled reward of a team that stays at its spawn, a score of 1 a settled "
+    "reward of 0, which is perfect and out of reach (not every world has an upper reference here)"
 )
 
 
@@ -52,7 +54,7 @@ class World(NamedTuple):
     @property
     def text(self) -> str:
         """As rows write it."""
-        return f"{self.simulator}+{self.effects}".rstrip("+")
+        return joined(self.simulator, self.effects)
 
     @property
     def name(self) -> str:
@@ -104,21 +106,30 @@ def _variant(variant: str, flies: bool) -> str:
 def ways(view: Tables) -> dict[str, Tables]:
     """What claims are judged by in the view of a world: `view`, and its policies *as they are*.
 
-    In the second, what a method that was never flown there deploys stands under the method's name.
+    In the second, a policy that was never flown there stands under its method's name, with its
+    returns alone: what its training cost and how that went is no matter of this world.
     """
-    own = view.results
-    as_is = set(own.loc[own["variant"].eq(AS_IS), "method"])
-    flown_here = set(own.loc[own["variant"].eq(""), "method"])
+    as_is = _entries(view.results, AS_IS)
     if not as_is:
         return {"": view}
 
     def renamed(frame: pd.DataFrame) -> pd.DataFrame:
-        gone = frame["variant"].eq("") & frame["method"].isin(list(as_is))
-        kept = pd.DataFrame(frame.loc[~gone])
+        trained = [row["variant"] == "" and _of_row(row) in as_is for row in records(frame)]
+        kept = pd.DataFrame(frame.loc[~np.asarray(trained, bool)])
         return kept.assign(variant=kept["variant"].where(kept["variant"].ne(AS_IS), ""))
 
-    other = dataclasses.replace(view, results=renamed(own), runs=renamed(view.runs))
-    return {"": view, AS_IS: other} if as_is & flown_here else {AS_IS: other}
+    returns = pd.DataFrame(view.results.loc[view.results["metric"].isin(RETURNS)])
+    other = dataclasses.replace(view, results=renamed(returns), runs=renamed(view.runs))
+    return {"": view, AS_IS: other} if as_is & _entries(view.results, "") else {AS_IS: other}
+
+
+def _entries(rows: pd.DataFrame, variant: str) -> set[tuple[str, str]]:
+    """Methods with their residuals that have rows of a variant."""
+    return {_of_row(row) for row in records(rows.loc[rows["variant"].eq(variant)])}
+
+
+def _of_row(row: Mapping[str, Any]) -> tuple[str, str]:
+    return row["method"], row["residual"]
 
 
 class Standing(NamedTuple):
@@ -235,7 +246,10 @@ def _standing(
 
 
 def flown_as(entry: Entry, world: World) -> Entry:
-    """What an entry is called in a world: where it was trained, a policy is not *as it is*."""
+    """What an entry is called in a world: where it was trained, a policy is not *as it is*.
+
+    Suites that deploy elsewhere train in crazyflow.
+    """
     if entry.variant == AS_IS and world == World(REALITY):
         return entry._replace(variant="")
     return entry
@@ -260,7 +274,7 @@ def _mean(flown: Sequence[Mapping[int, float]]) -> tuple[float, float, float]:
 
 
 def _on_front(one: Standing, all_: Sequence[Standing]) -> bool:
-    """Whether nobody has a higher worst score for no more flight, nor less flight for no less."""
+    """Whether everybody else flies more, scores less in the worst world, or equals it in both."""
     if one.worst is None:
         return False
     return not any(

@@ -78,12 +78,16 @@ def lines(found: Matrix) -> list[tuple[str, ...]]:
     return made
 
 
-def document(suites: Sequence[Tables], picture: str = "") -> str:
-    """The page as Markdown, with a link to its figure if there is one."""
-    found = views(suites)
-    if len(found) < FEWEST:
+def document(found: Mapping[World, Tables], made: Matrix | None, picture: str = "") -> str:
+    """The page as Markdown.
+
+    Args:
+        found: The views of the worlds.
+        made: Their matrix; None where there are fewer than `FEWEST`.
+        picture: File name of the figure; empty without one.
+    """
+    if made is None:
         return f"# {TITLE}\n\nThese tables hold fewer than {FEWEST} worlds.\n"
-    made = matrix(found)
     cells = "; ".join(markdown.escape(cell.label) for cell in made.cells) or "none"
     claims = _claims(found)
     names = [world.name for world in made.worlds]
@@ -139,7 +143,7 @@ def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
     for world, tables in found.items():
         for way, own in ways(tables).items():
             for one in judged(own):
-                if one.claim.section in (PAPER, OWN) and (way == "" or one.claim.rule.deployed):
+                if one.claim.section in (PAPER, OWN):
                     where = ", ".join(filter(None, [world.name, way]))
                     made.setdefault(one.claim.title, {})[where] = one.finding.verdict
     first = next(iter(found)).name
@@ -192,7 +196,7 @@ def add_worlds_page(tables_dir: Path, documents_dir: Path) -> None:
     if made is None or all(s.worst is None for s in made.standings):
         return
     path = documents_dir / "worlds.md"
-    write_worlds_page([tables], path)
+    _write(found, made, path)
     shown = Table(title="Score by world, mean", title_justify="left", box=SIMPLE_HEAD)
     for heading in ("method", *(world.name for world in made.worlds), *HEADINGS):
         left = heading in ("method", HEADINGS[0])
@@ -212,14 +216,18 @@ def write_worlds_page(suites: Sequence[Tables], path_md: Path, notes: Path | Non
     Raises:
         UsageError: The notes cannot be read.
     """
-    own = "" if notes is None else read_notes(notes).strip()
-    path, found = Path(path_md), views(suites)
+    found = views(suites)
+    made = matrix(found) if len(found) >= FEWEST else None
+    _write(found, made, Path(path_md), "" if notes is None else read_notes(notes).strip())
+
+
+def _write(found: Mapping[World, Tables], made: Matrix | None, path: Path, notes: str = "") -> None:
     picture = path.with_name(f"{path.stem}_gaps.png")
     path.parent.mkdir(parents=True, exist_ok=True)
-    drawn = len(found) >= FEWEST and _draw(matrix(found), picture)
-    text = document(suites, picture.name if drawn else "")
-    if own:
-        text += f"\n{own}\n"
+    drawn = made is not None and _draw(made, picture)
+    text = document(found, made, picture.name if drawn else "")
+    if notes:
+        text += f"\n{notes}\n"
     write_text(path, text)
     page = text.replace(f"({picture.name})", f"({data_uri(picture)})") if drawn else text
     write_page(page, path.with_suffix(".html"), TITLE)

@@ -25,12 +25,17 @@ _LAW = re.compile(r"(\w+)\(([^,]+),([^,]+)\)")
 
 def written(reality: AbstractSimulator) -> str:
     """Canonical text of a simulator and its effects."""
-    return f"{reality.name}+{canonical(reality.effects)}".rstrip("+")
+    return joined(reality.name, canonical(reality.effects))
+
+
+def joined(simulator: str, effects: str) -> str:
+    """A simulator and the canonical text of its effects, as rows write a world."""
+    return f"{simulator}+{effects}".rstrip("+")
 
 
 def shortened(text: str) -> str:
     """`text` with the names of worlds in the place of what they are (`named_worlds.toml`)."""
-    if "(" not in text:  # nothing that loads a plug-in, where there is nothing to shorten
+    if "(" not in text:  # without effects there is nothing to shorten, and no plug-in to load
         return text
     for long, name in _names().items():
         text = re.sub(re.escape(long) + "(?!;)", name, text)  # not a world with more effects

@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from bench.plan.realities import shortened
+from bench.plan.realities import joined, shortened
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 
@@ -69,7 +69,7 @@ class Cell(NamedTuple):
     def label(self) -> str:
         """The name to show, e.g. `circle, N = 3`."""
         name = f"{self.task}, N = {self.team_size}"
-        world = f"{self.simulator}+{self.deployed_effects}".rstrip("+")
+        world = joined(self.simulator, self.deployed_effects)
         if (named := shortened(world)) != world:
             return f"{name}, flown in {named}"
         extras = [

@@ -305,15 +305,25 @@ def test_a_drone_that_cannot_rise_is_an_error():
         identify(NOMINAL, heavy, DT, LARGEST, KEY)
 
 
-def test_training_draws_every_time_of_the_effects_anew(found, monkeypatch):
-    """Within a factor exp(+-spread), in the simulator that the trainer is given."""
+@pytest.fixture
+def trained_in(found, monkeypatch):
+    """The simulator that the trainer is given, by the method's settings."""
     given = []
     monkeypatch.setattr(grey_box, "identify", lambda *_: found)
     whole = BPTT.train
     monkeypatch.setattr(BPTT, "train", lambda *a: given.append(a[2]) or whole(*a))
-    setup = Setup(Hold(n_drones=2, horizon=5), PointMass(), Crazyflow())
-    METHODS["grey_box"](trainer=TINY, spread=0.3).train(setup, KEY)
-    (simulator,) = given
+
+    def train(**settings):
+        setup = Setup(Hold(n_drones=2, horizon=5), PointMass(), Crazyflow())
+        METHODS["grey_box"](trainer=TINY, **settings).train(setup, KEY)
+        return given[-1]
+
+    return train
+
+
+def test_training_draws_every_time_of_the_effects_anew(found, trained_in):
+    """Within a factor exp(+-spread), in the simulator that the trainer is given."""
+    simulator = trained_in(spread=0.3)
     keys = jax.random.split(jax.random.key(0), 500)
     drawn = np.asarray(jax.vmap(lambda k: simulator.reset(jnp.zeros((1, 3)), k).drawn)(keys))
     times = [
@@ -328,15 +338,8 @@ def test_training_draws_every_time_of_the_effects_anew(found, monkeypatch):
     np.testing.assert_allclose(drawn.max(axis=0), np.exp(0.3) * np.asarray(times), rtol=0.05)
 
 
-def test_training_knows_commands_that_are_later_than_the_flights_showed(found, monkeypatch):
-    given = []
-    monkeypatch.setattr(grey_box, "identify", lambda *_: found)
-    whole = BPTT.train
-    monkeypatch.setattr(BPTT, "train", lambda *a: given.append(a[2]) or whole(*a))
-    setup = Setup(Hold(n_drones=2, horizon=5), PointMass(), Crazyflow())
-    for delay in (0.0, 0.05):
-        METHODS["grey_box"](trainer=TINY, delay=delay).train(setup, KEY)
-    without, late = given
+def test_training_knows_commands_that_are_later_than_the_flights_showed(trained_in):
+    without, late = trained_in(delay=0.0), trained_in(delay=0.05)
     np.testing.assert_array_equal(without.low, late.low)
     later = np.asarray(late.high - without.high)
     of_delay = [isinstance(e, Delay) for e in late.simulator.effects for p in e.parameters.values()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet
 
-from bench.paper.world_views import AS_IS, TO_PERFECT, TO_UPPER, World, matrix, views
+from bench.paper.world_views import AS_IS, TO_PERFECT, TO_UPPER, World, matrix, views, ways
 from bench.paper.worlds_page import add_worlds_page, document, write_worlds_page
 from bench.plan.realities import parse_reality
 from bench.stats.scores import UPPER
@@ -47,6 +47,11 @@ def suites(upper=True):
         if upper:
             add(sheet, world, UPPER, mean=-50.0, fleet_minutes=900.0, **place)
     return [one.tables(), two.tables()]
+
+
+def viewed(tables):
+    found = views(tables)
+    return found, matrix(found) if len(found) > 1 else None
 
 
 def test_each_world_is_home_in_its_view():
@@ -140,7 +145,7 @@ def test_the_page_says_it_in_words_and_is_the_same_whatever_the_order(tmp_path):
     assert "keeps a score of 0.965 in its worst world (contact) for 0.5 fleet-minutes" in text
     assert f"`contact`: {PUSHING.text}" in text.replace("\\", "")
     assert "| Hybrid deploys above the LF baseline in every cell | " in text
-    assert document(own[::-1], "worlds_gaps.png") == text
+    assert document(*viewed(own[::-1]), "worlds_gaps.png") == text
 
 
 def test_cells_that_not_everybody_flew_everywhere_are_left_out_by_name():
@@ -149,7 +154,7 @@ def test_cells_that_not_everybody_flew_everywhere_are_left_out_by_name():
         for size in (3, 12):
             add(sheet, world, "lf_baseline", mean=-90.0, trained=False, team_size=size)
         add(sheet, world, "domain_randomization", mean=-80.0, trained=False)
-    text = document([sheet.tables()])
+    text = document(*viewed([sheet.tables()]))
     assert "mean over spread, N = 3, which every method here flew in every world" in text
     assert "not every method flew there in every world: spread, N = 12." in text
 
@@ -160,7 +165,7 @@ def test_claims_are_judged_of_policies_as_they_are_by_what_they_return_there():
         trained = world is PLAIN
         add(sheet, world, "hybrid", "mlp", mean=hybrid, trained=trained, fleet_minutes=40.0)
         add(sheet, world, "lf_baseline", mean=-90.0, trained=trained)
-    text = document([sheet.tables()])
+    text = document(*viewed([sheet.tables()]))
     assert "| claim | crazyflow | rotorpy, as it is |" in text
     assert (
         "| Hybrid deploys above the LF baseline in every cell | undecided | **refuted** |" in text
@@ -169,6 +174,17 @@ def test_claims_are_judged_of_policies_as_they_are_by_what_they_return_there():
     assert "Hybrid, as it is | 0.93" in text
     (flight,) = [one.split("|")[-2].strip() for one in text.splitlines() if "Hybrid, as it" in one]
     assert flight == "40"  # what its training flew, although nothing was flown where it is deployed
+
+
+def test_another_residual_that_was_trained_there_stays_beside_policies_as_they_are():
+    sheet = Sheet()
+    for world in (PLAIN, ROTORPY):
+        add(sheet, world, "hybrid", "affine", mean=-70.0, fleet_minutes=40.0)
+        add(sheet, world, "hybrid", "mlp", mean=-60.0, trained=world is PLAIN, fleet_minutes=40.0)
+    (found,) = [own for way, own in ways(views([sheet.tables()])[ROTORPY]).items() if way == AS_IS]
+    assert set(found.results["residual"]) == {"affine", "mlp"}
+    assert set(found.results["variant"]) == {""}
+    assert "fleet_minutes" not in set(found.results["metric"])
 
 
 def test_the_page_shows_who_flew_everywhere_and_ends_with_notes(tmp_path):
@@ -185,15 +201,15 @@ def test_the_page_shows_who_flew_everywhere_and_ends_with_notes(tmp_path):
 def test_one_world_alone_is_no_comparison():
     sheet = Sheet()
     add(sheet, PLAIN, "lf_baseline", mean=-90.0)
-    assert "fewer than 2 worlds" in document([sheet.tables()])
-    assert "fewer than 2 worlds" in document([Tables.empty()])
+    assert "fewer than 2 worlds" in document(*viewed([sheet.tables()]))
+    assert "fewer than 2 worlds" in document(*viewed([Tables.empty()]))
 
 
 def test_the_worst_tenth_of_all_drones_stands_beside_the_mean():
     one = Sheet()
     for world in (PLAIN, PUSHING):
         add(one, world, "lf_baseline", mean=-90.0, trained=False, worst_decile_reward=-140.0)
-    text = document([one.tables()])
+    text = document(*viewed([one.tables()]))
     assert "## The worst tenth of all drones" in text
     assert "| LF baseline | -140 | -140 |" in text
 
