@@ -126,7 +126,7 @@ class Trusted(AbstractResidualModel):
 
 
 class TrustedHistory(AbstractHistoryModel):
-    """The same of a residual that sees the last commands."""
+    """`Trusted`, for a residual that sees the last commands."""
 
     model: AbstractHistoryModel
     """The residual."""
@@ -140,7 +140,7 @@ class TrustedHistory(AbstractHistoryModel):
 def fit_residual(
     residual: str, corrected: AbstractSimulator, found: Identification, key: PRNGKeyArray
 ) -> tuple[Trusted | TrustedHistory, dict[str, float]]:
-    """The residual on what the identified effects of `corrected` leave, and what its fit is worth.
+    """A residual fitted to the accelerations that `corrected` still lacks, and its errors.
 
     `residual_share` is the multiple of the correction, limited to [0, 1], that fits each flight
     best when the residual was fitted to the others: sum(y h) / sum(h h), h predicted for y.

@@ -93,7 +93,7 @@ class Hybrid(AbstractMethod):
         residual: AbstractResidual,
         fitted: AbstractResidualModel | None = None,
     ) -> Trained:
-        """The same with a residual whose fit goes on from `fitted`."""
+        """Flies, fits `residual` and trains, as `train` does; the fit goes on from `fitted`."""
         flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
         task, nominal = setup.task, setup.nominal
         with setup.context.in_turn():
@@ -166,7 +166,7 @@ def _fit_notes(calibration: Calibration, model: AbstractResidualModel) -> dict[s
 def _errors(
     transitions: Transitions, model: AbstractResidualModel
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """RMS [m/s^2] of the target, and of what the model leaves of it."""
+    """RMS [m/s^2] of the target and of the model's error."""
     left = transitions.target - model(inputs(model, transitions))
     rms = lambda x: jnp.sqrt(jnp.mean(jnp.sum(x**2, axis=-1)))  # noqa: E731
     return rms(transitions.target), rms(left)

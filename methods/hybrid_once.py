@@ -1,4 +1,4 @@
-"""Hybrid once: one calibration of one drone serves every task and team size, taken at its word.
+"""Hybrid once: one calibration of one drone serves all teams and tasks, as the paper's title says.
 
 The paper calibrates once per task and team size, although nothing in its residual depends on
 either. Here the residual of one Hybrid, three drones on `figure8`, whose paths cover the most

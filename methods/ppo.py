@@ -70,7 +70,7 @@ class Learner(eqx.Module):
 
 
 class Steps(eqx.Module):
-    """What was flown, with axes of time, worlds and drones, or one axis of samples."""
+    """Flown steps, with axes of time, worlds and drones, or with one axis of samples."""
 
     obs: Float[Array, "*axes obs"]
     raw: Float[Array, "*axes 3"]

@@ -39,7 +39,7 @@ _REACH = CONTACT_DISTANCE + _MARGIN
 
 
 def _swept(pos: Float[Array, "drones 3"]) -> bool:
-    """Whether pairs are found by sweeps: loops of few steps, which only a processor likes."""
+    """Whether pairs are found by sweeps, which are faster on a CPU only."""
     return len(pos) >= MANY and jax.default_backend() == "cpu"
 
 

@@ -36,11 +36,11 @@ Controller = Callable[[TaskState], Float[Array, "drones 3"]]
 
 
 class AbstractEpisodeController(eqx.Module):
-    """A controller that is another one in each episode."""
+    """A controller that differs from episode to episode."""
 
     @abc.abstractmethod
     def for_episode(self, key: PRNGKeyArray) -> Controller:
-        """That of the episode which `key` starts."""
+        """The controller of the episode that `key` starts."""
 
 
 COTANGENT_LIMIT = 500.0

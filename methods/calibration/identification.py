@@ -153,7 +153,7 @@ def identify(
 
 
 def _no_candidates() -> list[str]:
-    """Effects that are not identified: what begins at a time of one flight is none to train for."""
+    """Effects that are not identified: those that set in at a moment of one flight."""
     kinds = registry.load_all("effect").items()
     return [*NO_CANDIDATES, *(name for name, kind in kinds if issubclass(kind, OnsetEffect))]
 
@@ -164,10 +164,11 @@ def _acts(library: Library, name: str, values: Mapping[str, float]) -> bool:
 
 
 def choose(likelihood: Likelihood, n_flights: int, largest: int) -> Fit:
-    """The best fit of the sets that evidence, with the dispersion between flights, ranks first.
+    """The best fit among the sets of effects whose evidence is near the highest.
 
-    What a name costs is a question of diagnosis; a policy is trained in the better fit of two sets
-    that are equally likely.
+    Evidence is weighed by how much the flights differ.
+
+    A diagnosis prefers fewer names; a training prefers the better fit of two equally likely sets.
     """
     fits = search(Fits.of(Evidence.of(likelihood)), largest)
     fits = search(fits.weighed(dispersion(fits.best.normal, n_flights)), largest)
@@ -291,13 +292,13 @@ def _log(nominal: AbstractSimulator, flights: TrackingFlight, i: int, name: str)
 
 
 def standing(flights: TrackingFlight) -> Bool[Array, "flights time"]:
-    """Whether a drone has not moved yet: the rows before the first above `MOVING`."""
+    """Rows in which a drone has not moved yet: those before the first above `MOVING`."""
     moving = jnp.linalg.norm(flights.before.vel[:, :, 0], axis=-1) > MOVING
     return ~jax.lax.cummax(moving.astype(int), axis=1).astype(bool)
 
 
 def floor_height(simulator: AbstractSimulator, flights: TrackingFlight) -> float | None:
-    """Where drones stood that `simulator`, without a floor, says must fall [m]; None: nowhere."""
+    """Height [m] of a floor that flights stood on and `simulator` lacks; None without one."""
     predicted = along(simulator, flights)
     fall = np.asarray(predicted.vel[..., 2] - flights.before.vel[..., 2]) < -0.01
     rest = np.asarray(flights.after.pos[..., 2])[fall & np.asarray(standing(flights))[..., None]]
@@ -306,7 +307,7 @@ def floor_height(simulator: AbstractSimulator, flights: TrackingFlight) -> float
 
 @eqx.filter_jit
 def along(simulator: AbstractSimulator, flights: TrackingFlight) -> Flight:
-    """What one step of `simulator` makes of every row.
+    """The flight one step of `simulator` after every row.
 
     Position and velocity are those of the flight before the step; attitude, thrust and what else
     the simulator remembers run along on the flown actions.

@@ -58,7 +58,7 @@ def pool_size(n_drones: int) -> int:
 
 
 class TrackingFlight(eqx.Module):
-    """What was flown, one row a control step: a reference by one drone, or a task by its team."""
+    """A flight, one row per control step: one drone on a reference or a team on its task."""
 
     before: Flight
     """The drone before the step."""
@@ -78,7 +78,7 @@ class TrackingFlight(eqx.Module):
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """What the calibration flights gave."""
+    """Result of the calibration flights."""
 
     transitions: Transitions
     """Rows for the residual's fit."""
@@ -152,7 +152,7 @@ def transitions_of(
 def _histories(
     flights: TrackingFlight, nominal: AbstractSimulator
 ) -> Float[Array, "samples steps 4"]:
-    """The last commands of each row."""
+    """The last commands up to each row."""
 
     def one(action: Float[Array, "time drones 3"]) -> Float[Array, "time drones steps 4"]:
         cmd = jax.vmap(nominal.action_space.to_cmd)(action)
@@ -224,7 +224,7 @@ def track_dithered(
     dither: Float[Array, "time 1 3"],
     key: PRNGKeyArray,
 ) -> TrackingFlight:
-    """The same with a dither that is given [-]."""
+    """A flight as `track` flies it, with a given dither [-]."""
     tracker = PDTracker(mass=reality.spec.mass, action_space=reality.action_space)
     start = reference.pos[:1]
 

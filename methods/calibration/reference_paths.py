@@ -39,7 +39,7 @@ def team_reference(
 
 
 class PathFollower(eqx.Module):
-    """A team whose drones follow a path each."""
+    """A controller whose drones each follow one path."""
 
     reference: ReferencePath
     """The paths of the team."""
@@ -52,7 +52,7 @@ class PathFollower(eqx.Module):
 
 
 class Followers(AbstractEpisodeController):
-    """Follows in each episode what `leader` flies in the nominal simulator from the same start."""
+    """A controller that follows the paths which `leader` flies in the nominal simulator."""
 
     task: AbstractTask
     """What is flown."""

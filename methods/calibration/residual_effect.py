@@ -28,7 +28,7 @@ def features(flight: Flight, mass: float) -> Float[Array, "drones 12"]:
 
 
 class Recalled(NamedTuple):
-    """What a residual's effect remembers."""
+    """Memory of a residual's effect."""
 
     acc: Float[Array, "drones 3"]
     """The last acceleration [m/s^2, world]."""

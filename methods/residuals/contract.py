@@ -42,7 +42,7 @@ class Transitions(eqx.Module):
     """The last `HISTORY` commands of each row, see the top of this module; None: not recorded."""
 
     def recalled(self) -> Float[Array, "samples features"]:
-        """Features with the commands after them.
+        """Features followed by the last commands.
 
         Raises:
             ValueError: The commands were not recorded.
@@ -105,7 +105,7 @@ class AbstractHistoryModel(AbstractResidualModel):
 def inputs(
     model: AbstractResidualModel, transitions: Transitions
 ) -> Float[Array, "samples features"]:
-    """What `model` is called with on these rows."""
+    """Inputs of `model` on these rows."""
     if isinstance(model, AbstractHistoryModel):
         return transitions.recalled()
     return transitions.features

@@ -1,4 +1,4 @@
-"""History residual: the ensemble of the MLP, which sees the last five commands, too: 32-128-128-3.
+"""History residual: the MLP's ensemble, which also sees the last five commands: 32-128-128-3.
 
 A point mass has no rotors and no attitude loop of its own. What they hide from the twelve features
 of the paper (rotor speeds, angular velocities) follows from the commands before; if Hybrid's gap

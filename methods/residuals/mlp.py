@@ -34,7 +34,7 @@ class MLPModel(AbstractResidualModel):
 def members_of(
     nets: eqx.nn.MLP, z: Float[Array, "samples features"]
 ) -> Float[Array, "members samples 3"]:
-    """What each member of an ensemble makes of standardised features [m/s^2]."""
+    """Output [m/s^2] of each member of an ensemble for standardised features."""
     return eqx.filter_vmap(lambda net: bounded(jax.vmap(net)(z)))(nets)
 
 

@@ -38,7 +38,7 @@ LARGEST = 128e6
 def buffers(
     policy: Policy, task: AbstractTask, n_worlds: int, n_trainings: int = 0
 ) -> list[Array] | None:
-    """Room for what the layers give in an epoch; None where it would be more than `LARGEST`.
+    """Buffers for the layers' outputs in an epoch; None if they would exceed `LARGEST`.
 
     With `n_trainings` there is an axis of as many before the others.
     """
@@ -132,7 +132,7 @@ def by_autodiff(
     keys: Key[Array, " worlds"],
     decay: float,
 ) -> tuple[Episode, AbstractPolicy]:
-    """Episodes and gradient as `gradient` gives them, of any policy; slower."""
+    """Episodes and gradient as `gradient` returns them, by `jax.grad` for any policy; slower."""
     live, fixed = eqx.partition(policy, eqx.is_inexact_array)
 
     def loss(live: Any) -> tuple[Array, Episode]:

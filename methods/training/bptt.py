@@ -107,7 +107,7 @@ class BPTT(eqx.Module):
         return max(1, round(self.share * self.epochs))
 
     def rule(self, n_drones: int) -> Rule:
-        """What the program of a team's epochs depends on."""
+        """The settings that the compiled epochs of a team depend on."""
         return Rule(self.worlds(n_drones), self.decay, self.clip)
 
     def learning_rate(self, epoch: int) -> Float[Array, ""]:
@@ -115,7 +115,7 @@ class BPTT(eqx.Module):
         return _schedule(self.lr, self.epochs, self.final_lr)(epoch)
 
     def room(self, policy: AbstractPolicy, task: AbstractTask, n_trainings: int = 0) -> Any:
-        """What an epoch keeps of the policy's layers (`methods/training/adjoint.py`), or None.
+        """Buffers for the policy's layers (`methods/training/adjoint.py`), or None.
 
         Who trains in one world at a time, trains in an expensive simulator: there its steps cost,
         not products, and memory is to stay small.
@@ -307,7 +307,7 @@ def _update(
     given: tuple[Rule, AbstractTask, AbstractSimulator, AbstractPolicy, Any, Array, PRNGKeyArray],
     kept: Any,
 ) -> tuple[AbstractPolicy, Any, dict[str, Array], Any]:
-    """AbstractPolicy and optimiser's state after one epoch, its row, and the buffers of `kept`.
+    """Policy and optimiser state after one epoch, its row, and the buffers of `kept`.
 
     The history's row describes the policy before the update. `kept` comes from `BPTT.room` and
     may not be used again.

@@ -45,7 +45,7 @@ class Place:
         self._fingerprint = fingerprint
 
     def load(self) -> dict[str, np.ndarray] | None:
-        """What was last saved, None if nothing was."""
+        """The state that was saved last, or None."""
         if self._keeper is None:
             return None
         return self._keeper.load(self._stage, self._fingerprint)
@@ -74,7 +74,7 @@ def pack(
 
 
 def unpack(trees: T, arrays: Mapping[str, np.ndarray]) -> tuple[T, list[dict[str, float]], float]:
-    """What `pack` was given; `trees` are of the same structure."""
+    """Inverse of `pack`; `trees` give the structure."""
     columns = arrays["columns"].tolist()
     history = [dict(zip(columns, row, strict=True)) for row in arrays["history"].tolist()]
     found, rest = eqx.partition(trees, eqx.is_array)
@@ -86,7 +86,7 @@ def unpack(trees: T, arrays: Mapping[str, np.ndarray]) -> tuple[T, list[dict[str
 
 
 def fingerprint(settings: str, key: PRNGKeyArray, *trees: Any) -> str:
-    """What tells a training from others: a digest of how it trains and what it begins from.
+    """Digest of how a training trains and of what it begins from.
 
     Args:
         settings: Text that says how it trains.

@@ -1,4 +1,4 @@
-"""What a training needs of whoever runs it, beside its cell: handed from call to call.
+"""What the harness gives a training besides its task: seeds together, checkpoints, progress.
 
 Nothing is ambient: whoever makes no `Context` trains alone, in silence, and keeps nothing.
 """

@@ -19,7 +19,7 @@ def train_in_reality(
 
 
 def trained_in_reality(training: Training, steps: int) -> Trained:
-    """What a training of `steps` steps in reality, summed over worlds, comes to."""
+    """Result of a training that took `steps` steps in reality, summed over worlds."""
     status = "budget" if training.out_of_budget else "ok"
     return Trained(
         policy=training.policy,

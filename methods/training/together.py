@@ -1,4 +1,4 @@
-"""Trainings of one shape flown in one program: what fills an accelerator, and some of a core.
+"""Trainings of one shape, run as one program so that they fill an accelerator.
 
 Trainings that differ in numbers only (seeds, a residual's weights, an effect's size) do the same
 operations. The members of a `Team` train in threads of their own. Each finds the team in its

@@ -139,7 +139,7 @@ def push(
 def _others(
     pos: Float[Array, "3 drones"], radius: Float[Array, ""]
 ) -> Int[Array, "drones others"] | None:
-    """Whom each ball may touch, itself where nobody; None: everybody."""
+    """Indices of the balls that each ball may touch, its own where unused; None: all."""
     n = pos.shape[1]
     if n < MANY or jax.default_backend() != "cpu":
         return None

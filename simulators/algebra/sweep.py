@@ -65,7 +65,7 @@ def nearest(pos: Float[Array, "drones 3"], k: int) -> Int[Array, "drones k"]:
 def within(
     pos: Float[Array, "drones 3"], reach: Float[Array, ""], k: int
 ) -> Int[Array, "drones k"]:
-    """The same of the others closer than `reach` [m]; a drone's own index where there are fewer."""
+    """Indices of the nearest others within `reach` [m]; a drone's own index fills the rest."""
 
     @jax.custom_batching.sequential_vmap
     def search(pos: Float[Array, "drones 3"], reach: Float[Array, ""]) -> Int[Array, "drones k"]:
@@ -121,7 +121,7 @@ def _swept(
     begin: Float[Array, "sums padded"],
     visit: Callable[[Array, Array, Array], Array],
 ) -> Float[Array, "drones sums"]:
-    """What `visit` makes of `begin` step by step, back in the order of the drones."""
+    """The result of all steps of `visit` from `begin`, in the order of the drones."""
     n, order = len(pos), jnp.argsort(pos[:, 0])
     here = pos[order].T
     ahead = jnp.concatenate([here, jnp.full((3, n), jnp.inf, pos.dtype)], axis=1)

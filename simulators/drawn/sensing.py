@@ -107,7 +107,7 @@ class Sensing(AbstractEffect):
         return Sight(past, seen, jax.random.key_data(keys[0]))
 
     def seen(self, memory: Sight, flight: Flight) -> Flight:
-        """`flight` as the drones believe that it is."""
+        """`flight` as the drones' own estimates show it."""
         pos, vel, quat = jnp.split(memory.seen, (3, 6), axis=1)
         return eqx.tree_at(lambda f: (f.pos, f.vel, f.quat), flight, (pos, vel, quat))
 

@@ -28,7 +28,7 @@ class Input(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Shown:
-    """How to speak of a parameter."""
+    """How a parameter is shown to people."""
 
     label: str
     """Short name."""

@@ -148,7 +148,7 @@ class StiffEffect(WrenchEffect):
 
 
 class ListeningEffect(WrenchEffect):
-    """A wrench that depends on the commands, too: it is told each one before the step it rules."""
+    """A wrench that also depends on the commands, which it hears before each step."""
 
     @abc.abstractmethod
     def hear(self, memory: Any, cmd: Float[Array, "drones 4"], dt: float) -> Any:
@@ -156,11 +156,11 @@ class ListeningEffect(WrenchEffect):
 
 
 class FrozenEffect(WrenchEffect):
-    """A wrench that nobody differentiates, and that is expensive: its memory tells what it did."""
+    """An expensive wrench without a gradient; its memory holds what it did."""
 
     @abc.abstractmethod
     def repeated(self, memory: Any) -> WrenchEffect:
-        """An effect that does again what led to `memory`."""
+        """An effect that repeats what led to `memory`."""
 
 
 class StateEffect(AbstractEffect):
@@ -172,7 +172,7 @@ class StateEffect(AbstractEffect):
 
 
 class OnsetEffect(AbstractEffect):
-    """An effect that is not there before a moment: no slope at neutral says when that is.
+    """An effect that sets in at a moment, which no gradient at neutral reveals.
 
     Replays try the moments one by one. `parameters` must list `onset`, too.
     """
@@ -186,7 +186,7 @@ class RandomEffect(AbstractEffect):
 
     @abc.abstractmethod
     def seeded(self, memory: Any, key: PRNGKeyArray) -> Any:
-        """The memory from which on it draws by `key`; `init` gives that of a key of its own."""
+        """The memory whose draws come from `key`; `init` gives one with a fixed key."""
 
 
 class VoltageEffect(AbstractEffect):
