@@ -19,19 +19,15 @@ def next_flight(
     would hardly have shown.
     """
     if pair := pair_to_separate(aliases):
-        one, other = pair
-        if text := manoeuvre(one, other):
-            return f"To separate {one} from {other}: {text}."
-        return (
-            f"To separate {one} from {other}: fly {_of(one)}, then {_of(other)}, "
-            "each in flights of their own."
-        )
+        text = manoeuvre(*pair) or _both(*pair)
+        one, other = (load_card(name).label for name in pair)
+        return f"To separate {one} from {other}: {text}."
     if kind == "unexplained":
-        place = f" where most is left ({where})" if where else ""
+        place = f" where the gap is largest ({where})" if where else ""
         return f"Fly again{place} and change one thing at a time; no candidate has this shape."
     for name in blind_to:
         if flight := load_card(name).flight:
-            return f"To be able to see {name.replace('_', ' ')} as well: {flight}."
+            return f"To be able to see {load_card(name).label} as well: {flight}."
     return "Nothing: these flights separate all candidates that they can show."
 
 
@@ -55,5 +51,14 @@ def blind_to(
     return [slots[i].effect for i, size in seen if size > share * (slots[i].high - slots[i].low)]
 
 
-def _of(name: str) -> str:
-    return load_card(name).flight or f"whatever shows {name.replace('_', ' ')} most"
+def _both(one: str, other: str) -> str:
+    """The flights that show each of two effects best; nobody has tried them on this pair."""
+    flights = [load_card(name).flight for name in (one, other)]
+    labels = [load_card(name).label for name in (one, other)]
+    if flights[0] and flights[0] == flights[1]:
+        return f"fly {flights[0]}, where both are largest"
+    said = [
+        flight or f"flights in which {label} matters"
+        for flight, label in zip(flights, labels, strict=True)
+    ]
+    return f"fly {said[0]}, then {said[1]}, each in flights of their own"

@@ -39,6 +39,7 @@ class AttitudeGain(CommandEffect):
         less="roll and pitch that come out {} smaller than {base}",
         shown={"g": percent()},
         inputs=frozenset({Input.ATTITUDE_CMD}),
+        flight="attitude steps of 0.3 rad every 0.4 s",
         check="look at limits and scales between the position controller and the attitude loop",
     )
 

@@ -43,6 +43,7 @@ class AttitudeLag(CommandEffect):
         shown={"tau": Shown("time constant", 1000.0, "ms")},
         families=("how fast it turns",),
         inputs=frozenset({Input.ATTITUDE_CMD}),
+        flight="attitude steps of 0.3 rad every 0.4 s",
         separated_from={
             "delay": (
                 "attitude steps of 0.3 rad every 0.4 s: a delay shifts the response, a lag rounds "

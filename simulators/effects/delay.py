@@ -45,6 +45,7 @@ class Delay(CommandEffect):
         shown={"seconds": Shown("delay", 1000.0, "ms")},
         families=("how fast it turns",),
         inputs=frozenset({Input.ATTITUDE_CMD}),
+        flight="attitude steps of 0.3 rad every 0.4 s",
         separated_from={
             "inertia": (
                 "attitude steps of 0.3 rad every 0.4 s: a delay shifts the response, inertia "

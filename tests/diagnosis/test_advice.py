@@ -10,20 +10,33 @@ from simulators.effects.card import load_card, load_cards, manoeuvre
 
 def test_a_pair_that_looks_alike_is_separated_by_its_manoeuvre():
     said = next_flight("effect", {"wind": [], "mass": ["thrust_gain"]}, None, ["drag"])
-    assert said.startswith("To separate mass from thrust_gain: fast straight lines at 2 m/s")
+    assert said.startswith("To separate mass from thrust gain: fast straight lines at 2 m/s")
 
 
 def test_of_several_pairs_one_with_a_tested_manoeuvre_comes_first():
     assert manoeuvre("mass", "drag") is None
     said = next_flight("effect", {"mass": ["drag", "thrust_gain"]}, None, [])
-    assert said.startswith("To separate mass from thrust_gain: fast straight lines")
+    assert said.startswith("To separate mass from thrust gain: fast straight lines")
 
 
 def test_a_pair_without_a_manoeuvre_is_flown_one_after_the_other():
-    assert manoeuvre("yaw_gains", "rotor_inertia") is None
-    said = next_flight("effect", {"yaw_gains": ["rotor_inertia"]}, None, [])
-    assert said.count(load_card("yaw_gains").flight) == 2
-    assert "To separate yaw_gains from rotor_inertia" in said
+    assert manoeuvre("yaw_gains", "rotor_arm") is None
+    said = next_flight("effect", {"yaw_gains": ["rotor_arm"]}, None, [])
+    yaw, arm = (load_card(name).flight for name in ("yaw_gains", "rotor_arm"))
+    assert said.startswith(f"To separate yaw gains from rotor arm: fly {yaw}, then {arm}")
+
+
+def test_a_pair_that_one_flight_shows_is_flown_in_that_flight():
+    assert manoeuvre("delay", "roll_pitch_gains") is None
+    said = next_flight("effect", {"delay": ["roll_pitch_gains"]}, None, [])
+    assert said.count(load_card("delay").flight) == 1
+
+
+def test_an_effect_without_a_flight_of_its_own_is_named_in_words():
+    said = next_flight("effect", {"yaw_gains": ["center_of_mass"]}, None, [])
+    assert said.endswith(
+        "then flights in which centre of mass matters, each in flights of their own."
+    )
 
 
 def test_what_nobody_explains_is_flown_again_where_it_is_largest():
