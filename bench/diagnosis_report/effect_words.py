@@ -3,6 +3,9 @@
 An effect without a card is shown under its registered name, in its parameters' own units.
 """
 
+from bench.diagnosis_report.numbers import clean
+from diagnosis.result_parts import Limit
+from simulators import registry
 from simulators.effects.card import EffectCard, Shown, load_card
 
 
@@ -14,3 +17,18 @@ def effect_words(name: str) -> EffectCard:
 def parameter_words(effect: str, name: str) -> Shown:
     """How to speak of a parameter of an effect."""
     return load_card(effect).shown.get(name) or Shown(name.replace("_", " "))
+
+
+def toward(shown: Shown, value: float) -> tuple[str, float]:
+    """The name of a parameter at a value, and the sign that the name takes over, 1 or -1."""
+    backward = value < 0 and bool(shown.opposite)
+    return clean(shown.opposite if backward else shown.label), -1.0 if backward else 1.0
+
+
+def share_of_range(limit: Limit) -> float:
+    """The smallest visible size over all that the parameter may be; 0 where that is not known."""
+    try:
+        info = registry.load("effect", limit.effect).parameters[limit.parameter]
+    except (KeyError, registry.UnknownPluginError, registry.BrokenPluginError):
+        return 0.0
+    return 0.0 if limit.smallest is None else limit.smallest / (info.high - info.low)

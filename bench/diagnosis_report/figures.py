@@ -39,7 +39,7 @@ def before_after_panels(diagnosis: Diagnosis) -> list[Panel]:
             with_unit(rounded(factor * _middle(values), 2), unit) for values in (before, after)
         ]
         name = clean(line.flight)
-        alt = f"Drift along {name}: median {middles[0]} before, {middles[1]} after."
+        alt = f"Drift along {name}: median {middles[0]} without, {middles[1]} with what was found."
         panels.append(Panel(shorten(name, 40), render(draw, f"before-after-{i}"), alt))
     return panels
 

@@ -48,7 +48,10 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             followed=tables.followed_table(diagnosis),
             not_observable=tables.not_observable_table(diagnosis),
             limits=tables.limits_table(diagnosis),
+            limits_note=tables.limits_note(diagnosis),
+            candidate_notes=tables.candidate_notes(diagnosis),
             blamed=bool(diagnosis.blamed),
+            nothing=diagnosis.verdict in ("none", "too_few"),
             remedy=remedy(diagnosis),
             next_flight=next_flight(diagnosis),
             left_out=tables.left_out_table(diagnosis),
@@ -71,8 +74,8 @@ def _effects(diagnosis: Diagnosis) -> list[dict[str, object]]:
 
 
 def _drift(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
-    """Name, size and relative length of the bars before and after; empty if not measured."""
-    sizes = (("before", diagnosis.shrink.before), ("after", diagnosis.shrink.after))
+    """Name, size and relative length of the bars without and with what was found, if measured."""
+    sizes = (("without", diagnosis.shrink.before), ("with", diagnosis.shrink.after))
     known = [(name, size) for name, size in sizes if is_number(size)]
     if len(known) < len(sizes):
         return []

@@ -11,8 +11,8 @@ PYTHON = 'diagnosis.corrected("diagnosis.json")'
 
 
 FILES = (
-    "The parameters of an autopilot and the next flight as a file: bench diagnose diagnosis.json "
-    "--remedy px4, or crazyflie, or crazyflow."
+    "To write an autopilot's parameters and the next flight to files, run: bench diagnose "
+    "diagnosis.json --remedy px4 (or crazyflie, or crazyflow)."
 )
 """Where the numbers for a vehicle are."""
 
@@ -23,11 +23,12 @@ def remedy(diagnosis: Diagnosis) -> list[str]:
         advice = [clean(fault.advice) for fault in diagnosis.interface]
         return [*advice, "Then diagnose the flights again; nothing else can be said before."]
     if diagnosis.verdict in ("none", "too_few"):
-        return ["Nothing: these flights show no cause."]
+        return ["Nothing: these flights show no change that stands out of noise."]
     if not diagnosis.blamed:
         return [
-            "Nothing yet: no cause is confirmed. The likeliest set is to be had as "
-            f"{PYTHON[:-1]}, likeliest=True), to look at and not to rely on."
+            "Nothing yet: no cause is confirmed. In Python, "
+            f"{PYTHON[:-1]}, likeliest=True) is the simulator with the likeliest set, to look at "
+            "and not to rely on."
         ]
     said = [_simulator(diagnosis)]
     if diagnosis.verdict == "partly":
@@ -36,7 +37,8 @@ def remedy(diagnosis: Diagnosis) -> list[str]:
             "what to write into a parameter file."
         )
     said += [_alike(diagnosis)] if any(e.aliases for e in diagnosis.blamed) else []
-    checks = [effect_words(clean(e.name)).check for e in diagnosis.blamed]
+    names = [name for e in diagnosis.blamed for name in (e.name, *e.aliases)]
+    checks = [effect_words(clean(name)).check for name in names]
     if first := [check for check in dict.fromkeys(checks) if check]:
         said.append(f"On the vehicle, first {join(first)}.")
     return [*said, FILES]
@@ -63,6 +65,7 @@ def _alike(diagnosis: Diagnosis) -> str:
         if e.aliases
     )
     return (
-        f"These flights cannot tell {pairs}. In the simulator either makes up for the gap; on the "
-        "vehicle only one is the cause, so change there only what is right for both."
+        f"These flights cannot tell {pairs}. In the simulator either makes up for the gap. On the "
+        "vehicle only one is the cause: change a parameter there only if its new value is the same "
+        "for both, and otherwise fly what tells them apart first."
     )

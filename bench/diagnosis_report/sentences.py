@@ -3,10 +3,10 @@
 Words are chosen here; what they state was decided before and stands in the `Diagnosis`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from bench.diagnosis_report.effect_words import effect_words, parameter_words
+from bench.diagnosis_report.effect_words import effect_words, parameter_words, toward
 from bench.diagnosis_report.numbers import (
     clean,
     estimate,
@@ -51,9 +51,10 @@ def verdict(diagnosis: Diagnosis) -> str:
         "What changed since the reference flights:" if beside else "These flights are explained by"
     )
     sure = f"probability {probability(diagnosis.probability)}"
-    but = join(_alias_clause(e) for e in diagnosis.blamed if e.aliases)
-    clauses = [f"{start} {found}, {sure}{but and f', but {but}'}", drift_clause(diagnosis.shrink)]
-    return "; ".join(clause for clause in clauses if clause) + "."
+    drift = drift_clause(diagnosis.shrink)
+    then = f"With {'it' if len(diagnosis.blamed) == 1 else 'them'} in the simulator, {drift}."
+    sentences = [f"{start} {found}, {sure}.", *_alike(diagnosis), *([then] if drift else [])]
+    return " ".join(sentences)
 
 
 def _partly(diagnosis: Diagnosis, against: str) -> str:
@@ -62,12 +63,13 @@ def _partly(diagnosis: Diagnosis, against: str) -> str:
     at = f", mostly in {where}," if where else ""
     base = "believed" if diagnosis.reference is None else "before"
     found = ", together with ".join(effect_phrase(e, base) for e in diagnosis.blamed)
-    but = join(_alias_clause(e) for e in diagnosis.blamed if e.aliases)
-    return (
+    sentences = [
         f"{much} of what separates these flights from {against} is explained by {found}, which "
-        f"flights left out of the fit confirm{but and f', but {but}'}; "
-        f"{percent(remainder.share)} of the gap, far above noise{at} fits no known effect."
-    )
+        "flights left out of the fit confirm.",
+        *_alike(diagnosis),
+        f"{percent(remainder.share)} of the gap, far above noise{at} fits no known effect.",
+    ]
+    return " ".join(sentences)
 
 
 def _unexplained(diagnosis: Diagnosis, against: str) -> str:
@@ -101,6 +103,8 @@ def kind_label(diagnosis: Diagnosis) -> str:
         return "Mend the logs first"
     if diagnosis.verdict == "unexplained" and diagnosis.remainder.mostly_explained:
         return "No cause confirmed"
+    if diagnosis.verdict == "effect" and any(effect.aliases for effect in diagnosis.blamed):
+        return "Explained, with an alternative"
     return KINDS[diagnosis.verdict]
 
 
@@ -118,6 +122,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
         *_at_bounds(diagnosis),
         *_support(diagnosis),
         *_twin(diagnosis),
+        *_silent(diagnosis),
     ]
     for soon, why in ((False, "alone"), (True, "soon after a gap in the log or its start")):
         lines = [line for line in diagnosis.details.set_aside if line.after_gap is soon]
@@ -142,10 +147,20 @@ def _twin(diagnosis: Diagnosis) -> list[str]:
         return []
     best = max(lines, key=lambda line: line.simulator / max(line.twin, 1e-12))
     return [
-        "The simulator does not fly as the reference flights do, so it is compared through a twin "
-        f"that was learned from them: in {clean(best.channel)} it is off by "
-        f"{quantity(best.twin, best.unit, 2)} where the simulator is off by "
-        f"{quantity(best.simulator, best.unit, 2)}."
+        "The simulator as delivered already misses the reference flights, so these flights are "
+        "compared with a twin that was learned from the reference: on reference flights left out "
+        f"of its fit it is off by {quantity(best.twin, best.unit, 2)} in {clean(best.channel)}, "
+        f"the simulator by {quantity(best.simulator, best.unit, 2)}."
+    ]
+
+
+def _silent(diagnosis: Diagnosis) -> list[str]:
+    """That silence is no proof, and where it says how large a change may hide in it."""
+    if diagnosis.verdict not in ("none", "too_few") or not diagnosis.details.limits:
+        return []
+    return [
+        'A small change could still hide: "What these flights cannot tell" lists the smallest '
+        "one of each kind that they could have shown."
     ]
 
 
@@ -155,8 +170,8 @@ def _beside_effect(diagnosis: Diagnosis) -> list[str]:
         return []
     said, doubt, shrink = [], diagnosis.doubt, diagnosis.shrink
     if diagnosis.remainder.noteworthy:
-        where = _where_left(diagnosis)
-        tail = f", mostly in {where}" if where else ""
+        where = join(_main_channels(diagnosis.remainder.where))
+        tail = f", most of it in {where}" if where else ""
         said.append(f"{percent(diagnosis.remainder.share)} of the gap stays unexplained{tail}.")
     if doubt is not None:
         said.append(
@@ -211,19 +226,20 @@ def _support(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == "partly":
         text = "The remaining misfit could bias the sizes, so they are descriptive only"
         drift = drift_clause(diagnosis.shrink)
-        said.append(f"{text}; with the likeliest set {drift}." if drift else f"{text}.")
+        then = f"; with the likeliest set in the simulator, {drift}" if drift else ""
+        said.append(f"{text}{then}.")
     if idle and not logs_first(diagnosis):
         said.append(f"Flights left out of the fit do not confirm {idle}.")
     return said
 
 
-def drift_clause(shrink: Shrink) -> str:
-    """How the drift changes on held-out flights; empty where that is not known."""
+def drift_clause(shrink: Shrink, whose: str = "its") -> str:
+    """How the simulator's drift changes on held-out flights; empty where that is not known."""
     if not (is_number(shrink.before) and is_number(shrink.after)):
         return ""
     verb = "falls" if shrink.after <= shrink.before else "grows"
     span = f"{quantity(shrink.before, 'm', 2)} to {quantity(shrink.after, 'm', 2)}"
-    return f"the drift over {shrink.horizon_s:g} s on held-out flights {verb} from {span}"
+    return f"{whose} drift from held-out flights over {shrink.horizon_s:g} s {verb} from {span}"
 
 
 def shrink_sentence(diagnosis: Diagnosis) -> str:
@@ -252,7 +268,7 @@ def shrink_sentence(diagnosis: Diagnosis) -> str:
 
 def where_sentence(diagnosis: Diagnosis) -> str:
     """In which channels the gap lies and when it sets in."""
-    where = _main_channels(diagnosis.where)
+    where = join(_main_channels(diagnosis.where, percent))
     if diagnosis.verdict in ("none", "too_few") or not where:
         return "No channel stands out of its noise."
     onsets = [
@@ -274,12 +290,15 @@ def effect_phrase(effect: Effect, base: str) -> str:
         size, interval = parameter_texts(name, parameter, -1.0 if negative else 1.0)
         template = words.less if negative else words.more
         return template.format(size, base=base) + _within(interval)
-    sizes = []
+    sizes, directions = [], True
     for parameter in effect.parameters:
-        size, interval = parameter_texts(name, parameter)
-        label = clean(parameter_words(name, parameter.name).label)
-        sizes.append(f"{label} = {size}{_within(interval)}")
-    return words.noun + (f" with {join(sizes)}" if sizes else "")
+        shown = parameter_words(name, parameter.name)
+        label, sign = toward(shown, parameter.value)
+        size, interval = parameter_texts(name, parameter, sign)
+        directions = directions and bool(shown.opposite)
+        equal = f"{size} {label}" if shown.opposite else f"{label} = {size}"
+        sizes.append(equal + _within(interval))
+    return words.noun + (f" {'by' if directions else 'with'} {join(sizes)}" if sizes else "")
 
 
 def parameter_texts(effect: str, parameter: Parameter, sign: float = 1.0) -> tuple[str, str]:
@@ -303,10 +322,10 @@ def not_told(effect: str, parameter: Parameter) -> bool:
     return parameter.high - parameter.low > info.high - info.low
 
 
-def shared_text(shared: SharedParameter) -> str:
-    """Value of a parameter in the reference flights, with the unit that people use."""
+def shared_text(shared: SharedParameter, sign: float = 1.0) -> str:
+    """Value of a parameter in the reference flights times `sign`, in the unit that people use."""
     words = parameter_words(shared.effect, shared.parameter)
-    return with_unit(rounded(words.factor * shared.value), words.unit or shared.unit)
+    return with_unit(rounded(sign * words.factor * shared.value), words.unit or shared.unit)
 
 
 def left_out_lines(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -340,22 +359,27 @@ def _within(interval: str) -> str:
     return f" (95 %: {interval})" if interval else ""
 
 
-def _alias_clause(effect: Effect) -> str:
-    label = effect_words(clean(effect.name)).label
-    return (
-        f"the data cannot tell {label} from {' or '.join(set_label([a]) for a in effect.aliases)}"
-    )
+def _alike(diagnosis: Diagnosis) -> list[str]:
+    """What would look like the named effects, a sentence each."""
+    return [
+        f"In these flights, {' or '.join(set_label([a]) for a in effect.aliases)} would look "
+        f"nearly the same as {effect_words(clean(effect.name)).label}."
+        for effect in diagnosis.blamed
+        if effect.aliases
+    ]
 
 
 def _where_left(diagnosis: Diagnosis) -> str:
     """The channels that hold most of what the likeliest set leaves."""
-    return _main_channels(diagnosis.remainder.where)
+    return join(_main_channels(diagnosis.remainder.where, percent))
 
 
-def _main_channels(where: Sequence[ChannelGap]) -> str:
-    """The channels that hold most of a gap, largest share first."""
+def _main_channels(
+    where: Sequence[ChannelGap], share: Callable[[float], str] | None = None
+) -> list[str]:
+    """The channels that hold most of a gap, largest share first, with their shares if asked."""
     main = sorted((c for c in where if c.main), key=lambda c: -c.share)
-    return join(f"{clean(c.channel)} ({percent(c.share)})" for c in main)
+    return [clean(c.channel) + (f" ({share(c.share)})" if share else "") for c in main]
 
 
 def _extent(diagnosis: Diagnosis) -> str:

@@ -3,7 +3,12 @@
 import dataclasses
 from collections.abc import Sequence
 
-from bench.diagnosis_report.effect_words import effect_words, parameter_words
+from bench.diagnosis_report.effect_words import (
+    effect_words,
+    parameter_words,
+    share_of_range,
+    toward,
+)
 from bench.diagnosis_report.numbers import (
     MISSING,
     clean,
@@ -65,11 +70,17 @@ def where_table(diagnosis: Diagnosis) -> Table:
         )
         for c in channels
     ]
-    shown = len(headings) if any(row[-1] != MISSING for row in rows) else len(headings) - 1
+    nothing = diagnosis.verdict in ("none", "too_few")  # noise has no shares
+    shown = [
+        i
+        for i, heading in enumerate(headings)
+        if not (heading == "share" and nothing)
+        and not (heading == "sets in" and all(row[i] == MISSING for row in rows))
+    ]
     return Table(
-        "Gap per channel: share of the whole, and root mean square",
-        headings[:shown],
-        tuple(row[:shown] for row in rows),
+        f"Gap per channel: {'' if nothing else 'share of the whole, and '}root mean square",
+        tuple(headings[i] for i in shown),
+        tuple(tuple(row[i] for i in shown) for row in rows),
         bars=_where_bars(channels),
         bar_heading="gap in noise floors",
     )
@@ -126,15 +137,27 @@ def candidates_table(diagnosis: Diagnosis) -> Table | None:
     ]
     if not rows:
         return None
-    headings = ("effects", "posterior", "evidence [nats]", "drift in the fit falls by")
+    headings = ("effects", "probability", "evidence [nats]", "drift in the fit falls by")
     kept = [i for i in range(len(headings)) if any(row[i] != MISSING for row in rows)]
     return Table(
-        "Candidates by their posterior, the share of each among all that were looked at",
+        "Sets of effects that were looked at, by their probability among each other",
         tuple(headings[i] for i in kept),
         tuple(tuple(row[i] for i in kept) for row in rows),
         bars=tuple(Bar(min(1.0, c.posterior), chosen=c.named) for c in diagnosis.candidates),
-        bar_heading="posterior",
     )
+
+
+def candidate_notes(diagnosis: Diagnosis) -> list[str]:
+    """What must be known to read the table of candidates, a sentence or two each."""
+    notes = []
+    if any(candidate.evidence is not None for candidate in diagnosis.candidates):
+        notes.append(
+            "Evidence is the gain in log-likelihood against the simulator as it is, each fitted "
+            "flight left out in turn (to first order); the drift is that of the fitted flights."
+        )
+    if diagnosis.blamed:
+        notes.append("Coloured: what was chosen. An effect has the sum of all sets that hold it.")
+    return notes
 
 
 def support_table(diagnosis: Diagnosis) -> Table | None:
@@ -165,15 +188,17 @@ def parameters_table(effect: Effect) -> Table | None:
     rows = []
     for parameter in effect.parameters:
         words = parameter_words(name, parameter.name)
-        value, interval = parameter_texts(name, parameter)
+        label, sign = toward(words, parameter.value)
+        value, interval = parameter_texts(name, parameter, sign)
         raw = with_unit(rounded(parameter.value, 4), parameter.unit)
         inside = f"{clean(parameter.name)} = {raw}"
-        rows.append((clean(words.label), value, interval or MISSING, inside, _use(parameter)))
+        rows.append((label, value, interval or MISSING, inside, _use(parameter)))
     if not rows:
         return None
     caption = f"Parameters of {effect_words(name).label}"
     headings = ("parameter", "value", "95 %", "in the simulator", "use")
-    return Table(caption, headings, tuple(rows), frozenset({0, 4}))
+    shown = len(headings) - all(row[-1] == "measured" for row in rows)
+    return Table(caption, headings[:shown], tuple(row[:shown] for row in rows), frozenset({0, 4}))
 
 
 def _use(parameter: Parameter) -> str:
@@ -193,7 +218,7 @@ def shrink_table(diagnosis: Diagnosis) -> Table | None:
         )
         for line in diagnosis.shrink.by_channel
     )
-    headings = ("channel", "before", "after", "falls by")
+    headings = ("channel", "without", "with", "falls by")
     return Table("Gap on held-out flights, by channel", headings, rows) if rows else None
 
 
@@ -215,10 +240,26 @@ def limits_table(diagnosis: Diagnosis) -> Table | None:
         words = parameter_words(name, clean(line.parameter))
         size = MISSING if line.smallest is None else rounded(words.factor * line.smallest, 2)
         shown = with_unit(size, words.unit or line.unit)
-        rows.append((effect_words(name).label, clean(words.label), shown))
-    caption = "Smallest size that these flights could have shown"
-    headings = ("effect", "parameter", "size")
+        if share_of_range(line) > 1.0:
+            shown = "more than its whole range"
+        either = " or ".join(filter(None, (words.label, words.opposite)))
+        rows.append((effect_words(name).label, clean(either), shown))
+    caption = "Smallest change that these flights could have shown"
+    headings = ("effect", "parameter", "change")
     return Table(caption, headings, tuple(rows), frozenset({0, 1})) if rows else None
+
+
+def limits_note(diagnosis: Diagnosis) -> str:
+    """What the smallest visible changes are."""
+    if diagnosis.details.followed:
+        return (
+            "A change of this size, alone, would be named with a probability of 95 %, as far as "
+            "flights differ from each other."
+        )
+    return (
+        "Five standard deviations by the Cramér-Rao bound, if this effect acted beside what was "
+        "found and nothing else."
+    )
 
 
 def shared_table(diagnosis: Diagnosis) -> Table | None:
@@ -226,8 +267,8 @@ def shared_table(diagnosis: Diagnosis) -> Table | None:
     rows = []
     for line in diagnosis.details.shared:
         name = clean(line.effect)
-        label = clean(parameter_words(name, clean(line.parameter)).label)
-        rows.append((effect_words(name).label, label, shared_text(line)))
+        label, sign = toward(parameter_words(name, clean(line.parameter)), line.value)
+        rows.append((effect_words(name).label, label, shared_text(line, sign)))
     caption = "In the reference flights already, against the simulator as delivered"
     headings = ("effect", "parameter", "value")
     return Table(caption, headings, tuple(rows), frozenset({0, 1})) if rows else None
@@ -298,16 +339,22 @@ def flights_table(diagnosis: Diagnosis) -> Table:
 def facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """What stands at the head of the page: name and value."""
     flights, misfit = diagnosis.flights, diagnosis.details.misfit
+    used = {flight.name for flight in flights.used}
+    in_turn = bool(used) and used == set(flights.held_out)
     found = [
         ("simulator", clean(diagnosis.settings.simulator)),
         ("drone", clean(flights.drone)),
         ("flights", str(len(flights.used))),
-        ("held out", str(len(flights.held_out))),
+        ("held out", "each in turn" if in_turn else str(len(flights.held_out))),
         ("flown", f"{rounded(flights.seconds)} s"),
     ]
+    if diagnosis.reference is not None:
+        found.append(("reference flights", str(len(diagnosis.reference.used))))
     texts = [rounded(x) for x in (misfit.before, misfit.after) if x is not None]
     if texts:
-        found.append(("misfit (1: only noise)", " → ".join(texts)))
+        same = len(set(texts)) == 1
+        ends = texts[0] if same else f"{texts[0]} without, {texts[-1]} with what was found"
+        found.append(("misfit (1 is noise alone)", ends))
     return found
 
 

@@ -88,11 +88,14 @@ def show_summary(diagnosis: Diagnosis, out: Path, console: Console) -> None:
 def _where(diagnosis: Diagnosis) -> Table:
     shown = tables.where_table(diagnosis)
     table = _grid("Where the gap lies")
-    for row in shown.rows[:MOST_LINES]:
-        channel, share, gap, interval, floor = row[:5]
-        within = "" if interval == tables.MISSING else f"(95 %: {interval})"
+    for texts in shown.rows[:MOST_LINES]:
+        row = dict(zip(shown.headings, texts, strict=True))
+        within = "" if row["95 %"] == tables.MISSING else f"(95 %: {row['95 %']})"
         table.add_row(
-            channel, Text(share, "bold"), f"{gap} {within}", Text(f"noise {floor}", "dim")
+            row["channel"],
+            Text(row.get("share", ""), "bold"),
+            f"{row['gap']} {within}",
+            Text(f"noise {row['noise floor']}", "dim"),
         )
     return table
 
@@ -100,7 +103,7 @@ def _where(diagnosis: Diagnosis) -> Table:
 def _candidates(diagnosis: Diagnosis) -> Table:
     candidates = diagnosis.candidates
     weighed = any(candidate.evidence is not None for candidate in candidates)
-    heading = f"Candidates, posterior{', evidence' * weighed}"
+    heading = f"Candidates, probability{', evidence' * weighed}"
     table = _grid(heading if candidates else "")
     for candidate in candidates[:MOST_LINES]:
         style = "bold" if candidate.named else "dim"

@@ -29,7 +29,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
         parts += ["## What the logs say wrongly", *_table(tables.interface_table(diagnosis))]
     parts += ["## What to change", *map(markdown.escape, remedy(diagnosis))]
     if diagnosis.blamed:
-        parts += ["## Before and after", markdown.escape(shrink_sentence(diagnosis))]
+        parts += ["## How far the gap shrinks", markdown.escape(shrink_sentence(diagnosis))]
         parts += _table(tables.shrink_table(diagnosis))
     parts += ["## Where the gap lies", markdown.escape(where_sentence(diagnosis))]
     parts += _table(tables.where_table(diagnosis))

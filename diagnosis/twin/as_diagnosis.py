@@ -153,7 +153,7 @@ def _used(flights: Flights, inputs: Inputs, counted: Sequence[str], odd: Sequenc
     gone = [(name, reason) for name, reason in inputs.left_out]
     for flight in flights.used:
         if flight.name in odd:
-            why = "what is left of it beside the twin is far more than of the other flights"
+            why = "the twin misses it by far more than it misses the other flights"
             gone.append((flight.name, f"flights/{flight.name}: {why}"))
         elif flight.name not in counted:
             why = f"it holds less than {FEWEST_SAMPLES} samples of 20 ms that can be compared"
@@ -353,7 +353,7 @@ def _details(study: ChangeStudy, seen: Sequence[tuple[int, float]]) -> Details:
         )
         for i, size in seen
     ]
-    silent = "their scatter between flights is larger than what it may do at most"
+    silent = "flights differ from each other by more than this effect could cause"
     return Details(
         misfit=Misfit(before=found.misfit[0], after=found.misfit[1]),
         dispersion=None,

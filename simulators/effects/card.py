@@ -36,6 +36,8 @@ class Shown:
     """What a value in SI is multiplied by."""
     unit: str = ""
     """Unit after that; empty for the parameter's own."""
+    opposite: str = ""
+    """Name of the direction of values below 0, where `label` is that of values above 0."""
 
 
 def percent(label: str = "relative change") -> Shown:

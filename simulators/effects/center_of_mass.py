@@ -40,7 +40,10 @@ class CenterOfMass(PlantEffect):
         label="centre of mass",
         noun="a centre of mass off the middle",
         physics="The centre of mass is off the middle, so that thrust tilts the drone.",
-        shown={"x": Shown("forward", 1000.0, "mm"), "y": Shown("to the left", 1000.0, "mm")},
+        shown={
+            "x": Shown("forward", 1000.0, "mm", opposite="backward"),
+            "y": Shown("to the left", 1000.0, "mm", opposite="to the right"),
+        },
         families=("lean in hover",),
         inputs=frozenset({Input.ATTITUDE_CMD}),
         check="move the battery until the drone hovers level",

@@ -34,9 +34,12 @@ class Trim(CommandEffect):
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="trim",
-        noun="a trim error",
+        noun="a trim error, so that the drone leans",
         physics="The drone leans by a constant angle where level flight is commanded.",
-        shown={"roll": Shown("roll", DEGREES, "°"), "pitch": Shown("pitch", DEGREES, "°")},
+        shown={
+            "roll": Shown("right side down", DEGREES, "°", opposite="left side down"),
+            "pitch": Shown("nose down", DEGREES, "°", opposite="nose up"),
+        },
         families=("lean in hover",),
         inputs=frozenset({Input.ATTITUDE_CMD}),
         local=True,

@@ -66,14 +66,15 @@ def test_what_left_out_flights_confirm_stands_beside_a_gap_that_is_not_explained
     found = load(diagnoses_for_tests.partly())
     assert remarks(found)[:2] == [
         "The remaining misfit could bias the sizes, so they are descriptive only; with the "
-        "likeliest set the drift over 0.5 s on held-out flights falls from 34 mm to 6.1 mm.",
+        "likeliest set in the simulator, its drift from held-out flights over 0.5 s falls from 34 "
+        "mm to 6.1 mm.",
         "Flights left out of the fit do not confirm wind.",
     ]
     assert shrink_sentence(found).startswith("With the likeliest set of effects in the simulator")
     table = tables.support_table(found)
     assert table.rows[0] == ("mass", "91.2 %", "89.7 to 92.4 %", "12")
     for text in (diagnosis_text(found), Page(diagnosis_page(found)).text):
-        assert "Before and after" in text
+        assert "How far the gap shrinks" in text
         assert "89.7 to 92.4 %" in text
         assert "mass, probability 0.58" in text
         assert "wind, in the likeliest set but not blamed" in text
@@ -210,7 +211,11 @@ def test_what_was_chosen_stands_out_among_the_candidates():
 
 def test_tables_show_people_the_units_that_people_use():
     found = load(diagnoses_for_tests.reference())
-    assert tables.shared_table(found).rows[1] == ("trim", "roll", "0.831°")
+    assert tables.shared_table(found).rows[1] == (
+        "trim",
+        "right side down",
+        "0.831°",
+    )
     limits = {row[0]: row[2] for row in tables.limits_table(found).rows}
     assert limits == {"mass": "1.1 %", "attitude lag": "4.2 ms", "linear drag": "-"}
 

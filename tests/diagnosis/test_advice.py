@@ -41,7 +41,7 @@ def test_an_effect_without_a_flight_of_its_own_is_named_in_words():
 
 def test_what_nobody_explains_is_flown_again_where_it_is_largest():
     said = next_flight("unexplained", {}, "speed 1 to 2 m/s", [])
-    assert "where most is left (speed 1 to 2 m/s)" in said
+    assert "where the gap is largest (speed 1 to 2 m/s)" in said
     assert "()" not in next_flight("unexplained", {}, None, [])
 
 

@@ -135,7 +135,7 @@ def test_the_page_speaks_of_them_in_their_words():
 
 def test_the_advice_knows_the_flights_that_show_and_separate_them():
     said = next_flight("effect", {"wind": ["updraft"]}, None, [])
-    assert said.startswith("To separate wind from updraft: hover on both sides of the room")
+    assert said.startswith("To separate wind from rising air: hover on both sides of the room")
     assert "hover at x = -1, 0 and 1 m" in next_flight("none", {}, None, ["updraft"])
 
 

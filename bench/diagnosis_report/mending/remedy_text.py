@@ -111,7 +111,7 @@ def _labels(effects: Sequence[str]) -> list[str]:
 
 
 def _expected(diagnosis: Diagnosis) -> list[str]:
-    clause = drift_clause(diagnosis.shrink)
+    clause = drift_clause(diagnosis.shrink, "the simulator's")
     return [f"Expected once vehicle and simulator agree: {clause}."] if clause else []
 
 
