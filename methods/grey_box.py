@@ -11,7 +11,9 @@ every step of the episode), and the drag that fits it is 3 % off.
 Every training episode draws its own lags and delays around the identified ones, so that a policy
 does not live on the last degree of phase margin (`methods/training/varied.py`). With `delay`,
 commands are late by a drawn time as well, which the calibration flights did not show: for teams
-that will fly over a slower link than the calibration drone did.
+that will fly over a slower link than the calibration drone did. With `push`, a steady force acts in
+every episode: for wind, and for drones that are heavier, weaker or less level than the one that was
+calibrated.
 
 With a residual, a frozen black box on top corrects what the named effects leave: it is fitted to
 the same flights, features and targets as Hybrid's but with the corrected point mass in the place
@@ -38,7 +40,7 @@ from methods.residuals.contract import AbstractHistoryModel, AbstractResidualMod
 from methods.training.bptt import BPTT
 from methods.training.low_fidelity import train_in_point_mass
 from methods.training.policy import AbstractPolicy, make_policy
-from methods.training.varied import vary_times
+from methods.training.varied import MOST_PUSH, vary_around
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.effects.delay import LONGEST
@@ -62,6 +64,8 @@ class GreyBox(AbstractMethod):
     """Largest change of the logarithm of an identified time in a training episode [-]."""
     delay: float = eqx.field(static=True, default=0.0, metadata={"neutral": True})
     """Most that commands are later in a training episode than was identified [s]."""
+    push: float = eqx.field(static=True, default=0.0, metadata={"neutral": True})
+    """Largest steady push along each axis in a training episode [m/s^2]."""
     trainer: BPTT = eqx.field(default=BPTT(decay=0.99))
     """How the policy is trained."""
 
@@ -84,6 +88,8 @@ class GreyBox(AbstractMethod):
             raise ValueError(f"`spread` must lie in [0, 2), got {self.spread}.")
         if not 0.0 <= self.delay <= LONGEST:
             raise ValueError(f"`delay` must lie in [0, {LONGEST}] s, got {self.delay}.")
+        if not 0.0 <= self.push <= MOST_PUSH:
+            raise ValueError(f"`push` must lie in [0, {MOST_PUSH}] m/s^2, got {self.push}.")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         flight_key, fit_key, policy_key, train_key = jax.random.split(key, 4)
@@ -106,7 +112,8 @@ class GreyBox(AbstractMethod):
             calibration_crashes=found.crashes,
             train_seconds=seconds,
         )
-        varied, stage = vary_times(corrected, self.spread, self.delay), "grey-box training"
+        varied = vary_around(corrected, self.spread, self.delay, self.push)
+        stage = "grey-box training"
         trained = train_in_point_mass(
             self.trainer, setup, varied, policy, train_key, stage, bill, notes
         )

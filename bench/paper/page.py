@@ -197,6 +197,8 @@ def _document(tables: Tables, notes: str, figures: Mapping[str, list[str]]) -> l
     if lines:
         parts += ["## Settings that differ from the default"]
         parts += [markdown.table(headings, lines, (0, 1))]
+    if made := made_by_text(tables):
+        parts += ["## Where the rows come from", markdown.escape(made)]
     return [*parts, notes] if notes else parts
 
 
@@ -304,5 +306,4 @@ def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 def _ended(tables: Tables) -> str:
     counts = tables.runs["status"].value_counts().sort_index()
     ended = ", ".join(f"{n} {status}" for status, n in counts.items())
-    made = markdown.escape(made_by_text(tables))
-    return f"{len(tables.runs)} runs{f': {ended}' if ended else ''}. {made}".strip()
+    return f"{len(tables.runs)} runs{f': {ended}' if ended else ''}."

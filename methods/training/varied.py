@@ -14,11 +14,14 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.effects.contract import AbstractEffect
 from simulators.effects.delay import Delay
+from simulators.effects.wind import Wind
 from simulators.flight import Flight
 from simulators.vehicle import ActionSpace, VehicleSpec
 
 TIMES = ("s", "rad/s")
-"""Units of what `vary_times` varies: time constants, delays, natural frequencies."""
+"""Units of what `vary_around` varies by a factor: time constants, delays, natural frequencies."""
+MOST_PUSH = Wind.parameters["z"].high
+"""Largest steady push that may be drawn along each axis [m/s^2]: what `wind` may be upwards."""
 Numbers = Callable[[Any], Sequence[Any]]
 """The numbers of a simulator that are drawn, in order; each a scalar array."""
 
@@ -97,25 +100,29 @@ def vary(
     )
 
 
-def vary_times(
-    simulator: AbstractSimulator, spread: float, delay: float = 0.0
+def vary_around(
+    simulator: AbstractSimulator, spread: float, delay: float = 0.0, push: float = 0.0
 ) -> AbstractSimulator:
-    """`simulator` with the times of its effects within a factor exp(+-`spread`) of what they are.
+    """`simulator` with its effects drawn around what they are, anew in every episode.
 
-    Commands are up to `delay` [s] later than that. All stay within the bounds of their parameters:
-    no delay outlasts its buffer.
+    Times stay within a factor exp(+-`spread`) of what they are. Commands are up to `delay` [s]
+    later than that, and a steady push of up to `push` [m/s^2] acts along each axis of the world.
+    All stay within the bounds of their parameters: no delay outlasts its buffer.
     """
-    if delay and not any(isinstance(effect, Delay) for effect in simulator.effects):
-        simulator = with_effects(simulator, [Delay()])
+    wanted = ((Delay, delay), (Wind, push))
+    present = {type(effect) for effect in simulator.effects}
+    if added := [kind() for kind, most in wanted if most and kind not in present]:
+        simulator = with_effects(simulator, added)
     factor, ranges = jnp.exp(jnp.asarray([-spread, spread])), []
-    for effect in simulator.effects:
-        later = jnp.asarray([0.0, delay if isinstance(effect, Delay) else 0.0])
-        for name, parameter in effect.parameters.items():
-            if parameter.unit in TIMES:
-                ends = getattr(effect, name) * factor + later
-                low, high = jnp.clip(ends, parameter.low, parameter.high)
-                ranges.append((float(low), float(high)))
-    return vary(simulator, _times, ranges)
+    for effect, name in _varied(simulator, push > 0.0):
+        parameter, value = effect.parameters[name], getattr(effect, name)
+        if parameter.unit in TIMES:
+            ends = value * factor + jnp.asarray([0.0, delay if isinstance(effect, Delay) else 0.0])
+        else:
+            ends = value + jnp.asarray([-push, push])
+        low, high = jnp.clip(ends, parameter.low, parameter.high)
+        ranges.append((float(low), float(high)))
+    return vary(simulator, _times_and_pushes if push else _times, ranges)
 
 
 def _stacked(values: Sequence[Any]) -> Float[Array, " numbers"]:
@@ -124,9 +131,19 @@ def _stacked(values: Sequence[Any]) -> Float[Array, " numbers"]:
 
 def _times(simulator: AbstractSimulator) -> list[Any]:
     """Parameters of the effects that are times."""
+    return [getattr(effect, name) for effect, name in _varied(simulator, pushes=False)]
+
+
+def _times_and_pushes(simulator: AbstractSimulator) -> list[Any]:
+    """The same, and the steady push along each axis."""
+    return [getattr(effect, name) for effect, name in _varied(simulator, pushes=True)]
+
+
+def _varied(simulator: AbstractSimulator, pushes: bool) -> list[tuple[AbstractEffect, str]]:
+    """Effects and names of the parameters that are drawn around what they are."""
     return [
-        getattr(effect, name)
+        (effect, name)
         for effect in simulator.effects
         for name, parameter in effect.parameters.items()
-        if parameter.unit in TIMES
+        if parameter.unit in TIMES or (pushes and isinstance(effect, Wind))
     ]

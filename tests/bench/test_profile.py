@@ -21,7 +21,7 @@ from methods.training.profile import (
     shortest,
     trained_in,
 )
-from methods.training.varied import Varied, vary_times
+from methods.training.varied import Varied, vary_around
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects.delay import Delay
@@ -80,7 +80,7 @@ def test_a_method_is_profiled_where_it_trains():
     hybrid = trained_in(Hybrid(residual="affine", flights=2), SETUP)
     assert isinstance(hybrid, PointMass)
     assert [type(effect) for effect in hybrid.effects] == [ResidualEffect]
-    varied = vary_times(with_effects(hybrid, [Delay(seconds=0.03)]), 0.5)
+    varied = vary_around(with_effects(hybrid, [Delay(seconds=0.03)]), 0.5)
     assert isinstance(varied, Varied)
     assert frozen_weights(hybrid) == frozen_weights(varied) > 0
     assert frozen_weights(PointMass()) == 0

@@ -350,7 +350,7 @@ def test_training_knows_commands_that_are_later_than_the_flights_showed(trained_
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("largest", 0), ("dt", 0.0), ("dt", 0.05), ("spread", -0.1), ("delay", 0.2)],
+    [("largest", 0), ("dt", 0.0), ("dt", 0.05), ("spread", -0.1), ("delay", 0.2), ("push", 1.1)],
 )
 def test_settings_out_of_range_are_refused(field, value):
     with pytest.raises(ValueError, match=f"`{field}` must"):

@@ -17,7 +17,7 @@ from methods.training.adjoint import by_autodiff, gradient
 from methods.training.evaluate import evaluate
 from methods.training.meter import Meter, Metered, billed, train_metered
 from methods.training.policy import PolicyController
-from methods.training.varied import vary_times
+from methods.training.varied import vary_around
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects.delay import Delay
@@ -93,7 +93,7 @@ WAYS = {
         10,
         lambda s: by_autodiff(TASK, s, fresh(TASK), jax.random.split(KEY, 2), 0.98),
     ),
-    "inside another simulator": (5, lambda s: push(vary_times(s, 0.2), ACTIONS)),
+    "inside another simulator": (5, lambda s: push(vary_around(s, 0.2), ACTIONS)),
 }
 
 
@@ -118,7 +118,7 @@ def test_effects_attach_to_a_metered_simulator_and_are_counted(metered):
 
 
 def test_flight_that_is_known_beforehand_is_billed_once(metered):
-    bare = billed(vary_times(metered, 0.2), 10)
+    bare = billed(vary_around(metered, 0.2), 10)
     assert not any(isinstance(x, Metered) for x in (bare, bare.simulator))
     push(bare, ACTIONS)
     assert metered.meter.fleet_seconds == pytest.approx(10 * 0.02)

@@ -11,7 +11,7 @@ from flying import HOVER, fly, hold, hover_flight, positions, random_cmds
 from scipy.stats import kstest
 
 from methods.domain_randomization import RANGES, randomized
-from methods.training.varied import vary, vary_times
+from methods.training.varied import vary, vary_around
 from simulators.algebra.rotation import quat_to_rpy
 from simulators.contract import with_effects
 from simulators.effects.attitude_loop import AttitudeLoop
@@ -19,6 +19,7 @@ from simulators.effects.delay import LONGEST, Delay
 from simulators.effects.drag import Drag
 from simulators.effects.thrust_gain import ThrustGain
 from simulators.effects.thrust_lag import ThrustLag
+from simulators.effects.wind import Wind
 from simulators.point_mass import PointMass
 
 NOMINAL = PointMass(dt=0.01)
@@ -102,11 +103,11 @@ def test_numbers_are_drawn_independently_of_each_other(values):
 
 def test_nothing_to_draw_leaves_a_simulator_as_it_is():
     simulator = PointMass()
-    assert vary_times(simulator, 0.5) is simulator
+    assert vary_around(simulator, 0.5) is simulator
 
 
 def test_times_are_drawn_within_a_factor_and_nothing_else_is():
-    found = np.asarray(drawn(vary_times(DISTURBED, 0.5)))
+    found = np.asarray(drawn(vary_around(DISTURBED, 0.5)))
     center = np.asarray(list(TIMES.values()))
     assert found.shape == (len(KEYS), len(center))
     np.testing.assert_allclose(found.min(axis=0), center * np.exp(-0.5), rtol=0.01)
@@ -115,13 +116,13 @@ def test_times_are_drawn_within_a_factor_and_nothing_else_is():
 
 
 def test_without_a_spread_it_is_the_simulator():
-    same = vary_times(DISTURBED, 0.0)
+    same = vary_around(DISTURBED, 0.0)
     np.testing.assert_allclose(drawn(same, KEYS[:3]), [list(TIMES.values())] * 3, rtol=1e-6)
     assert_alike(flown(same, KEYS[0]), flown(DISTURBED, KEYS[0]))
 
 
 def test_an_episode_flies_with_the_times_that_it_has_drawn():
-    varied = vary_times(DISTURBED, 0.5)
+    varied = vary_around(DISTURBED, 0.5)
     ends = []
     for key in KEYS[:3]:
         late, freq, up, down = drawn(varied, key[None])[0]
@@ -138,7 +139,7 @@ def test_an_episode_flies_with_the_times_that_it_has_drawn():
 
 def test_a_delay_is_never_drawn_beyond_its_buffer():
     """It would be extrapolated from it: a step came out as -3 steps."""
-    varied = vary_times(with_effects(NOMINAL, [Delay(seconds=0.09)]), 0.5)
+    varied = vary_around(with_effects(NOMINAL, [Delay(seconds=0.09)]), 0.5)
     late = np.asarray(drawn(varied))[:, 0]
     assert 0.099 < late.max() <= LONGEST * (1.0 + 1e-6)
     assert late.min() == pytest.approx(0.09 * np.exp(-0.5), rel=0.01)
@@ -153,7 +154,7 @@ def test_a_delay_is_never_drawn_beyond_its_buffer():
 
 
 def test_a_restored_flight_goes_on_with_the_numbers_as_they_are():
-    varied = vary_times(DISTURBED, 0.5)
+    varied = vary_around(DISTURBED, 0.5)
     history = random_cmds(1, 20, len(POS))
     begin = [s.restore(hover_flight(POS), history, KEYS[0]) for s in (varied, DISTURBED)]
     np.testing.assert_allclose(begin[0].drawn, list(TIMES.values()), rtol=1e-6)
@@ -213,11 +214,29 @@ def test_a_vehicle_stays_the_same_for_a_whole_episode():
 
 def test_commands_are_later_than_identified_by_a_drawn_time():
     """With an identified delay, and with none, where one is added."""
-    known = np.asarray(drawn(vary_times(with_effects(NOMINAL, [Delay(seconds=0.02)]), 0.0, 0.03)))
+    known = np.asarray(drawn(vary_around(with_effects(NOMINAL, [Delay(seconds=0.02)]), 0.0, 0.03)))
     np.testing.assert_allclose([known.min(), known.max()], [0.02, 0.05], rtol=0.02)
-    added = vary_times(with_effects(NOMINAL, [Drag(c=1.0)]), 0.5, 0.06)
+    added = vary_around(with_effects(NOMINAL, [Drag(c=1.0)]), 0.5, 0.06)
     late = np.asarray(drawn(added))
     assert late.shape == (len(KEYS), 1)
     np.testing.assert_allclose([late.min(), late.mean(), late.max()], [0, 0.03, 0.06], atol=1e-3)
     own = with_effects(NOMINAL, [Drag(c=1.0), Delay(seconds=float(late[0, 0]))])
     assert_alike(flown(added, KEYS[0]), flown(own, KEYS[0]), atol=1e-5)
+
+
+def test_a_steady_push_is_drawn_along_each_axis_around_what_was_identified():
+    """With an identified wind, and with none, where one is added; no axis leaves its bounds."""
+    pushed = vary_around(with_effects(NOMINAL, [Delay(seconds=0.02)]), 0.0, push=0.5)
+    time, *push = np.asarray(drawn(pushed)).T
+    np.testing.assert_allclose(time, 0.02)
+    np.testing.assert_allclose([min(axis) for axis in push], [-0.5] * 3, atol=0.02)
+    np.testing.assert_allclose([max(axis) for axis in push], [0.5] * 3, atol=0.02)
+    assert abs(np.corrcoef(push)[0, 1]) < 0.2
+    own = Wind(**dict(zip("xyz", (float(axis[0]) for axis in push), strict=True)))
+    alike = with_effects(NOMINAL, [Delay(seconds=0.02), own])
+    assert_alike(flown(pushed, KEYS[0]), flown(alike, KEYS[0]), atol=1e-5)
+    known = np.asarray(
+        drawn(vary_around(with_effects(NOMINAL, [Wind(x=1.0, z=0.8)]), 0.0, push=0.5))
+    )
+    np.testing.assert_allclose(known.min(axis=0), [0.5, -0.5, 0.3], atol=0.02)
+    np.testing.assert_allclose(known.max(axis=0), [1.5, 0.5, 1.0], atol=0.02)

@@ -63,7 +63,10 @@ ALLOWED = {
         ("delay", "drag", "thrust_gain", "thrust_lag"), "the method is to draw these four"
     ),
     "methods/grey_box.py": {"delay": "its setting draws a longer one than was identified"},
-    "methods/training/varied.py": {"delay": "it is the one time that may be drawn from 0 on"},
+    "methods/training/varied.py": {
+        "delay": "it is the one time that may be drawn from 0 on",
+        "wind": "a steady push stands for all forces that nobody identified",
+    },
 }
 """Why a file may name effects."""
 

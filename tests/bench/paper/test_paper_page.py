@@ -104,7 +104,9 @@ def test_notes_come_last(text, html):
 def test_programs_that_made_the_rows_are_named(text, full_tables):
     n = len(full_tables.runs)
     (first,) = lines_of(text, f"{n} runs")
-    assert first == f"{n} runs: {n} ok. Rows made: {n} of {n} at 0123abcd on a processor."
+    assert first == f"{n} runs: {n} ok."
+    _, source = text.split("## Where the rows come from\n\n")
+    assert source.startswith(f"Rows made: {n} of {n} at 0123abcd on a processor.\n")
 
 
 def test_whom_to_choose_is_told_by_team_size_and_budget(text):
