@@ -70,6 +70,7 @@ def test_sections_come_in_order(text):
         claims.OWN,
         "In detail",
         "Settings that differ from the default",
+        "Where the rows come from",
         "Why",
     ]
 
@@ -169,6 +170,7 @@ def test_sections_without_anything_tested_are_left_out(tmp_path):
         "What holds",
         claims.PAPER,
         "In detail",
+        "Where the rows come from",
     ]
     assert "- **Not tested** (" in found
 
