@@ -63,12 +63,13 @@ reports: $(READY)
 		notes=reports/$${suite}_notes.md; \
 		$(BIN)/bench claims results/$$suite $$([ -f $$notes ] && echo --notes $$notes) || exit 1; \
 	done
-	@for suite in $(CLAIMED) scale transfer field_parts; do \
+	@for suite in $(CLAIMED) scale transfer field_parts contact; do \
 		$(BIN)/bench leaderboard results/$$suite > /dev/null && $(BIN)/bench report results/$$suite \
 			|| exit 1; \
 	done
 	@$(BIN)/bench worlds results/paper results/transfer --notes reports/worlds_notes.md
 	@$(BIN)/bench worlds results/paper results/field_parts --out reports/field_parts.md
+	@$(BIN)/bench worlds results/paper results/contact --out reports/contact.md --notes reports/contact_notes.md
 	@$(BIN)/python -m bench.paper.tuning results/tuning reports/tuning.md
 	@$(BIN)/bench blind --report
 

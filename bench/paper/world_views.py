@@ -20,7 +20,6 @@ from bench.stats.statistics import (
     Cell,
     Entry,
     Values,
-    default_of,
     estimate,
     records,
     seed_values,
@@ -171,12 +170,12 @@ class Matrix(NamedTuple):
 
 def matrix(found: Mapping[World, Tables]) -> Matrix:
     """The matrix of the views of worlds."""
-    values = {world: _default(seed_values(scored(t), "score")) for world, t in found.items()}
+    values = {world: _competing(seed_values(scored(t), "score")) for world, t in found.items()}
     scale = TO_UPPER
     if not all(values.values()):
-        values, scale = {w: _default(recovered(t)) for w, t in found.items()}, TO_PERFECT
+        values, scale = {w: _competing(recovered(t)) for w, t in found.items()}, TO_PERFECT
     entries = sorted({e for own in values.values() for entries in own.values() for e in entries})
-    shared, some = _shared(entries, values)
+    shared, some = _shared([e for e in entries if settings_of(e) == ""], values)
     standings = [_standing(entry, values, found, shared) for entry in entries]
     standings = sorted(
         (s for s in standings if s.scores),
@@ -193,6 +192,7 @@ def _shared(
     """Tasks and team sizes that everybody flew in all worlds, and those that somebody did.
 
     Of everybody who flew somewhere in all worlds; if nobody did, what was flown in each world.
+    Other settings than the defaults do not count: they are shown where they flew all of these.
     """
     flown = []
     for entry in entries:
@@ -208,14 +208,10 @@ def _shared(
     return set.intersection(*flown), set.union(*flown)
 
 
-def _default(values: Values) -> Values:
-    """Default settings without the upper reference, at home or as they are elsewhere."""
+def _competing(values: Values) -> Values:
+    """Values without those of the upper reference."""
     return {
-        cell: {
-            e: own
-            for e, own in entries.items()
-            if e.method != UPPER and (e.variant == AS_IS or default_of(e) == e)
-        }
+        cell: {e: own for e, own in entries.items() if e.method != UPPER}
         for cell, entries in values.items()
     }
 
@@ -234,7 +230,7 @@ def _standing(
             continue
         scores[world] = _mean(flown)
         results = found[world].results
-        if entry.variant != AS_IS or world == World(REALITY):
+        if not is_as_it_is(entry) or world == World(REALITY):
             bills = _of(seed_values(results, "fleet_minutes"), here, shared)
             minutes += [x for seeds in bills for x in seeds.values()]
         tenths = _of(seed_values(results, "worst_decile_reward"), here, shared)
@@ -250,9 +246,19 @@ def flown_as(entry: Entry, world: World) -> Entry:
 
     Suites that deploy elsewhere train in crazyflow.
     """
-    if entry.variant == AS_IS and world == World(REALITY):
-        return entry._replace(variant="")
+    if is_as_it_is(entry) and world == World(REALITY):
+        return entry._replace(variant=settings_of(entry))
     return entry
+
+
+def is_as_it_is(entry: Entry) -> bool:
+    """Whether a policy is deployed in another world than the one that it was trained for."""
+    return entry.variant == AS_IS or entry.variant.startswith(f"{AS_IS}, ")
+
+
+def settings_of(entry: Entry) -> str:
+    """The settings of an entry that are not the defaults, as text."""
+    return entry.variant.removeprefix(AS_IS).removeprefix(", ")
 
 
 def _of(values: Values, entry: Entry, shared: set[tuple[str, int]]) -> list[Mapping[int, float]]:

@@ -25,7 +25,9 @@ from bench.paper.world_views import (
     Standing,
     World,
     flown_as,
+    is_as_it_is,
     matrix,
+    settings_of,
     views,
     ways,
 )
@@ -48,9 +50,9 @@ HEADINGS = ("worst world", "worst score", "flight [fleet-minutes]")
 
 def _name(entry: Entry) -> str:
     """What the page calls an entry."""
-    if entry.variant == AS_IS:
-        return f"{name_of(entry._replace(variant=''))}, {AS_IS}"
-    return name_of(entry)
+    settings, name = settings_of(entry), name_of(entry._replace(variant=""))
+    name += f" ({settings})" if settings else ""
+    return f"{name}, {AS_IS}" if is_as_it_is(entry) else name
 
 
 def _travelled(found: Matrix) -> list[Standing]:

@@ -241,6 +241,7 @@ def test_a_sweep_in_one_world_shows_none(tmp_path, capsys):
     [
         ("worlds.md", ("paper", "transfer"), "worlds_notes.md"),
         ("field_parts.md", ("paper", "field_parts"), ""),
+        ("contact.md", ("paper", "contact"), "contact_notes.md"),
     ],
 )
 def test_the_committed_pages_are_those_of_the_committed_tables(tmp_path, page, suites, notes):
@@ -249,3 +250,30 @@ def test_the_committed_pages_are_those_of_the_committed_tables(tmp_path, page, s
     write_worlds_page(tables, tmp_path / page, reports / notes if notes else None)
     own = (tmp_path / page).read_text(encoding="utf-8")
     assert own == (reports / page).read_text(encoding="utf-8")
+
+
+def test_other_settings_have_a_line_where_they_flew_all_that_is_compared():
+    """A setting that flew fewer cells takes none from the others."""
+    sheet = Sheet()
+    for world in (PLAIN, ROTORPY):
+        for n in (3, 12):
+            for task in ("circle", "figure8"):
+                place = {"trained": world is PLAIN, "task": task, "team_size": n}
+                add(sheet, world, "grey_box", mean=-80.0, fleet_minutes=0.5, **place)
+                for settings in ("push=0.5", "push=1") if n == 3 else ("push=0.5",):
+                    before = len(sheet.results)
+                    add(sheet, world, "grey_box", mean=-60.0, fleet_minutes=0.5, **place)
+                    for row in sheet.results[before:]:
+                        row["variant"] = ", ".join(filter(None, (row["variant"], settings)))
+    tables = sheet.tables()
+    tables.runs["variant"] = tables.runs["run"].map(
+        tables.results.drop_duplicates("run").set_index("run")["variant"]
+    )
+    found, made = viewed([tables])
+    assert len(made.cells) == 4
+    best = made.standings[0]
+    assert best.entry == GREY._replace(variant=f"{AS_IS}, push=0.5")
+    assert list(best.scores) == [PLAIN, ROTORPY]
+    text = document(found, made)
+    assert f"grey box (push=0.5), {AS_IS}" in text
+    assert "push=1" not in text
