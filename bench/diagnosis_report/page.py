@@ -1,9 +1,13 @@
 """A diagnosis as one HTML page that loads nothing and runs no script."""
 
+import re
+
+from markupsafe import Markup, escape
+
 from bench.diagnosis_report import figures, tables
 from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import clean, is_number, quantity
-from bench.diagnosis_report.remedy import remedy
+from bench.diagnosis_report.remedy import CODE, remedy
 from bench.diagnosis_report.sentences import (
     kind_label,
     next_flight,
@@ -12,7 +16,7 @@ from bench.diagnosis_report.sentences import (
     verdict,
     where_sentence,
 )
-from bench.text.pages import environment
+from bench.text.pages import environment, unbroken
 from diagnosis.result import Diagnosis
 
 
@@ -52,13 +56,23 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             candidate_notes=tables.candidate_notes(diagnosis),
             blamed=bool(diagnosis.blamed),
             nothing=diagnosis.verdict in ("none", "too_few"),
-            remedy=remedy(diagnosis),
+            remedy=[_with_code(line) for line in remedy(diagnosis)],
             next_flight=next_flight(diagnosis),
             left_out=tables.left_out_table(diagnosis),
             flights=tables.flights_table(diagnosis),
             noise=tables.noise_table(diagnosis),
         )
     )
+
+
+def _with_code(line: str) -> Markup:
+    """A line in which what can be copied into a terminal or a program is marked as code."""
+    parts = re.split(f"({'|'.join(map(re.escape, CODE))})", line)
+    marked = (
+        Markup("<code>{}</code>").format(part) if part in CODE else escape(unbroken(part))
+        for part in parts
+    )
+    return Markup("").join(marked)
 
 
 def _effects(diagnosis: Diagnosis) -> list[dict[str, object]]:

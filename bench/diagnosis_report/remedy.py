@@ -8,11 +8,15 @@ from diagnosis.result import Diagnosis
 
 PYTHON = 'diagnosis.corrected("diagnosis.json")'
 """How the corrected simulator is had in Python."""
-
-
+LIKELIEST = 'diagnosis.corrected("diagnosis.json", likeliest=True)'
+"""How the one with the likeliest set is had, where no cause is confirmed."""
+COMMAND = "bench diagnose diagnosis.json --remedy px4"
+"""How the files for a vehicle are had."""
+CODE = (PYTHON, LIKELIEST, COMMAND)
+"""What a page shows as code."""
 FILES = (
-    "To write an autopilot's parameters and the next flight to files, run: bench diagnose "
-    "diagnosis.json --remedy px4 (or crazyflie, or crazyflow)."
+    f"To write an autopilot's parameters and the next flight to files, run: {COMMAND} (or "
+    "crazyflie, or crazyflow)."
 )
 """Where the numbers for a vehicle are."""
 
@@ -26,9 +30,8 @@ def remedy(diagnosis: Diagnosis) -> list[str]:
         return ["Nothing: these flights show no change that stands out of noise."]
     if not diagnosis.blamed:
         return [
-            "Nothing yet: no cause is confirmed. In Python, "
-            f"{PYTHON[:-1]}, likeliest=True) is the simulator with the likeliest set, to look at "
-            "and not to rely on."
+            f"Nothing yet: no cause is confirmed. In Python, {LIKELIEST} is the simulator with the "
+            "likeliest set, to look at and not to rely on."
         ]
     said = [_simulator(diagnosis)]
     if diagnosis.verdict == "partly":

@@ -93,6 +93,13 @@ def test_sizes_stand_with_their_use_and_the_end_of_their_range():
     assert remarks(diagnosis)[0].startswith("At the end of its allowed range, and so descriptive")
 
 
+def test_what_can_be_copied_is_marked_as_code():
+    html = diagnosis_page(load(diagnoses_for_tests.effect()))
+    assert "<code>diagnosis.corrected(&#34;diagnosis.json&#34;)</code>" in html
+    assert "<code>bench diagnose diagnosis.json --remedy px4</code> (or crazyflie" in html
+    assert "likeliest=True)</code>" in diagnosis_page(load(diagnoses_for_tests.unexplained()))
+
+
 def test_page_loads_nothing_and_runs_nothing(page):
     for tag, attributes in page.tags:
         assert tag not in ("script", "link", "iframe", "object", "embed", "base", "img")
