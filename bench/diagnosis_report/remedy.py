@@ -43,7 +43,7 @@ def remedy(diagnosis: Diagnosis) -> list[str]:
     names = [name for e in diagnosis.blamed for name in (e.name, *e.aliases)]
     checks = [effect_words(clean(name)).check for name in names]
     if first := [check for check in dict.fromkeys(checks) if check]:
-        said.append(f"On the vehicle, first {join(first)}.")
+        said.append(f"On the vehicle, first {'; also '.join(first)}.")
     return [*said, FILES]
 
 

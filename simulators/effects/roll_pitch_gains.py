@@ -68,6 +68,7 @@ class RollPitchGains(AutopilotEffect):
         inputs=frozenset({Input.ATTITUDE_CMD}),
         unbelieved=True,
         flight="attitude steps of 0.3 rad every 0.4 s",
+        check="compare the gains of the roll and pitch loop with those that it had or should have",
         probe=Probe("autopilot", {"stiffness": 1.0}),
         changes=(
             Change(

@@ -55,6 +55,7 @@ class YawGains(AutopilotEffect):
         inputs=frozenset({Input.ATTITUDE_CMD}),
         unbelieved=True,
         flight="yaw steps of 0.5 rad every second",
+        check="compare the gains of the yaw loop with those that it had or should have",
         changes=(
             Change(
                 autopilot="px4",
