@@ -243,6 +243,11 @@ class Diagnosis:
     """Parts of the logs that do not say what the format asks for; none in older files."""
 
     @property
+    def shows_nothing(self) -> bool:
+        """Whether nothing stands out of noise, be it for want of flights."""
+        return self.verdict in ("none", "too_few")
+
+    @property
     def blamed(self) -> tuple[Effect, ...]:
         """The effects that the verdict names as causes."""
         return tuple(effect for effect in self.effects if effect.blamed)

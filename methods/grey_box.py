@@ -12,8 +12,8 @@ Every training episode draws its own lags and delays around the identified ones,
 does not live on the last degree of phase margin (`methods/training/varied.py`). With `delay`,
 commands are late by a drawn time as well, which the calibration flights did not show: for teams
 that will fly over a slower link than the calibration drone did. With `push`, a steady force acts in
-every episode: for wind, and for drones that are heavier, weaker or less level than the one that was
-calibrated.
+every episode: it stands for wind, and for the differences of other drones from the calibrated one
+in mass, thrust and level.
 
 With a residual, a frozen black box on top corrects what the named effects leave: it is fitted to
 the same flights, features and targets as Hybrid's but with the corrected point mass in the place

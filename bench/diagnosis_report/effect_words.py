@@ -4,7 +4,6 @@ An effect without a card is shown under its registered name, in its parameters' 
 """
 
 from bench.diagnosis_report.numbers import clean
-from diagnosis.result_parts import Limit
 from simulators import registry
 from simulators.effects.card import EffectCard, Shown, load_card
 
@@ -25,10 +24,10 @@ def toward(shown: Shown, value: float) -> tuple[str, float]:
     return clean(shown.opposite if backward else shown.label), -1.0 if backward else 1.0
 
 
-def share_of_range(limit: Limit) -> float:
-    """The smallest visible size over all that the parameter may be; 0 where that is not known."""
+def range_of(effect: str, parameter: str) -> float | None:
+    """All that a parameter may be, SI; None for an effect that nobody has registered."""
     try:
-        info = registry.load("effect", limit.effect).parameters[limit.parameter]
+        info = registry.load("effect", effect).parameters[parameter]
     except (KeyError, registry.UnknownPluginError, registry.BrokenPluginError):
-        return 0.0
-    return 0.0 if limit.smallest is None else limit.smallest / (info.high - info.low)
+        return None
+    return info.high - info.low

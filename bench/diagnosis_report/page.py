@@ -55,7 +55,7 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             limits_note=tables.limits_note(diagnosis),
             candidate_notes=tables.candidate_notes(diagnosis),
             blamed=bool(diagnosis.blamed),
-            nothing=diagnosis.verdict in ("none", "too_few"),
+            nothing=diagnosis.shows_nothing,
             remedy=[_with_code(line) for line in remedy(diagnosis)],
             next_flight=next_flight(diagnosis),
             left_out=tables.left_out_table(diagnosis),

@@ -26,7 +26,7 @@ def remedy(diagnosis: Diagnosis) -> list[str]:
     if any(fault.readings for fault in diagnosis.interface) and not diagnosis.blamed:
         advice = [clean(fault.advice) for fault in diagnosis.interface]
         return [*advice, "Then diagnose the flights again; nothing else can be said before."]
-    if diagnosis.verdict in ("none", "too_few"):
+    if diagnosis.shows_nothing:
         return ["Nothing: these flights show no change that stands out of noise."]
     if not diagnosis.blamed:
         return [

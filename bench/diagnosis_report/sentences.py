@@ -3,10 +3,10 @@
 Words are chosen here; what they state was decided before and stands in the `Diagnosis`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from bench.diagnosis_report.effect_words import effect_words, parameter_words, toward
+from bench.diagnosis_report.effect_words import effect_words, parameter_words, range_of, toward
 from bench.diagnosis_report.numbers import (
     clean,
     estimate,
@@ -19,7 +19,6 @@ from bench.diagnosis_report.numbers import (
 )
 from diagnosis.result import Diagnosis, Effect, Parameter
 from diagnosis.result_parts import ChannelGap, SharedParameter, Shrink
-from simulators import registry
 
 KINDS = {
     "effect": "Explained",
@@ -156,7 +155,7 @@ def _twin(diagnosis: Diagnosis) -> list[str]:
 
 def _silent(diagnosis: Diagnosis) -> list[str]:
     """That silence is no proof, and where it says how large a change may hide in it."""
-    if diagnosis.verdict not in ("none", "too_few") or not diagnosis.details.limits:
+    if not diagnosis.shows_nothing or not diagnosis.details.limits:
         return []
     return [
         'A small change could still hide: "What these flights cannot tell" lists the smallest '
@@ -170,7 +169,7 @@ def _beside_effect(diagnosis: Diagnosis) -> list[str]:
         return []
     said, doubt, shrink = [], diagnosis.doubt, diagnosis.shrink
     if diagnosis.remainder.noteworthy:
-        where = join(_main_channels(diagnosis.remainder.where))
+        where = join(_main_channels(diagnosis.remainder.where, shares=False))
         tail = f", most of it in {where}" if where else ""
         said.append(f"{percent(diagnosis.remainder.share)} of the gap stays unexplained{tail}.")
     if doubt is not None:
@@ -268,8 +267,8 @@ def shrink_sentence(diagnosis: Diagnosis) -> str:
 
 def where_sentence(diagnosis: Diagnosis) -> str:
     """In which channels the gap lies and when it sets in."""
-    where = join(_main_channels(diagnosis.where, percent))
-    if diagnosis.verdict in ("none", "too_few") or not where:
+    where = join(_main_channels(diagnosis.where))
+    if diagnosis.shows_nothing or not where:
         return "No channel stands out of its noise."
     onsets = [
         f"{clean(c.channel)} at {rounded(c.onset_s, 2)} s"
@@ -313,13 +312,10 @@ def parameter_texts(effect: str, parameter: Parameter, sign: float = 1.0) -> tup
 
 def not_told(effect: str, parameter: Parameter) -> bool:
     """Whether a 95 % interval is wider than all that the parameter may be."""
-    try:
-        info = registry.load("effect", effect).parameters[parameter.name]
-    except (KeyError, registry.UnknownPluginError, registry.BrokenPluginError):
+    whole = range_of(effect, parameter.name)
+    if whole is None or parameter.low is None or parameter.high is None:
         return False
-    if parameter.low is None or parameter.high is None:
-        return False
-    return parameter.high - parameter.low > info.high - info.low
+    return parameter.high - parameter.low > whole
 
 
 def shared_text(shared: SharedParameter, sign: float = 1.0) -> str:
@@ -371,15 +367,13 @@ def _alike(diagnosis: Diagnosis) -> list[str]:
 
 def _where_left(diagnosis: Diagnosis) -> str:
     """The channels that hold most of what the likeliest set leaves."""
-    return join(_main_channels(diagnosis.remainder.where, percent))
+    return join(_main_channels(diagnosis.remainder.where))
 
 
-def _main_channels(
-    where: Sequence[ChannelGap], share: Callable[[float], str] | None = None
-) -> list[str]:
-    """The channels that hold most of a gap, largest share first, with their shares if asked."""
+def _main_channels(where: Sequence[ChannelGap], shares: bool = True) -> list[str]:
+    """The channels that hold most of a gap, largest share first, with their shares or without."""
     main = sorted((c for c in where if c.main), key=lambda c: -c.share)
-    return [clean(c.channel) + (f" ({share(c.share)})" if share else "") for c in main]
+    return [clean(c.channel) + (f" ({percent(c.share)})" if shares else "") for c in main]
 
 
 def _extent(diagnosis: Diagnosis) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from bench.diagnosis_report.effect_words import (
     effect_words,
     parameter_words,
-    share_of_range,
+    range_of,
     toward,
 )
 from bench.diagnosis_report.numbers import (
@@ -70,13 +70,11 @@ def where_table(diagnosis: Diagnosis) -> Table:
         )
         for c in channels
     ]
-    nothing = diagnosis.verdict in ("none", "too_few")  # noise has no shares
-    shown = [
-        i
-        for i, heading in enumerate(headings)
-        if not (heading == "share" and nothing)
-        and not (heading == "sets in" and all(row[i] == MISSING for row in rows))
-    ]
+    nothing = diagnosis.shows_nothing  # noise has no shares
+    left_out = {"share"} if nothing else set()
+    if all(row[-1] == MISSING for row in rows):
+        left_out.add("sets in")
+    shown = [i for i, heading in enumerate(headings) if heading not in left_out]
     return Table(
         f"Gap per channel: {'' if nothing else 'share of the whole, and '}root mean square",
         tuple(headings[i] for i in shown),
@@ -152,11 +150,15 @@ def candidate_notes(diagnosis: Diagnosis) -> list[str]:
     notes = []
     if any(candidate.evidence is not None for candidate in diagnosis.candidates):
         notes.append(
-            "Evidence is the gain in log-likelihood against the simulator as it is, each fitted "
-            "flight left out in turn (to first order); the drift is that of the fitted flights."
+            "Evidence is the gain in log-likelihood over the simulator as it is, when each fitted "
+            "flight in turn is left out of the fit (to first order). The column on drift is about "
+            "the flights that were fitted."
         )
     if diagnosis.blamed:
-        notes.append("Coloured: what was chosen. An effect has the sum of all sets that hold it.")
+        notes.append(
+            "Coloured bars mark what was chosen. The probability of an effect is the sum over all "
+            "sets that hold it."
+        )
     return notes
 
 
@@ -240,7 +242,8 @@ def limits_table(diagnosis: Diagnosis) -> Table | None:
         words = parameter_words(name, clean(line.parameter))
         size = MISSING if line.smallest is None else rounded(words.factor * line.smallest, 2)
         shown = with_unit(size, words.unit or line.unit)
-        if share_of_range(line) > 1.0:
+        whole = range_of(line.effect, line.parameter)
+        if whole is not None and line.smallest is not None and line.smallest > whole:
             shown = "more than its whole range"
         either = " or ".join(filter(None, (words.label, words.opposite)))
         rows.append((effect_words(name).label, clean(either), shown))

@@ -159,7 +159,7 @@ def write_flights(tables: Tables, path: Path) -> bool:
 def write_gaps(
     names: Sequence[str], gaps: Mapping[str, Sequence[tuple[float, float, float]]], path: Path
 ) -> None:
-    """Writes a PNG: what each method misses to a score of 1 in each world, a line a method.
+    """Writes a PNG: 1 minus the score of each method in each world, a line a method.
 
     Args:
         names: The methods, from top to bottom.
@@ -179,7 +179,7 @@ def write_gaps(
                 label=plain(world), markersize=6, elinewidth=1.2,
             )  # fmt: skip
         axes.set(yticks=places, yticklabels=[plain(name) for name in names], xscale="log")
-        axes.set_xlabel("missing to a score of 1, mean over the cells (left is better)")
+        axes.set_xlabel("1 minus the score, mean over the cells (left is better)")
         axes.invert_yaxis()
         axes.grid(axis="y", color="0.92")
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)

@@ -64,7 +64,7 @@ HOW = (
 """How verdicts are made."""
 TIES = (
     "Not shown to be worse does not mean as good: where seeds scatter widely, a method cannot be "
-    "told from a far better one. The interval says how far below the best its mean may lie."
+    "told from a far better one. The deficit is how far below the best its mean may lie."
 )
 """What a tie in the table of whom to choose means."""
 WHOLE = "These tables have no settled reward: every verdict is by the whole return."
@@ -228,7 +228,7 @@ def _answer(found: Sequence[Judged]) -> list[str]:
 
 
 def _whom(tables: Tables) -> list[str]:
-    """Whom to choose at which budget."""
+    """Which method to choose at which budget."""
     lines = [
         (
             f"N = {c.team_size}",
@@ -250,9 +250,9 @@ def _whom(tables: Tables) -> list[str]:
         "best method",
         "settled score",
         "it needs",
-        "not shown to be worse: score (95 % interval of how far below)",
+        "not shown to be worse: score (95 % interval of the deficit)",
     )
-    found = ["## Whom to choose", markdown.table(headings, lines, (0, 1, 3, 6))]
+    found = ["## Which method to choose", markdown.table(headings, lines, (0, 1, 3, 6))]
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:
         found.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")

@@ -39,8 +39,9 @@ TO_UPPER = (
     "the upper reference of the same world"
 )
 TO_PERFECT = (
-    "A score of 0 is the settled reward of a team that stays at its spawn, a score of 1 a settled "
-    "reward of 0, which is perfect and out of reach (not every world has an upper reference here)"
+    "Not every world has an upper reference, so that scores here are raw: 0 is the settled reward "
+    "of a team that stays at its spawn, 1 is a settled reward of 0, which is perfect and out of "
+    "reach"
 )
 
 
@@ -209,7 +210,7 @@ def _shared(
 
 
 def _competing(values: Values) -> Values:
-    """Values without those of the upper reference."""
+    """The values of all methods but the upper reference, which competes with nobody."""
     return {
         cell: {e: own for e, own in entries.items() if e.method != UPPER}
         for cell, entries in values.items()
@@ -252,7 +253,7 @@ def flown_as(entry: Entry, world: World) -> Entry:
 
 
 def is_as_it_is(entry: Entry) -> bool:
-    """Whether a policy is deployed in another world than the one that it was trained for."""
+    """Whether the policy was trained in one world and is deployed in another."""
     return entry.variant == AS_IS or entry.variant.startswith(f"{AS_IS}, ")
 
 

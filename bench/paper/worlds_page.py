@@ -95,13 +95,15 @@ def document(found: Mapping[World, Tables], made: Matrix | None, picture: str = 
     names = [world.name for world in made.worlds]
     parts = [f"# {TITLE}", *_summary(made, claims)]
     if picture:
-        parts += [f"![What each method misses to a score of 1 in each world]({picture})"]
+        parts += [f"![1 minus the score of each method in each world]({picture})"]
     parts += ["## Scores"]
     parts += [
         f"{made.scale}; mean over {cells}, which every method here flew in every world, with the "
-        "95 % interval over seeds where there are two. Bold: on the front, where nobody has a "
-        "higher score in the worst world without flying more. Flight: mean over worlds. A policy "
-        "that is deployed *as it is* was trained in another world, and has that one's score there."
+        "95 % interval over seeds where there are at least two. Bold methods are Pareto-optimal: "
+        "no other has a higher score in its worst world without flying more. Flight is the mean "
+        "over worlds. A policy that is deployed *as it is* was trained in crazyflow and is "
+        "evaluated in the other worlds without more training; its score in crazyflow is that of "
+        "its training's own world."
     ]
     if made.left_out:
         left_out = "; ".join(markdown.escape(cell.label) for cell in made.left_out)

@@ -1,4 +1,4 @@
-"""Whom to choose at which budget of high-fidelity flight, from the scores of a sweep.
+"""Which method to choose at which budget of high-fidelity flight, from the scores of a sweep.
 
 At a team size, a method is affordable if its mean bill over tasks and seeds is at most the budget.
 Of the affordable ones the best has the highest mean score over the tasks that all of them were run
@@ -19,7 +19,7 @@ BUDGETS = (0.0, 0.5, 5.0, 50.0, 500.0, 5000.0)
 
 
 class Choice(NamedTuple):
-    """Whom to choose."""
+    """Which method to choose."""
 
     team_size: int
     budget: float
@@ -58,7 +58,7 @@ def choices(tables: Tables) -> list[Choice]:
 
 
 def choose(tables: Tables, team_size: int, budget: float) -> Choice | None:
-    """Whom to choose at a team size and a budget [fleet-minutes]; None where nobody is scored."""
+    """The choice at a team size and a budget [fleet-minutes]; None where nobody has a score."""
     return next(iter(_ladders(tables, (budget,)).get(team_size, [])), None)
 
 

@@ -51,14 +51,10 @@ def blind_to(
     return [slots[i].effect for i, size in seen if size > share * (slots[i].high - slots[i].low)]
 
 
-def _both(one: str, other: str) -> str:
+def _both(*pair: str) -> str:
     """The flights that show each of two effects best; nobody has tried them on this pair."""
-    flights = [load_card(name).flight for name in (one, other)]
-    labels = [load_card(name).label for name in (one, other)]
-    if flights[0] and flights[0] == flights[1]:
-        return f"fly {flights[0]}, where both are largest"
-    said = [
-        flight or f"flights in which {label} matters"
-        for flight, label in zip(flights, labels, strict=True)
-    ]
-    return f"fly {said[0]}, then {said[1]}, each in flights of their own"
+    cards = [load_card(name) for name in pair]
+    one, other = (card.flight or f"flights in which {card.label} matters" for card in cards)
+    if one == other:
+        return f"fly {one}, where both are largest"
+    return f"fly {one}, then {other}, each in flights of their own"

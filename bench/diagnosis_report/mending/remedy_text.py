@@ -58,7 +58,7 @@ def flight_lines(diagnosis: Diagnosis, trajectory: Trajectory, named: bool) -> l
 
 
 def _autopilot(diagnosis: Diagnosis, target: str, values: Mapping[str, float]) -> list[str]:
-    if diagnosis.verdict in ("none", "too_few") or not diagnosis.effects or logs_first(diagnosis):
+    if diagnosis.shows_nothing or not diagnosis.effects or logs_first(diagnosis):
         return [markdown.escape(line) for line in remedy(diagnosis)]
     changes = firmware_changes(diagnosis, target)
     now = [change for change in changes if not change.waits_for]

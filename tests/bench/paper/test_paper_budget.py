@@ -1,4 +1,4 @@
-"""Whom to choose, from tables whose answers are known by hand."""
+"""Which method to choose, from tables whose answers are known by hand."""
 
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet, empty

@@ -63,7 +63,7 @@ def test_markdown_html_and_all_figures_are_written(full):
 def test_sections_come_in_order(text):
     assert [line.removeprefix("## ") for line in lines_of(text, "## ")] == [
         "What holds",
-        "Whom to choose",
+        "Which method to choose",
         claims.PAPER,
         claims.BUDGET,
         claims.OFF_SPEC,
