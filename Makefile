@@ -68,7 +68,7 @@ reports: $(READY)
 			|| exit 1; \
 	done
 	@$(BIN)/bench worlds results/paper results/transfer --notes reports/worlds_notes.md
-	@$(BIN)/bench worlds results/paper results/field_parts --out reports/field_parts.md
+	@$(BIN)/bench worlds results/paper results/field_parts --out reports/field_parts.md --notes reports/field_parts_notes.md
 	@$(BIN)/bench worlds results/paper results/contact --out reports/contact.md --notes reports/contact_notes.md
 	@$(BIN)/python -m bench.paper.tuning results/tuning reports/tuning.md
 	@$(BIN)/bench blind --report

@@ -90,7 +90,7 @@ class Above(AbstractRule):
         """In how many cells one of both left no policy, so that nothing is compared."""
         own = [own for cell, own in values.items() if self.task in ("", cell.task)]
         alone = sum((self.first in entries) != (self.second in entries) for entries in own)
-        return f"; {alone} more without a run of one of them" if alone else ""
+        return f"; {alone} more where only one of the two was run" if alone else ""
 
     def _pooled(self, tables: Tables, metric: str, n_cells: int) -> str:
         """The test over the cells that have scores, where there are some."""

@@ -80,20 +80,23 @@ def lines(found: Matrix) -> list[tuple[str, ...]]:
     return made
 
 
-def document(found: Mapping[World, Tables], made: Matrix | None, picture: str = "") -> str:
+def document(
+    found: Mapping[World, Tables], made: Matrix | None, picture: str = "", title: str = TITLE
+) -> str:
     """The page as Markdown.
 
     Args:
         found: The views of the worlds.
         made: Their matrix; None where there are fewer than `FEWEST`.
         picture: File name of the figure; empty without one.
+        title: Heading of the page.
     """
     if made is None:
-        return f"# {TITLE}\n\nThese tables hold fewer than {FEWEST} worlds.\n"
+        return f"# {title}\n\nThese tables hold fewer than {FEWEST} worlds.\n"
     cells = "; ".join(markdown.escape(cell.label) for cell in made.cells) or "none"
     claims = _claims(found)
     names = [world.name for world in made.worlds]
-    parts = [f"# {TITLE}", *_summary(made, claims)]
+    parts = [f"# {title}", *_summary(made, claims)]
     if picture:
         parts += [f"![1 minus the score of each method in each world]({picture})"]
     parts += ["## Scores"]
@@ -215,7 +218,8 @@ def add_worlds_page(tables_dir: Path, documents_dir: Path) -> None:
 def write_worlds_page(suites: Sequence[Tables], path_md: Path, notes: Path | None = None) -> None:
     """Writes the page as Markdown, with its figure (`_gaps.png`), and as HTML beside it.
 
-    `notes` is a Markdown file to append, e.g. why a method fails in a world.
+    `notes` is a Markdown file to append, e.g. why a method fails in a world. If it begins with a
+    heading (`# ...`), the page has that title.
 
     Raises:
         UsageError: The notes cannot be read.
@@ -229,12 +233,15 @@ def _write(found: Mapping[World, Tables], made: Matrix | None, path: Path, notes
     picture = path.with_name(f"{path.stem}_gaps.png")
     path.parent.mkdir(parents=True, exist_ok=True)
     drawn = made is not None and _draw(made, picture)
-    text = document(found, made, picture.name if drawn else "")
+    heading = re.match(r"# (.+)\n*", notes)
+    title = heading[1].strip() if heading else TITLE
+    notes = notes[heading.end() :] if heading else notes
+    text = document(found, made, picture.name if drawn else "", title)
     if notes:
         text += f"\n{notes}\n"
     write_text(path, text)
     page = text.replace(f"({picture.name})", f"({data_uri(picture)})") if drawn else text
-    write_page(page, path.with_suffix(".html"), TITLE)
+    write_page(page, path.with_suffix(".html"), title)
 
 
 def _draw(made: Matrix, path: Path) -> bool:

@@ -150,8 +150,9 @@ def _line(tally: Tally, name: str, size: float, fault: Fault, n: int) -> str:
     left = np.mean([after / before for before, after in misfits]) if misfits else np.nan
     mean = np.mean([p.value for p in shown]) if shown else np.nan
     limit = np.median([p.limit for p in shown]) if shown else np.nan
+    unit = "" if fault.unit == "-" else f" {fault.unit}"
     return (
-        f"| {name} {size:+.4g} {fault.unit} | {_share(tally.named, n)} | {tally.first}/{n} | "
+        f"| {name} {size:+.4g}{unit} | {_share(tally.named, n)} | {tally.first}/{n} | "
         f"{mean:+.4f} | {held}/{len(shown)} | {limit:.4f} | {left:.2f} |"
     )
 

@@ -209,7 +209,7 @@ def test_a_cell_that_one_of_both_lost_altogether_is_told():
     sheet.add("hybrid", "mlp", task="circle", status="failed")
     sheet.add("hf_scratch", task="figure8")
     found = judged(Above(HYBRID, LF), sheet)
-    assert found.ours == "supported in 1 of 1; 1 more without a run of one of them"
+    assert found.ours == "supported in 1 of 1; 1 more where only one of the two was run"
 
 
 def test_the_upper_reference_competes_with_nobody():

@@ -198,7 +198,18 @@ def test_the_page_shows_who_flew_everywhere_and_ends_with_notes(tmp_path):
     text = (tmp_path / "worlds.md").read_text(encoding="utf-8")
     assert "](worlds_gaps.png)" in text
     assert text.endswith("## Why\n\nBecause.\n")
+    assert text.startswith("# Worlds that differ")
     assert "data:image/png" in (tmp_path / "worlds.html").read_text(encoding="utf-8")
+
+
+def test_notes_that_begin_with_a_heading_give_the_page_its_title(tmp_path):
+    notes = tmp_path / "notes.md"
+    notes.write_text("# Contact\n\n## Why\n\nBecause.\n", encoding="utf-8")
+    write_worlds_page(suites(), tmp_path / "contact.md", notes)
+    text = (tmp_path / "contact.md").read_text(encoding="utf-8")
+    assert text.startswith("# Contact\n\n## In short")
+    assert text.endswith("\n\n## Why\n\nBecause.\n")
+    assert "<title>Contact" in (tmp_path / "contact.html").read_text(encoding="utf-8")
 
 
 def test_one_world_alone_is_no_comparison():
@@ -243,14 +254,14 @@ def test_a_sweep_in_one_world_shows_none(tmp_path, capsys):
     ("page", "suites", "notes"),
     [
         ("worlds.md", ("paper", "transfer"), "worlds_notes.md"),
-        ("field_parts.md", ("paper", "field_parts"), ""),
+        ("field_parts.md", ("paper", "field_parts"), "field_parts_notes.md"),
         ("contact.md", ("paper", "contact"), "contact_notes.md"),
     ],
 )
 def test_the_committed_pages_are_those_of_the_committed_tables(tmp_path, page, suites, notes):
     reports = ROOT / "reports"
     tables = [Tables.load(ROOT / "results" / suite) for suite in suites]
-    write_worlds_page(tables, tmp_path / page, reports / notes if notes else None)
+    write_worlds_page(tables, tmp_path / page, reports / notes)
     own = (tmp_path / page).read_text(encoding="utf-8")
     assert own == (reports / page).read_text(encoding="utf-8")
 
