@@ -135,7 +135,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
     if left_out:
         first = left_out[0][1].rstrip(".")
         others = f", and {len(left_out) - 1} more, see below" if len(left_out) > 1 else ""
-        said.append(f"{_count(len(left_out), 'flight')} left out: {first}{others}.")
+        said.append(f"Left out: {first}{others}.")
     return said
 
 

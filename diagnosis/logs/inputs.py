@@ -22,6 +22,7 @@ from jaxtyping import Float
 from diagnosis.logs.airframes import CRAZYFLIES
 from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, LogError, VehicleFile
 from diagnosis.logs.noise import measured
+from diagnosis.logs.upsets import before_upset
 from simulators.vehicle import GRAVITY, VehicleSpec
 
 VOLTS = (0.088, -0.0006239)
@@ -50,7 +51,7 @@ class Inputs:
     kind: str
     """`commands`, `PRESCRIBED`, `rotor speeds` or `PWM`."""
     left_out: tuple[tuple[str, str], ...]
-    """Flights without that input, and why."""
+    """Flights without that input, and flights or parts of them that are an upset, with the why."""
 
     @property
     def produced(self) -> bool:
@@ -98,25 +99,41 @@ def choose_inputs(
     Raises:
         LogError: No flight has any of them.
     """
+    flights, fallen = _controlled(flights)
     able, there = _able(flights), _able(beside) if beside is not None else {}
     possible = [kind for kind, found in able.items() if found]
     kind = next((k for k in possible if there.get(k)), possible[0] if possible else None)
     if kind is None:
+        if not flights.flights:
+            raise LogError(
+                "\n".join([f"{flights.path}, no flight is usable:", *dict(fallen).values()])
+            )
         raise LogError(
             f"{flights.path}: no flight has cmd_*, rotor_vel_*, or pwm_* with battery."
             + _of_no_use(flights.vehicle)
         )
     usable = able[kind]
-    left_out = tuple(
+    bare = tuple(
         (f.name, f"flights/{f.name}: has no {kind}, which the other flights are replayed by")
         for f in flights.flights
         if f not in usable
     )
+    left_out = (*bare, *fallen)
     if kind == "commands" and not prescribe:
         return Inputs(tuple(usable), False, kind, left_out)
     driven = [_prescribed(flight, flights.vehicle.spec, kind) for flight in usable]
     kind = PRESCRIBED if kind == "commands" else kind
     return Inputs(tuple(driven), True, kind, left_out)
+
+
+def _controlled(flights: FlightSet) -> tuple[FlightSet, tuple[tuple[str, str], ...]]:
+    """Every flight until it loses control, and what that leaves out, by flight."""
+    kept, fallen = [], []
+    for flight in flights.flights:
+        before, why = before_upset(flight)
+        kept += [before] if before is not None else []
+        fallen += [(flight.name, why)] if why else []
+    return dataclasses.replace(flights, flights=tuple(kept)), tuple(fallen)
 
 
 def _able(flights: FlightSet) -> dict[str, list[FlightLog]]:

@@ -25,6 +25,7 @@ from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects.gust import Gust
 from simulators.effects.mass import Mass
+from simulators.effects.motor_lag import MotorLag
 from simulators.effects.wind import Wind
 from simulators.point_mass import PointMass
 
@@ -292,11 +293,19 @@ def test_flights_are_held_out_once_there_are_ten(n, held):
     assert (fit == out) == (n < 10)
 
 
-def test_a_withheld_mass_is_named_through_crazyflow():
-    reality = with_effects(Crazyflow(), [Mass(e=0.15)])
-    content = diagnose(flight_set(fly(reality, n_flights=4, seconds=4.0)))
+@pytest.mark.parametrize(
+    ("withheld", "name"),
+    [
+        (Mass(e=0.15), "mass"),
+        # Close to where flights turn over, at 4 times the nominal lag.
+        pytest.param(MotorLag(scale=3.5), "motor_lag", marks=pytest.mark.exhaustive),
+    ],
+    ids=["mass", "motor lag"],
+)
+def test_a_withheld_effect_is_named_through_crazyflow(withheld, name):
+    content = diagnose(flight_set(fly(with_effects(Crazyflow(), [withheld]), 4, 4.0)))
     assert content.verdict == "effect"
     (effect,) = content.effects
-    assert "mass" in [effect.name, *effect.aliases]
+    assert name in [effect.name, *effect.aliases]
     registered = set(registry.names("effect"))
     assert {line.effect for line in content.details.not_observable} <= registered
