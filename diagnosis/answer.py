@@ -253,6 +253,11 @@ def _rms(vectors: Float[np.ndarray, "lines 3"]) -> float:
     return float(np.sqrt(np.nanmean(lengths))) if np.isfinite(lengths).any() else 0.0
 
 
+def _power(value: float) -> int:
+    """The power of ten of the first digit of a positive value."""
+    return math.floor(math.log10(value))
+
+
 def _largest_regime(where: Sequence[ChannelGap]) -> str | None:
     """The bin in which the channel with the largest share has its largest gap."""
     if not where:
@@ -265,7 +270,9 @@ def _largest_regime(where: Sequence[ChannelGap]) -> str | None:
         if contrast > best:
             i, best = int(np.argmax(gaps)), contrast
             low, high = regime.edges[i], regime.edges[i + 1]
-            text = f"{regime.variable} {low:.2g} to {high:.2g} {regime.unit}"
+            # Two significant digits, or as many as it takes to tell the ends apart.
+            digits = max(0, 1 - _power(max(abs(low), abs(high))), -_power(high - low))
+            text = f"{regime.variable} {low:.{digits}f} to {high:.{digits}f} {regime.unit}"
     return text
 
 

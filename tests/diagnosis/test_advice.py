@@ -63,8 +63,8 @@ def test_advice_is_about_effects_that_there_are():
 @pytest.mark.parametrize(
     ("gaps", "found"),
     [
-        ({"speed": [1.0, 1.0, 1.2], "tilt": [0.1, 0.1, 5.0]}, "tilt 2 to 3 -"),
-        ({"speed": [0.1, 9.0, None], "tilt": [1.0, 1.1, 1.2]}, "speed 1 to 2 -"),
+        ({"speed": [1.0, 1.0, 1.2], "tilt": [0.1, 0.1, 5.0]}, "tilt 2.0 to 3.0 -"),
+        ({"speed": [0.1, 9.0, None], "tilt": [1.0, 1.1, 1.2]}, "speed 1.0 to 2.0 -"),
         ({}, None),
     ],
 )
