@@ -12,7 +12,7 @@ from bench.paper.rule import Finding
 from bench.paper.values import name_of
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
-from bench.stats.choices import Tie, choices
+from bench.stats.choices import BUDGETS, Tie, choices
 from bench.stats.scores import (
     PRIMARY,
     STEADY,
@@ -216,14 +216,13 @@ def _answer(found: Sequence[Judged]) -> list[str]:
         "Refuted": [j for j in found if j.finding.verdict is Verdict.REFUTED],
         **open_,
         "Undecided": [j for j in undecided if j.so_far is Verdict.UNDECIDED],
+        "Not tested": [j for j in found if j.finding.verdict is Verdict.UNTESTED],
     }
     lines = [
         f"- **{name}** ({len(own)}): {'; '.join(j.claim.title for j in own)}."
         for name, own in groups.items()
         if own
     ]
-    if n_untested := sum(j.finding.verdict is Verdict.UNTESTED for j in found):
-        lines.append(f"- **Not tested** ({n_untested}).")
     return ["## What holds", "\n".join(lines)]
 
 
@@ -248,11 +247,17 @@ def _whom(tables: Tables) -> list[str]:
         "tasks scored",
         "budget [fleet-minutes]",
         "best method",
-        "settled score",
+        "score",
         "it needs",
         "not shown to be worse: score (95 % interval of the deficit)",
     )
-    found = ["## Which method to choose", markdown.table(headings, lines, (0, 1, 3, 6))]
+    asked = ", ".join(significant(budget) for budget in BUDGETS)
+    found = [
+        "## Which method to choose",
+        markdown.table(headings, lines, (0, 1, 3, 6)),
+        f"Asked at {asked} fleet-minutes; a row where the answer changes. `bench choose` answers "
+        "for any other budget. Hybrid without a residual's name has the MLP ensemble.",
+    ]
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:
         found.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")

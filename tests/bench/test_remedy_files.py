@@ -16,7 +16,13 @@ import numpy as np
 import pytest
 
 from bench.cli.app import main
-from bench.diagnosis_report.mending.flight_files import mission, polynomial_csv, setpoint_csv
+from bench.diagnosis_report.mending import writing
+from bench.diagnosis_report.mending.flight_files import (
+    mission,
+    polynomial_csv,
+    setpoint_csv,
+    way_points,
+)
 from bench.diagnosis_report.mending.patch import patch_text
 from bench.diagnosis_report.mending.px4_params import read_params
 from bench.diagnosis_report.mending.remedy_text import TARGETS, remedy_text
@@ -109,6 +115,24 @@ def test_a_plan_of_qgroundcontrol_lies_within_its_own_geofence(place):
     assert (points <= corners.max(axis=0)).all()
     north, east = np.ptp(corners, axis=0) * 2 * np.pi * 6378137.0 / 360.0
     assert (north, east * math.cos(math.radians(47.4))) == pytest.approx((6.0, 8.0), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("path", "moves"),
+    [("fast_lines", True), ("tumbling", True), ("hover", False), ("turning", False)],
+)
+def test_a_path_within_a_metre_has_no_way_points_for_a_mission(path, moves):
+    assert (len(way_points(plan(path))) > 1) == moves
+
+
+def test_the_remedy_says_why_there_is_no_mission(place, monkeypatch):
+    monkeypatch.setattr(writing, "GENERAL", "hover")
+    assert run(place, "--remedy", "px4", "--home", "47.4,8.5") == 0
+    folder = place / "remedy-px4"
+    assert not (folder / "next_flight.plan").exists()
+    assert (
+        "No mission is written: the path stays within a metre" in (folder / "remedy.md").read_text()
+    )
 
 
 def test_polynomials_and_setpoints_are_the_same_flight_in_two_frames(tmp_path):

@@ -35,17 +35,23 @@ def setpoint_csv(trajectory: Trajectory) -> str:
     return _csv(["t", "x", "y", "z", "yaw"], np.column_stack([t, y, x, -z, heading]), "%.5f")
 
 
+def way_points(trajectory: Trajectory) -> list[np.ndarray]:
+    """Places of the path `APART` from each other at least: x, y, z [m] and yaw [rad]."""
+    _, values = trajectory.sampled(SETPOINT_DT)
+    points = [values[0]]
+    for value in values[1:]:
+        if np.linalg.norm((value - points[-1])[:3]) >= APART:
+            points.append(value)
+    return points
+
+
 def mission(trajectory: Trajectory, geofence: Geofence, home: tuple[float, float]) -> str:
     """A plan of QGroundControl: take off, the path's way points, land; and the geofence.
 
     `home` is latitude and longitude [degrees] of the origin. A mission has places and no times, so
     that PX4 chooses the speed; setpoints keep both.
     """
-    _, values = trajectory.sampled(SETPOINT_DT)
-    points = [values[0]]
-    for value in values[1:]:
-        if np.linalg.norm((value - points[-1])[:3]) >= APART:
-            points.append(value)
+    points = way_points(trajectory)
     ends = [
         (TAKE_OFF, points[0]),
         *((WAY_POINT, p) for p in points),

@@ -54,6 +54,11 @@ def flight_lines(diagnosis: Diagnosis, trajectory: Trajectory, named: bool) -> l
         f"{rounded(trajectory.top_speed, 2)} m/s, {trajectory.durations.sum():.1f} s long; "
         "its accelerations do not depend on the size. Fly to its first point before, land after it."
     )
+    if trajectory.scale < 1.0:
+        said.append(
+            "A smaller path is slower: what shows by speed shows less. With more room, give it as "
+            "`--geofence`."
+        )
     return said
 
 

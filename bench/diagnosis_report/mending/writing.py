@@ -3,7 +3,12 @@
 from pathlib import Path
 
 from bench.diagnosis_report.documents import NAMES, write_files
-from bench.diagnosis_report.mending.flight_files import mission, polynomial_csv, setpoint_csv
+from bench.diagnosis_report.mending.flight_files import (
+    mission,
+    polynomial_csv,
+    setpoint_csv,
+    way_points,
+)
 from bench.diagnosis_report.mending.patch import patch_text
 from bench.diagnosis_report.mending.px4_params import changed_params, read_params
 from bench.diagnosis_report.mending.remedy_text import flight_lines, remedy_text
@@ -42,12 +47,15 @@ def write_remedy(
     path = manoeuvre_path(*pair) if pair else None
     trajectory = plan(path or GENERAL, geofence)
     lines = flight_lines(diagnosis, trajectory, named=path is not None)
+    mission_says_it = len(way_points(trajectory)) > 1
+    if home and not mission_says_it:
+        lines.append("No mission is written: the path stays within a metre. Fly the setpoints.")
     texts = {"remedy.md": remedy_text(diagnosis, target, values, lines)}
     if target == "crazyflow" and diagnosis.effects:
         texts["params.toml"] = patch_text(diagnosis)
     if target == "px4":
         texts["next_flight_setpoints.csv"] = setpoint_csv(trajectory)
-        if home:
+        if home and mission_says_it:
             texts["next_flight.plan"] = mission(trajectory, geofence, home)
         if parameters and (new := _new_values(diagnosis, values)):
             texts["changed.params"] = changed_params(parameters, new)
