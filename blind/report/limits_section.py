@@ -45,8 +45,8 @@ def section(tables: Tables, picture: list[str]) -> list[str]:
         "longer time is also another flight: the first is a circle at 1 m, a low one comes sixth, "
         "and — says that no size is named in what was flown by then. *Bound* is that of a test "
         "that looks at half seconds whose starts are unknown, as the diagnosis does, but knows "
-        "what it looks for and uses all flights, with 2 % of false alarms; who follows a flight "
-        "from end to end could find less. *Mistaken for* is the most frequent other answer just "
+        "what it looks for and uses all flights, with 2 % of false alarms; a method that "
+        "follows a whole flight could find smaller effects. *Mistaken for* is the most frequent other answer just "
         "below the limit at 60 s."
     )
     usual = table.loc[(table["kind"] == "predicted") & (table["noise"] == 1.0)]

@@ -28,9 +28,10 @@ INTRODUCTION = (
 DECIDABLE = (
     "A case is *decidable* if its flights without noise differ, at the noise that was logged, from "
     "the nominal simulator and from every refitted rival by a chi-square of 25 or more. In an "
-    "undecidable case `none` or a class of aliases with the truth in it is right. In "
-    "realities with equations of their own, decidability and Cramér-Rao bounds are those of the "
-    "same effects and paths flown in crazyflow, with what a reference leaves open counted."
+    "undecidable case an answer is right if it is `none`, or if the true effect is the named one "
+    "or among its aliases. For realities with equations of their own, decidability and Cramér-Rao "
+    "bounds are those of the same effects and paths flown in crazyflow; what reference flights "
+    "leave uncertain is counted."
 )
 
 

@@ -102,8 +102,8 @@ def aims(tables: Tables) -> list[str]:
     lines = [markdown.table(headings, rows, (0, 5)), _shrinks(summary)]
     return [
         "Names are scored on decidable cases, numbers and intervals on all true effects that were "
-        "named. *Abstention* is the verdict `unexplained`, or an effect with a tenth or more left "
-        "unexplained. *Met* is said of the measured value, *within the interval* where only the "
+        "named. *Abstention* is the verdict `unexplained` or `partly`, or an effect with a tenth or "
+        "more of the gap left unexplained. *Met* is said of the measured value, *within the interval* where only the "
         "interval reaches the aim. Where several intervals are of one case, cases are resampled.",
         *filter(None, lines),
     ]
@@ -209,7 +209,7 @@ def reliability(tables: Tables) -> list[str]:
     headings = ("stated", "effects", "mean stated", "true", "95 % interval")
     return [
         markdown.table(headings, rows),
-        f"Brier score {brier:.3f}." if brier is not None else "",
+        f"Brier score {brier:.3f} (mean squared error of the stated probabilities)." if brier is not None else "",
     ]
 
 
@@ -250,8 +250,8 @@ def _near(cases: pd.DataFrame) -> tuple[str, ...]:
     hits, n = int(np.sum(ratios >= SHRUNK)), len(ratios)
     low, high = clopper_pearson(hits, n)
     least = np.nanmin(ratios, initial=math.inf)
-    name = f"shrink at least {_percent(SHRUNK)} of the true effect's"
-    name += f" (least {_percent(float(least))})" if n else ""
+    name = f"drift shrinks by at least {_percent(SHRUNK)} as much as with the true effect"
+    name += f" (worst case: {_percent(float(least))})" if n else ""
     value = hits / n if n else math.nan
     return (name, f"{hits}/{n}", _percent(value), _range(low, high), MISSING, MISSING)
 
@@ -265,7 +265,7 @@ def _calibrated(tables: Tables) -> tuple[str, ...]:
     low, high = clopper_pearson(hits, n)
     word = MISSING if not n else "met" if low <= stated <= high else "**missed**"
     value = hits / n if n else math.nan
-    aim = f"{_percent(stated)}, as stated"
+    aim = f"{_percent(stated)}, the mean of what was stated"
     shown = (f"{hits}/{n}", _percent(value), _range(low, high))
     return ("named effects that are true", *shown, aim, word)
 

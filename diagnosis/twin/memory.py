@@ -12,8 +12,8 @@ r"""The memory of a twin: how measured channels follow simulated ones, learned f
 Yaw and the vertical acceleration take the climb rate and the squared ground speed in place of v,
 v |v| and d^3, and the latter takes the simulated thrust over mass, (s + g) / g, in place of an
 offset: hover flights cannot tell the two, but of rotors that are weaker than believed twice the
-thrust lacks twice as much. With an offset, ten grams more on `crazyflie_changed` (+31 %) came out
-as 38 %. Roll and pitch share their numbers, and so do both horizontal accelerations: a
+thrust lacks twice as much. With an offset, `crazyflie_changed` came out as 38 % more mass; what was
+changed there is not documented (ten grams, +31 %, is our guess). Roll and pitch share their numbers, and so do both horizontal accelerations: a
 quadrotor looks alike after a quarter of a turn. The model is linear in its numbers and simulates:
 nothing that was measured of a channel enters its prediction, so the error is that of a simulation
 and not of one step.
