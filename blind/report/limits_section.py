@@ -46,8 +46,8 @@ def section(tables: Tables, picture: list[str]) -> list[str]:
         "and — says that no size is named in what was flown by then. *Bound* is that of a test "
         "that looks at half seconds whose starts are unknown, as the diagnosis does, but knows "
         "what it looks for and uses all flights, with 2 % of false alarms; a method that "
-        "follows a whole flight could find smaller effects. *Mistaken for* is the most frequent other answer just "
-        "below the limit at 60 s."
+        "follows a whole flight could find smaller effects. *Mistaken for* is the most frequent "
+        "other answer just below the limit at 60 s."
     )
     usual = table.loc[(table["kind"] == "predicted") & (table["noise"] == 1.0)]
     headings = ("effect", "unit", *(f"{s:.0f} s" for s in SHOWN), "bound, 60 s", "mistaken for")

@@ -102,9 +102,9 @@ def aims(tables: Tables) -> list[str]:
     lines = [markdown.table(headings, rows, (0, 5)), _shrinks(summary)]
     return [
         "Names are scored on decidable cases, numbers and intervals on all true effects that were "
-        "named. *Abstention* is the verdict `unexplained` or `partly`, or an effect with a tenth or "
-        "more of the gap left unexplained. *Met* is said of the measured value, *within the interval* where only the "
-        "interval reaches the aim. Where several intervals are of one case, cases are resampled.",
+        "named. *Abstention* is the verdict `unexplained` or `partly`, or an effect with a tenth "
+        "or more of the gap left unexplained. *Met* is said of the measured value, *within the "
+        "interval* where only the interval reaches the aim. Where several intervals are of one case, cases are resampled.",
         *filter(None, lines),
     ]
 
@@ -209,7 +209,9 @@ def reliability(tables: Tables) -> list[str]:
     headings = ("stated", "effects", "mean stated", "true", "95 % interval")
     return [
         markdown.table(headings, rows),
-        f"Brier score {brier:.3f} (mean squared error of the stated probabilities)." if brier is not None else "",
+        ""
+        if brier is None
+        else f"Brier score (mean squared error of what was stated): {brier:.3f}.",
     ]
 
 
@@ -265,7 +267,7 @@ def _calibrated(tables: Tables) -> tuple[str, ...]:
     low, high = clopper_pearson(hits, n)
     word = MISSING if not n else "met" if low <= stated <= high else "**missed**"
     value = hits / n if n else math.nan
-    aim = f"{_percent(stated)}, the mean of what was stated"
+    aim = f"{_percent(stated)}, the mean stated"
     shown = (f"{hits}/{n}", _percent(value), _range(low, high))
     return ("named effects that are true", *shown, aim, word)
 

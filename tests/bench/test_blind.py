@@ -232,7 +232,7 @@ def test_shrink_and_probability_are_counted_case_by_case():
     given = tables({MASS.id: answer("drag"), GAIN.id: answer(), CLEAN.id: answer()})
     line = sections._calibrated(given)
     assert line[1] == "0/1"
-    assert line[4:] == ("90.0 %, the mean of what was stated", "met")  # one case of one proves nothing
+    assert line[4:] == ("90.0 %, the mean stated", "met")  # one case of one proves nothing
 
 
 def test_baselines_are_not_asked_what_they_cannot_say():
