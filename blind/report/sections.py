@@ -104,7 +104,8 @@ def aims(tables: Tables) -> list[str]:
         "Names are scored on decidable cases, numbers and intervals on all true effects that were "
         "named. *Abstention* is the verdict `unexplained` or `partly`, or an effect with a tenth "
         "or more of the gap left unexplained. *Met* is said of the measured value, *within the "
-        "interval* where only the interval reaches the aim. Where several intervals are of one case, cases are resampled.",
+        "interval* where only the interval reaches the aim. Where several intervals are of one "
+        "case, cases are resampled.",
         *filter(None, lines),
     ]
 
