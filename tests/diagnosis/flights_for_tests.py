@@ -1,8 +1,10 @@
 """Flights of known truth: a point mass (or another simulator) under a position controller."""
 
 import dataclasses
+import functools
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile
-from diagnosis.replay.library import with_aliases
+from diagnosis.replay.library import make_library, with_aliases
+from diagnosis.replay.replay import make_replay
 from simulators import registry
 from simulators.algebra.rotation import quat_to_rpy
 from simulators.contract import with_effects
@@ -33,12 +36,11 @@ def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0, rotors_of=None, 
     rng = np.random.default_rng(seed)
     n = round(seconds / CONTROL_DT)
     hold = lambda size, k: np.repeat(rng.uniform(-1, 1, (n // k + 1, size)), k, axis=0)[:n]  # noqa: E731
-    flown = jax.jit(lambda target, dither: _flown(simulator, target, dither, rows))
     flights = []
     for i in range(n_flights):
         target = np.array([0.0, 0.0, 1.5]) + hold(3, 75) * [0.5, 0.5, 0.25]
         dither = hold(4, 10) * [0.12, 0.12, 0.0, 0.03]
-        log, cmd = flown(jnp.asarray(target), jnp.asarray(dither))
+        log, cmd = _flown(simulator, jnp.asarray(target), jnp.asarray(dither), rows)
         drone = noisy(log, np.asarray(cmd), rng, noise, CONTROL_DT / rows)
         if rotors_of is not None:
             thrust = rotors_of * np.asarray(log.thrust, float)[:, 0]
@@ -66,7 +68,9 @@ def rotor_speeds(thrust, spec):
     return np.repeat(n[:, None] * 2.0 * np.pi / 60.0, 4, axis=1)
 
 
+@eqx.filter_jit
 def _flown(simulator, target, dither, rows):
+    """A program for each kind of simulator and effects; their numbers are its arguments."""
     hover = jnp.asarray([[0.0, 0.0, 0.0, simulator.spec.mass * GRAVITY]])
     flight = Flight(
         t=jnp.zeros(()),
@@ -131,6 +135,12 @@ def few_or_all(*names, others=()):
             pytest.param(others, id="all candidates", marks=pytest.mark.exhaustive),
         ],
     )
+
+
+@functools.cache
+def point_mass_replay():
+    """The replay of a point mass with every effect; its compiled programs are shared."""
+    return make_replay(make_library(PointMass(dt=0.005)), 0.005)
 
 
 def point_mass_set(*effects, dt=0.005, **settings):

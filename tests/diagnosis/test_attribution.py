@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, flight_set, fly, point_mass_set
+from flights_for_tests import SIGMA, flight_set, fly, point_mass_replay, point_mass_set
 
 from diagnosis.decide.attribution import attribute
 from diagnosis.decide.prepared import make_likelihood
@@ -39,7 +39,7 @@ from simulators.point_mass import PointMass
 
 @pytest.fixture(scope="module")
 def replay():
-    return make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    return point_mass_replay()
 
 
 def likelihood_of(replay, *effects, **settings):

@@ -7,7 +7,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, few_or_all, flight_set, fly, point_mass_set
+from flights_for_tests import SIGMA, few_or_all, flight_set, fly, point_mass_replay, point_mass_set
 
 from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decision import Decision
@@ -15,8 +15,6 @@ from diagnosis.engine import diagnose, stated
 from diagnosis.fit import gap, shrinkage
 from diagnosis.interface.fault import InterfaceFault
 from diagnosis.logs.flights import LeftOut, LogError
-from diagnosis.replay.library import make_library
-from diagnosis.replay.replay import make_replay
 from diagnosis.result import Diagnosis
 from diagnosis.result_parts import NotUsed
 from diagnosis.statements import judged_of
@@ -27,7 +25,6 @@ from simulators.effects.gust import Gust
 from simulators.effects.mass import Mass
 from simulators.effects.motor_lag import MotorLag
 from simulators.effects.wind import Wind
-from simulators.point_mass import PointMass
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "diagnosis.schema.json"
 
@@ -143,7 +140,7 @@ def test_of_a_single_flight_nothing_is_called_held_out():
 
 
 def test_a_gust_has_an_onset_in_its_channel():
-    replay = make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    replay = point_mass_replay()
     flights = point_mass_set(Gust(y=1.0, onset=3.1), n_flights=4).flights
     likelihood = make_likelihood(replay, flights, SIGMA)
     where = gap.where(likelihood.tracks(replay.library.neutral), SIGMA)
@@ -154,7 +151,7 @@ def test_a_gust_has_an_onset_in_its_channel():
 
 def test_a_gap_that_is_there_from_the_start_sets_in_nowhere():
     """Large in the first flight seconds and then small, as of a loop that swings in."""
-    replay = make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    replay = point_mass_replay()
     flights = point_mass_set(Gust(y=1.0, onset=3.1), n_flights=4).flights
     tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
     (side,) = (c for c in gap.channels(tracks, SIGMA) if c.name == "specific force y")
@@ -164,7 +161,7 @@ def test_a_gap_that_is_there_from_the_start_sets_in_nowhere():
 
 
 def test_a_gap_that_grows_with_thrust_shows_in_that_regime():
-    replay = make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    replay = point_mass_replay()
     flights = point_mass_set(Mass(e=0.2), n_flights=4).flights
     tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
     (line,) = [x for x in gap.where(tracks, SIGMA) if x.channel == "specific force z"]
@@ -175,7 +172,7 @@ def test_a_gap_that_grows_with_thrust_shows_in_that_regime():
 
 def test_a_gap_in_one_half_of_the_voltages_shows_in_that_regime():
     """Flights of which two logged their battery, one of them with a gap."""
-    replay = make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    replay = point_mass_replay()
     heavy, plain = (point_mass_set(Mass(e=e), n_flights=2).flights for e in (0.2, 0.0))
     flights = [with_battery(heavy[0], 3.6), with_battery(plain[0], 4.1), plain[1]]
     tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
@@ -196,7 +193,7 @@ def with_battery(flight, full):
 
 
 def test_the_gap_in_time_is_that_of_all_windows_which_start_then():
-    replay = make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    replay = point_mass_replay()
     flights = point_mass_set(Mass(e=0.2), n_flights=3).flights
     tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
     for line, channel in zip(gap.in_time(tracks, SIGMA), gap.channels(tracks, SIGMA), strict=True):

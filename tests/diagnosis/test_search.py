@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, point_mass_set
+from flights_for_tests import SIGMA, point_mass_replay, point_mass_set
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -21,18 +21,17 @@ from diagnosis.fit.outliers import beyond
 from diagnosis.fit.search import Fits, polish, refit
 from diagnosis.logs.segments import WINDOW, cut
 from diagnosis.replay.library import Slot, make_library
-from diagnosis.replay.replay import TURNS, Replay, make_replay
+from diagnosis.replay.replay import TURNS, Replay
 from diagnosis.replay.whitening import shown
 from simulators.crazyflow import Crazyflow
 from simulators.effects.drag import Drag
 from simulators.effects.gust import Gust
 from simulators.effects.wind import Wind
-from simulators.point_mass import PointMass
 
 
 @pytest.fixture(scope="module")
 def replay():
-    return make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    return point_mass_replay()
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, flight_set, point_mass_set
+from flights_for_tests import SIGMA, flight_set, point_mass_replay, point_mass_set
 
 from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decide.support import judge_supported, support
@@ -15,16 +15,13 @@ from diagnosis.fit import shrinkage
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.search import Fits, polish, refit, without
 from diagnosis.fit.shrinkage import Drift, left_out, shrink
-from diagnosis.replay.library import make_library
-from diagnosis.replay.replay import make_replay
 from simulators.effects.drag import Drag
 from simulators.effects.wind import Wind
-from simulators.point_mass import PointMass
 
 
 @pytest.fixture(scope="module")
 def replay():
-    return make_replay(make_library(PointMass(dt=0.005)), 0.005)
+    return point_mass_replay()
 
 
 def fitted(replay, flights, effects):
