@@ -51,7 +51,7 @@ test-isa: $(READY)
 test-all: test test-exhaustive test-isa
 
 golden: $(READY)
-	@echo "Comparing diagnoses, keys, rows and documents with the kept ones (GOLDEN=--write keeps)."
+	@echo "Comparing diagnoses, keys and rows with the kept ones (GOLDEN=--write keeps)."
 	@$(BIN)/python -m tests.golden --jobs $(JOBS) $(GOLDEN)
 
 # Suites with tables whose pages compare with the paper; other suites have a board only.

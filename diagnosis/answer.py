@@ -74,7 +74,9 @@ def answer(question: Question, study: Study) -> Diagnosis:
     verdict = verdict_of(kind, bool(confirmed) and not grows)
     named = judged.chosen.effects if kind != "unexplained" else None
     blamed = confirmed if named is None else named
-    effects = tuple(_effect(evidence, judged, n, verdict, n in blamed) for n in _named(judged))
+    effects = tuple(
+        _effect(evidence, judged, n, verdict, n in blamed) for n in sorted(judged.chosen.effects)
+    )
     stated = [effect.probability for effect in effects]
     seen = limits(evidence, judged.chosen.fit)
     remainder = _remainder(study)
@@ -140,10 +142,6 @@ def _stands(study: Study, name: str) -> bool:
         for i, a, b in zip(free, low, high, strict=True)
     )
     return clear and judged.true_share * share >= study.prepared.decision.least_chance
-
-
-def _named(judged: Verdict) -> list[str]:
-    return sorted(judged.chosen.effects)
 
 
 def _use(prepared: Prepared, i: int) -> Any:

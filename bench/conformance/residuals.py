@@ -61,11 +61,9 @@ def _law(x: Float[Array, "samples 12"]) -> np.ndarray:
     return np.asarray(PUSH - 0.4 * np.asarray(x[:, 3:6]), np.float32)
 
 
-def _transitions(target: np.ndarray | None = None, weight: np.ndarray | None = None) -> Transitions:
+def _transitions() -> Transitions:
     x = _features()
-    target = _law(x) if target is None else target
-    weight = np.ones(len(x)) if weight is None else weight
-    return _rows(x, jnp.asarray(target, jnp.float32), jnp.asarray(weight, jnp.float32))
+    return _rows(x, jnp.asarray(_law(x)), jnp.ones(len(x)))
 
 
 def _rows(x: Array, target: Array, weight: Array) -> Transitions:

@@ -5,12 +5,7 @@ An effect without a card is shown under its registered name, in its parameters' 
 
 from bench.diagnosis_report.numbers import clean
 from simulators import registry
-from simulators.effects.card import EffectCard, Shown, load_card
-
-
-def effect_words(name: str) -> EffectCard:
-    """How to speak of the effect that is registered as `name`."""
-    return load_card(name)
+from simulators.effects.card import Shown, load_card
 
 
 def parameter_words(effect: str, name: str) -> Shown:

@@ -5,7 +5,6 @@ import re
 from markupsafe import Markup, escape
 
 from bench.diagnosis_report import figures, tables
-from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import clean, is_number, quantity
 from bench.diagnosis_report.remedy import CODE, remedy
 from bench.diagnosis_report.sentences import (
@@ -18,6 +17,7 @@ from bench.diagnosis_report.sentences import (
 )
 from bench.text.pages import environment, unbroken
 from diagnosis.result import Diagnosis
+from simulators.effects.card import load_card
 
 
 def diagnosis_page(diagnosis: Diagnosis) -> str:
@@ -80,7 +80,7 @@ def _effects(diagnosis: Diagnosis) -> list[dict[str, object]]:
     return [
         {
             "heading": tables.effect_heading(effect),
-            "physics": effect_words(clean(effect.name)).physics,
+            "physics": load_card(clean(effect.name)).physics,
             "parameters": tables.parameters_table(effect),
         }
         for effect in diagnosis.effects

@@ -1,10 +1,10 @@
 """What to change after a diagnosis: the corrected simulator, and what must be known first."""
 
-from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import clean
 from bench.diagnosis_report.sentences import join
 from diagnosis.correction import parameters_of
 from diagnosis.result import Diagnosis
+from simulators.effects.card import load_card
 
 PYTHON = 'diagnosis.corrected("diagnosis.json")'
 """How the corrected simulator is had in Python."""
@@ -41,7 +41,7 @@ def remedy(diagnosis: Diagnosis) -> list[str]:
         )
     said += [_alike(diagnosis)] if any(e.aliases for e in diagnosis.blamed) else []
     names = [name for e in diagnosis.blamed for name in (e.name, *e.aliases)]
-    checks = [effect_words(clean(name)).check for name in names]
+    checks = [load_card(clean(name)).check for name in names]
     if first := [check for check in dict.fromkeys(checks) if check]:
         said.append(f"On the vehicle, first {'; also '.join(first)}.")
     return [*said, FILES]
@@ -62,8 +62,8 @@ def _simulator(diagnosis: Diagnosis) -> str:
 def _alike(diagnosis: Diagnosis) -> str:
     """That the simulator may be corrected, but not yet the vehicle."""
     pairs = join(
-        f"{effect_words(clean(e.name)).label} from "
-        f"{' or '.join(effect_words(clean(a)).label for a in e.aliases)}"
+        f"{load_card(clean(e.name)).label} from "
+        f"{' or '.join(load_card(clean(a)).label for a in e.aliases)}"
         for e in diagnosis.blamed
         if e.aliases
     )

@@ -6,7 +6,7 @@ Words are chosen here; what they state was decided before and stands in the `Dia
 from collections.abc import Sequence
 from typing import Any
 
-from bench.diagnosis_report.effect_words import effect_words, parameter_words, range_of, toward
+from bench.diagnosis_report.effect_words import parameter_words, range_of, toward
 from bench.diagnosis_report.numbers import (
     clean,
     estimate,
@@ -19,6 +19,7 @@ from bench.diagnosis_report.numbers import (
 )
 from diagnosis.result import Diagnosis, Effect, Parameter
 from diagnosis.result_parts import ChannelGap, SharedParameter, Shrink
+from simulators.effects.card import load_card
 
 KINDS = {
     "effect": "Explained",
@@ -129,7 +130,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
             at = join(f"{clean(line.flight)} at {rounded(line.t, 2)} s" for line in lines)
             said.append(f"Left out, half a second each, for standing out {why}: {at}.")
     if diagnosis.settings.exclude:
-        names = join(effect_words(clean(name)).label for name in diagnosis.settings.exclude)
+        names = join(load_card(clean(name)).label for name in diagnosis.settings.exclude)
         said.append(f"Withheld from the candidates, with what always looks alike: {names}.")
     left_out = left_out_lines(diagnosis)
     if left_out:
@@ -185,7 +186,7 @@ def _beside_effect(diagnosis: Diagnosis) -> list[str]:
 
 def _combined(effect: Effect) -> list[str]:
     """What flights tell that cannot tell an effect from its aliases, where all act on it alone."""
-    cards = [effect_words(clean(name)).combined for name in (effect.name, *effect.aliases)]
+    cards = [load_card(clean(name)).combined for name in (effect.name, *effect.aliases)]
     if not effect.aliases or len(effect.parameters) != 1 or None in cards:
         return []
     (name, power), *others = (card for card in cards if card is not None)
@@ -205,7 +206,7 @@ def _at_bounds(diagnosis: Diagnosis) -> list[str]:
     """Parameters that lie at an end of their allowed range, with the side to which they point."""
     sides = {"low": "at most", "high": "at least"}
     ends = join(
-        f"{clean(parameter_words(e.name, p.name).label)} of {effect_words(clean(e.name)).label} "
+        f"{clean(parameter_words(e.name, p.name).label)} of {load_card(clean(e.name)).label} "
         f"({sides[p.at_bound]} {parameter_texts(clean(e.name), p)[0]})"
         for e in diagnosis.blamed
         for p in e.parameters
@@ -217,9 +218,7 @@ def _at_bounds(diagnosis: Diagnosis) -> list[str]:
 def _support(diagnosis: Diagnosis) -> list[str]:
     """What flights that were left out say where evidence is not to be relied on."""
     idle = join(
-        effect_words(clean(line.effect)).label
-        for line in diagnosis.support
-        if line.confirmed is False
+        load_card(clean(line.effect)).label for line in diagnosis.support if line.confirmed is False
     )
     said = []
     if diagnosis.verdict == "partly":
@@ -282,7 +281,7 @@ def where_sentence(diagnosis: Diagnosis) -> str:
 def effect_phrase(effect: Effect, base: str) -> str:
     """A found effect with sizes and intervals, as part of a sentence."""
     name = clean(effect.name)
-    words = effect_words(name)
+    words = load_card(name)
     if len(effect.parameters) == 1 and words.more:
         (parameter,) = effect.parameters
         negative = parameter.value < 0 and bool(words.less)
@@ -333,7 +332,7 @@ def left_out_lines(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 def set_label(names: Sequence[str]) -> str:
     """A set of effects by their short names."""
-    labels = [effect_words(clean(name)).label for name in names]
+    labels = [load_card(clean(name)).label for name in names]
     return " + ".join(labels) if labels else "no effect"
 
 
@@ -359,7 +358,7 @@ def _alike(diagnosis: Diagnosis) -> list[str]:
     """What would look like the named effects, a sentence each."""
     return [
         f"In these flights, {' or '.join(set_label([a]) for a in effect.aliases)} would look "
-        f"nearly the same as {effect_words(clean(effect.name)).label}."
+        f"nearly the same as {load_card(clean(effect.name)).label}."
         for effect in diagnosis.blamed
         if effect.aliases
     ]

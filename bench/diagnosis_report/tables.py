@@ -3,12 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 
-from bench.diagnosis_report.effect_words import (
-    effect_words,
-    parameter_words,
-    range_of,
-    toward,
-)
+from bench.diagnosis_report.effect_words import parameter_words, range_of, toward
 from bench.diagnosis_report.numbers import (
     MISSING,
     clean,
@@ -29,6 +24,7 @@ from bench.diagnosis_report.sentences import (
 )
 from diagnosis.result import Diagnosis, Effect, Parameter
 from diagnosis.result_parts import ChannelGap
+from simulators.effects.card import load_card
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,7 +164,7 @@ def support_table(diagnosis: Diagnosis) -> Table | None:
     for line in diagnosis.support:
         value, interval = estimate(line.percent, line.low, line.high)
         cell = (f"{value} %", f"{interval} %") if interval else (MISSING, MISSING)
-        rows.append((effect_words(clean(line.effect)).label, *cell, str(line.n)))
+        rows.append((load_card(clean(line.effect)).label, *cell, str(line.n)))
     caption = "The likeliest set, effect by effect, on flights left out of the fit in turn"
     headings = ("effect", "misfit falls by", "95 %", "flights")
     return Table(caption, headings, tuple(rows)) if rows else None
@@ -176,7 +172,7 @@ def support_table(diagnosis: Diagnosis) -> Table | None:
 
 def effect_heading(effect: Effect) -> str:
     """Label of an effect of the likeliest set, with its probability where it is blamed."""
-    label = effect_words(clean(effect.name)).label
+    label = load_card(clean(effect.name)).label
     if not effect.blamed:
         return f"{label}, in the likeliest set but not blamed"
     if effect.probability is None:
@@ -197,7 +193,7 @@ def parameters_table(effect: Effect) -> Table | None:
         rows.append((label, value, interval or MISSING, inside, _use(parameter)))
     if not rows:
         return None
-    caption = f"Parameters of {effect_words(name).label}"
+    caption = f"Parameters of {load_card(name).label}"
     headings = ("parameter", "value", "95 %", "in the simulator", "use")
     shown = len(headings) - all(row[-1] == "measured" for row in rows)
     return Table(caption, headings[:shown], tuple(row[:shown] for row in rows), frozenset({0, 4}))
@@ -227,7 +223,7 @@ def shrink_table(diagnosis: Diagnosis) -> Table | None:
 def not_observable_table(diagnosis: Diagnosis) -> Table | None:
     """Effects on which these flights say nothing, with the reason."""
     rows = tuple(
-        (effect_words(clean(line.effect)).label, clean(line.why))
+        (load_card(clean(line.effect)).label, clean(line.why))
         for line in diagnosis.details.not_observable
     )
     caption = "Effects on which these flights say nothing"
@@ -246,7 +242,7 @@ def limits_table(diagnosis: Diagnosis) -> Table | None:
         if whole is not None and line.smallest is not None and line.smallest > whole:
             shown = "more than its whole range"
         either = " or ".join(filter(None, (words.label, words.opposite)))
-        rows.append((effect_words(name).label, clean(either), shown))
+        rows.append((load_card(name).label, clean(either), shown))
     caption = "Smallest change that these flights could have shown"
     headings = ("effect", "parameter", "change")
     return Table(caption, headings, tuple(rows), frozenset({0, 1})) if rows else None
@@ -271,7 +267,7 @@ def shared_table(diagnosis: Diagnosis) -> Table | None:
     for line in diagnosis.details.shared:
         name = clean(line.effect)
         label, sign = toward(parameter_words(name, clean(line.parameter)), line.value)
-        rows.append((effect_words(name).label, label, shared_text(line, sign)))
+        rows.append((load_card(name).label, label, shared_text(line, sign)))
     caption = "In the reference flights already, against the simulator as delivered"
     headings = ("effect", "parameter", "value")
     return Table(caption, headings, tuple(rows), frozenset({0, 1})) if rows else None

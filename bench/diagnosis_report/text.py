@@ -1,7 +1,6 @@
 """A diagnosis as Markdown."""
 
 from bench.diagnosis_report import tables
-from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import clean
 from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import (
@@ -13,6 +12,7 @@ from bench.diagnosis_report.sentences import (
 )
 from bench.text import markdown
 from diagnosis.result import Diagnosis
+from simulators.effects.card import load_card
 
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:
@@ -55,7 +55,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
 def _effects(diagnosis: Diagnosis) -> list[str]:
     parts = []
     for effect in diagnosis.effects:
-        words = effect_words(clean(effect.name))
+        words = load_card(clean(effect.name))
         heading = markdown.escape(tables.effect_heading(effect))
         parts.append(f"**{heading}**. {words.physics}".strip())
         parts += _table(tables.parameters_table(effect))

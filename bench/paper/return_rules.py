@@ -112,7 +112,6 @@ class GapNarrows(AbstractRule):
 
     behind: Entry
     ahead: Entry
-    source: Source = undisturbed
 
     @property
     def text(self) -> str:
@@ -127,7 +126,7 @@ class GapNarrows(AbstractRule):
         return False
 
     def judge(self, tables: Tables, metric: str) -> Finding:
-        gaps = gaps_by_size(self.source(tables, metric), self.behind, self.ahead)
+        gaps = gaps_by_size(undisturbed(tables, metric), self.behind, self.ahead)
         if len(gaps) < 2:
             return UNTESTED
         means = {n: estimate(gap.values()) for n, gap in gaps.items()}
@@ -151,7 +150,6 @@ class GapAtMost(AbstractRule):
     ahead: Entry
     bound: float
     from_size: int = 0
-    source: Source = undisturbed
 
     @property
     def text(self) -> str:
@@ -162,7 +160,7 @@ class GapAtMost(AbstractRule):
         )
 
     def judge(self, tables: Tables, metric: str) -> Finding:
-        gaps = gaps_by_size(self.source(tables, metric), self.behind, self.ahead)
+        gaps = gaps_by_size(undisturbed(tables, metric), self.behind, self.ahead)
         means = {n: estimate(g.values()) for n, g in gaps.items() if n >= self.from_size}
         if not means:
             return UNTESTED

@@ -13,7 +13,7 @@ from bench.report.run_details import pretty, run_metrics
 from bench.stats.statistics import entry_of, records
 from bench.store.tables import TableError, Tables
 from bench.text.errors import UsageError
-from bench.text.pages import environment, file_name, write_text
+from bench.text.pages import documents_of, environment, file_name, write_text
 from bench.text.say import say
 
 
@@ -41,7 +41,7 @@ def replay(run: str, tables_dir: Path | None, out: Path | None, video: Path | No
         )
     directory, tables = _find(run, tables_dir)
     name = Path(run).name
-    page = out or _documents(directory) / "replays" / f"{file_name(name)}.html"
+    page = out or documents_of(directory) / "replays" / f"{file_name(name)}.html"
     write_replay(tables, name, page)
     say(console, f"Replay: {page}")
     if video is None:
@@ -126,9 +126,3 @@ def _unknown(name: str, known: Iterable[str]) -> str:
 
 def _rows(frame: pd.DataFrame, name: str) -> pd.DataFrame:
     return frame.loc[frame["run"] == name]
-
-
-def _documents(directory: Path) -> Path:
-    from bench.text.pages import documents_of
-
-    return documents_of(directory)

@@ -42,8 +42,6 @@ class Decidability:
     """Chi-square of the best rival beyond that of the truth."""
     rival: tuple[str, ...]
     """The best rival; empty for the nominal simulator."""
-    refitted: bool
-    """Whether the rival was refitted, or is far away already by the linear screening."""
     gap: float
     """Chi-square of the nominal simulator beyond that of the truth."""
     left: float
@@ -80,7 +78,6 @@ def decidability(fits: Fits, truth: Parameters) -> Decidability:
     least = decision.decidable_chi2
     gap = fits.nominal.objective - true.objective
     best, found = Set(), gap
-    refitted = True
     screened = sorted(_screened(fits, true), key=lambda item: item[1])
     for rival, excess in screened[: decision.rivals]:
         if found < least or excess > least + decision.close_share * gap:
@@ -89,9 +86,9 @@ def decidability(fits: Fits, truth: Parameters) -> Decidability:
         if fits[rival].objective - true.objective < found:
             best, found = rival, fits[rival].objective - true.objective
     if screened and screened[0][1] < found and screened[0][0] not in fits.by_set:
-        best, found, refitted = *screened[0], False
+        best, found = screened[0]
     left = true.objective
-    return Decidability(found >= least, found, tuple(sorted(best)), refitted, gap, left)
+    return Decidability(found >= least, found, tuple(sorted(best)), gap, left)
 
 
 def unexplained(
@@ -122,7 +119,7 @@ def unexplained(
     margin = best.objective - left
     gap = fits.nominal.objective - left
     clear = margin >= decision.decidable_chi2
-    return Decidability(clear, margin, tuple(sorted(best.effects)), True, gap, left)
+    return Decidability(clear, margin, tuple(sorted(best.effects)), gap, left)
 
 
 def cramer_rao(evidence: Evidence, fit: Fit) -> Parameters:

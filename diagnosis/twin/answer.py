@@ -85,10 +85,6 @@ class TwinAnswer:
     """Every candidate that these flights show, the most probable first."""
     unseen: tuple[str, ...]
     """Effects of which these flights say too little to be candidates."""
-    p_none: float
-    """Probability of such flights without any change, in all directions together."""
-    p_left: float
-    """The same after the named effects."""
     followed: tuple[Followed, ...]
     """How well the twin follows."""
     misfit: tuple[float, float]
@@ -97,10 +93,6 @@ class TwinAnswer:
     """Changed flights that do not count: the others differ from the twin far less."""
     reference_set_aside: tuple[str, ...]
     """Reference flights that do not count: no twin of the others follows them."""
-    reference_flights: int
-    """Reference flights that count."""
-    target_flights: int
-    """Changed flights that count."""
 
 
 def followed(

@@ -107,8 +107,6 @@ def answer_change(
         misfit=misfit,
         set_aside=aside,
         reference_set_aside=twin.set_aside,
-        reference_flights=len(reference),
-        target_flights=len(target),
     )
     return answer, scored
 

@@ -33,10 +33,6 @@ class Named:
     """All candidates by probability."""
     unseen: tuple[str, ...]
     """Effects that are none."""
-    p_none: float
-    """Probability of the flights without change."""
-    p_left: float
-    """The same after the named effects."""
     at: Hypothesis
     """The named effects, linearised where they fit; without any, no change."""
     nothing: Hypothesis
@@ -51,7 +47,6 @@ class Named:
             aliases=(),
             probability=0.0,
             parameters=(),
-            p_left=self.p_none,
             at=self.nothing,
         )
 
@@ -82,28 +77,25 @@ def name_change(
     rest = {
         "candidates": candidates,
         "unseen": tuple(sorted(set(library.candidates) - set(seen))),
-        "p_none": p_none,
         "nothing": nothing,
     }
     if not sure or share < decision.least_chance:
         change = Change.UNEXPLAINED if sure or p_none < decision.alarm_chance else Change.NONE
         if change is Change.NONE and min(len(reference), len(target)) < decision.few_flights:
             change = Change.TOO_FEW
-        return Named(change, (), (), share, (), p_left=p_none, at=nothing, **rest)
+        return Named(change, (), (), share, (), at=nothing, **rest)
     at = alone[sure[0].effect]
     named = _further(library, at, sure, aliases, n, decision)
     while named != at.effects:
         tried = settle(at.of(library, named), library, every, refly)
         named = _clear(library, tried, n, decision)
         at = tried if named == tried.effects else alone[sure[0].effect].of(library, named)
-    p_left = at.p_left
     return Named(
-        change=Change.PARTLY if p_left < decision.alarm_chance else Change.EFFECT,
+        change=Change.PARTLY if at.p_left < decision.alarm_chance else Change.EFFECT,
         effects=named,
         aliases=aliases,
         probability=share,
         parameters=changed(library, named, at.estimate, n, decision),
-        p_left=p_left,
         at=at,
         **rest,
     )

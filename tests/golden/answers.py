@@ -1,4 +1,4 @@
-"""What is kept: diagnoses, keys, rows and documents, each made by one function."""
+"""What is kept: diagnoses, keys and rows, each made by one function."""
 
 import hashlib
 import json
@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from bench.paper.page import write_claims
-from bench.paper.tuning import write_tuning
 from bench.plan.expansion import expand
 from bench.plan.provenance import processor
 from bench.plan.suite import load_suite
@@ -41,7 +39,7 @@ Maker = Callable[[], Mapping[str, Any]]
 
 def makers() -> dict[str, Maker]:
     """Each kept answer by its name; real sets only where they lie."""
-    found: dict[str, Maker] = {"keys": _keys, "documents": _documents, "rows": _rows}
+    found: dict[str, Maker] = {"keys": _keys, "rows": _rows}
     for reality, seed in SEEDS.items():
         for i, case in enumerate(draw_cases(COUNTS, reality, DRAW + seed)):
             found[f"{reality}_{i:02d}_{case.kind}"] = lambda case=case: _blind(case)
@@ -153,15 +151,6 @@ def _keys() -> dict[str, Any]:
         text = "\n".join(f"{run} {key}" for run, key in sorted(keys.items()))
         found[name] = keys if name == "quick" else hashlib.sha256(text.encode()).hexdigest()
     return found
-
-
-def _documents() -> dict[str, Any]:
-    """The documents that committed tables give, hashed byte for byte."""
-    with tempfile.TemporaryDirectory() as temporary:
-        page, tuning = Path(temporary) / "paper.md", Path(temporary) / "tuning.md"
-        write_claims(Tables.load(HOUSE / "results" / "paper"), page)
-        write_tuning(Tables.load(HOUSE / "results" / "tuning"), tuning)
-        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in (page, tuning)}
 
 
 def _rows() -> dict[str, Any]:

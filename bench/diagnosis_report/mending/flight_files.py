@@ -78,7 +78,7 @@ def mission(trajectory: Trajectory, geofence: Geofence, home: tuple[float, float
             "hoverSpeed": round(max(0.5, trajectory.top_speed), 2),
             "globalPlanAltitudeMode": 1,
             "plannedHomePosition": [*home, 0],
-            "items": [_item(i, *end, home) for i, end in enumerate(ends, 1)],
+            "items": [_item(i, what, place, home) for i, (what, place) in enumerate(ends, 1)],
         },
     }
     return json.dumps(content, indent=1) + "\n"

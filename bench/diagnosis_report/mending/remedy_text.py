@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 from bench.diagnosis_report import tables
-from bench.diagnosis_report.effect_words import effect_words
 from bench.diagnosis_report.numbers import MISSING, clean, estimate, rounded, with_unit
 from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import drift_clause, join, logs_first, next_flight, verdict
@@ -11,7 +10,7 @@ from bench.text import markdown
 from diagnosis.remedies.changes import FirmwareChange, firmware_changes, without_parameter
 from diagnosis.remedies.trajectory import Trajectory
 from diagnosis.result import Diagnosis
-from simulators.effects.card import manoeuvre
+from simulators.effects.card import load_card, manoeuvre
 
 TARGETS = {
     "crazyflow": "crazyflow",
@@ -69,7 +68,7 @@ def _autopilot(diagnosis: Diagnosis, target: str, values: Mapping[str, float]) -
     now = [change for change in changes if not change.waits_for]
     wait = [change for change in changes if change.waits_for]
     parts = [DESCRIPTIVE] if any(change.descriptive for change in changes) else []
-    if checks := [effect_words(clean(e.name)).check for e in diagnosis.effects]:
+    if checks := [load_card(clean(e.name)).check for e in diagnosis.effects]:
         first = [check for check in dict.fromkeys(checks) if check]
         parts += [f"First {join(first)}."] if first else []
     if now:
@@ -112,7 +111,7 @@ def _row(change: FirmwareChange, name: str, values: Mapping[str, float]) -> list
 
 
 def _labels(effects: Sequence[str]) -> list[str]:
-    return [effect_words(clean(name)).label for name in effects]
+    return [load_card(clean(name)).label for name in effects]
 
 
 def _expected(diagnosis: Diagnosis) -> list[str]:
