@@ -33,9 +33,17 @@ class BrokenPluginError(ValueError):
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     """One line that says what is wrong, what was probably meant, and what there is."""
     known = sorted(known)
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f" Did you mean '{close[0]}'?" if close else ""
+    hint = did_you_mean(name, known)
     return f"No {kind} is registered as '{name}'.{hint} Registered: {', '.join(known)}."
+
+
+def did_you_mean(name: str, known: Iterable[str], likeness: float = 0.5) -> str:
+    """A question after the name in `known` that `name` is like, empty where none is.
+
+    `likeness` is the least ratio of `difflib.SequenceMatcher`, from 0 to 1.
+    """
+    close = difflib.get_close_matches(name, sorted(known), n=1, cutoff=likeness)
+    return f" Did you mean '{close[0]}'?" if close else ""
 
 
 @functools.cache

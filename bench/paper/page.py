@@ -179,8 +179,8 @@ def _document(tables: Tables, notes: str, figures: Mapping[str, list[str]]) -> l
                 j.claim.title,
                 j.claim.stated,
                 j.finding.ours,
-                _word(j.finding.verdict),
-                _word(j.whole),
+                word_of(j.finding.verdict),
+                word_of(j.whole),
             )
             for j in own
         ]
@@ -275,7 +275,8 @@ def _tie_text(tie: Tie) -> str:
     return f"{name}: {number(tie.score, 3)} ({span(tie.low, tie.high, 3)})"
 
 
-def _word(verdict: Verdict) -> str:
+def word_of(verdict: Verdict) -> str:
+    """A verdict as Markdown, bold where it refutes."""
     return f"**{verdict.value}**" if verdict is Verdict.REFUTED else verdict.value
 
 

@@ -17,7 +17,7 @@ from rich.text import Text
 
 from bench.paper.claims import OWN, PAPER
 from bench.paper.figures import data_uri, write_gaps
-from bench.paper.page import judged
+from bench.paper.page import judged, word_of
 from bench.paper.values import name_of
 from bench.paper.world_views import (
     AS_IS,
@@ -131,17 +131,13 @@ def document(
     ]
     where = list(dict.fromkeys(place for own in claims.values() for place in own))
     rows = [
-        (title, *(_verdict(own.get(place, Verdict.UNTESTED)) for place in where))
+        (title, *(word_of(own.get(place, Verdict.UNTESTED)) for place in where))
         for title, own in claims.items()
     ]
     parts += [markdown.table(("claim", *where), rows, range(len(where) + 1))]
     legend = [f"- `{w.name}`: {markdown.escape(w.text)}" for w in made.worlds if w.name != w.text]
     parts += ["## The worlds", "\n".join(legend)] if legend else []
     return "\n\n".join(parts) + "\n"
-
-
-def _verdict(found: Verdict) -> str:
-    return f"**{found.value}**" if found is Verdict.REFUTED else found.value
 
 
 def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:

@@ -1,11 +1,11 @@
 """Settings as people write them, in files and on the command line; imports nothing heavy."""
 
-import difflib
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 from bench.text.errors import UsageError
+from simulators import registry
 
 Setting: TypeAlias = bool | int | float | str | list | tuple | dict | None
 """What a setting can be in a file; tables are dicts."""
@@ -18,8 +18,7 @@ class SettingsError(UsageError):
 def unknown_key(where: str, key: str, allowed: Iterable[str]) -> str:
     """One line: where an unknown key stands, what was probably meant, and what there is."""
     allowed = sorted(allowed)
-    close = difflib.get_close_matches(key, allowed, n=1, cutoff=0.5)
-    hint = f" Did you mean '{close[0]}'?" if close else ""
+    hint = registry.did_you_mean(key, allowed)
     return f"{where} has no key '{key}'.{hint} Allowed: {', '.join(allowed)}."
 
 

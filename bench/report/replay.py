@@ -1,6 +1,5 @@
 """One stored flight as a page that plays it, and as a film."""
 
-import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from bench.store.tables import TableError, Tables
 from bench.text.errors import UsageError
 from bench.text.pages import documents_of, environment, file_name, write_text
 from bench.text.say import say
+from simulators import registry
 
 
 class NoFlightError(UsageError):
@@ -119,8 +119,7 @@ def _find(run: str, tables_dir: Path | None) -> tuple[Path, Tables]:
 
 
 def _unknown(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    hint = f" Did you mean '{close[0]}'?" if close else ""
+    hint = registry.did_you_mean(name, known)
     return f"The tables hold no run '{name}'.{hint} `bench report` lists them all."
 
 

@@ -14,11 +14,14 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from rich.console import Console
+
 import blind
 import diagnosis
 import simulators
 from blind.draw.folders import Folders, write_json
 from blind.run.children import Ended, Task, python, run_tasks
+from blind.run.display import CasesProgress
 from blind.score.answers import scored_form
 from diagnosis import program
 
@@ -82,6 +85,29 @@ def answer_all(
             on_end(by_name[ended.name], status)
 
         run_tasks([make(case) for case in cases], jobs, end, timeout)
+
+
+def answer_shown(
+    folders: Folders,
+    cases: Mapping[str, C],
+    jobs: int,
+    console: Console,
+    reference_of: Callable[[C], Path | None] = lambda _: None,
+    name_of: Callable[[C], str] = lambda case: case.id,
+    command: Sequence[str] = DIAGNOSE,
+    timeout: float = TIMEOUT,
+) -> None:
+    """Diagnoses the cases that have no answer yet, with a progress bar that calls each by name."""
+    left = missing(folders, cases)
+    done = len(cases) - len(left)
+    if done:
+        console.print(f"{done} of {len(cases)} have an answer already.", highlight=False)
+    with CasesProgress("diagnosing", len(cases), console, done) as display:
+
+        def on_end(case: C, status: Mapping[str, Any]) -> None:
+            display.finished(name_of(case), status["cause"], status["seconds"])
+
+        answer_all(folders, left, jobs, on_end, reference_of, command, timeout)
 
 
 def read_answers(

@@ -23,11 +23,11 @@ from blind.report.injected_section import InjectedTables, is_injected, write_inj
 from blind.report.page import write_report
 from blind.report.tables import Tables, make_tables, save_labels
 from blind.run.answer_baselines import answer_baselines
-from blind.run.answering import DIAGNOSE, TIMEOUT, answer_all, missing, read_answers
+from blind.run.answering import DIAGNOSE, TIMEOUT, answer_shown, read_answers
 from blind.run.children import Ended, Task, python, run_tasks
 from blind.run.display import CasesProgress
 from blind.run.measuring import measure_all, read_measures, unmeasured
-from blind.run.place import alone, check_no_tables, check_request, tampered
+from blind.run.place import alone, check_no_tables, check_request, tampered, tell_end
 
 DOCUMENT = Path("reports") / "blind.md"
 """The report on the runs in `RESULTS`."""
@@ -193,19 +193,12 @@ def _answer(
     command: Sequence[str],
     timeout: float,
 ) -> None:
-    left = missing(folders, labels)
-    done = len(labels) - len(left)
-    if done:
-        console.print(f"{done} of {len(labels)} cases have an answer already.", highlight=False)
-    with CasesProgress("diagnosing", len(labels), console, done) as display:
-
-        def on_end(case: Case, status: Mapping[str, Any]) -> None:
-            display.finished(case.id, status["cause"], status["seconds"])
-
-        # Beside crazyflow itself nothing needs a reference: its equations are the diagnosis's own.
-        own = folders.read_state()["reality"] == "crazyflow"
-        reference = None if own else folders.reference
-        answer_all(folders, left, jobs, on_end, lambda _: reference, command, timeout)
+    # Beside crazyflow itself nothing needs a reference: its equations are the diagnosis's own.
+    own = folders.read_state()["reality"] == "crazyflow"
+    reference = None if own else folders.reference
+    answer_shown(
+        folders, labels, jobs, console, lambda _: reference, command=command, timeout=timeout
+    )
 
 
 def _measure(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:
@@ -240,7 +233,5 @@ def _finish(
     places = None if document == DOCUMENT else folders.out
     path = write_report(_found(places), document, notes, _injected(document))
     failed = sum(status["status"] != "ok" for status in statuses.values())
-    if failed:
-        console.print(f"[red]{failed} of {len(labels)} diagnoses failed; the report names them.[/]")
-    console.print(f"Tables: {folders.out}\nReport: {path}", soft_wrap=True, highlight=False)
+    tell_end(folders, path, failed, len(labels), console)
     return 1 if failed or len(measures) < len(labels) else 0

@@ -27,13 +27,11 @@ from blind.report.tables import save_labels
 from blind.run.answering import (
     DIAGNOSE,
     TIMEOUT,
-    answer_all,
-    missing,
+    answer_shown,
     read_documents,
     sources_digest,
 )
-from blind.run.display import CasesProgress
-from blind.run.place import alone, check_no_tables, check_request, tampered
+from blind.run.place import alone, check_no_tables, check_request, tampered, tell_end
 from blind.score.injected import injected_rows
 from diagnosis.logs.flights import FlightSet, LogError, load_flights
 
@@ -159,19 +157,11 @@ def _work(
     console.print(f"SHA-256 of the labels: {state['sha256']}", soft_wrap=True, highlight=False)
     labels = read_injected_labels(folders.labels, state["sha256"])
     write_injected(folders, flown, list(labels.values()))
-    left = missing(folders, labels)
-    done = len(labels) - len(left)
-    if done:
-        console.print(f"{done} of {len(labels)} cases have an answer already.", highlight=False)
-    with CasesProgress("diagnosing", len(labels), console, done) as display:
 
-        def on_end(case: Injected, status: Mapping[str, Any]) -> None:
-            display.finished(case.id, status["cause"], status["seconds"])
+    def beside(case: Injected) -> Path | None:
+        return folders.references / case.id if state["reference"] else None
 
-        def beside(case: Injected) -> Path | None:
-            return folders.references / case.id if state["reference"] else None
-
-        answer_all(folders, left, jobs, on_end, beside, command, timeout)
+    answer_shown(folders, labels, jobs, console, beside, command=command, timeout=timeout)
     if tampered(folders, console, "Nothing is scored."):
         return 1
     console.print("The labels are still those.")
@@ -192,7 +182,5 @@ def _finish(
     save_labels(folders)
     path = report.write_injected(tables, folders.out / "injected.md")
     failed = sum(row["status"] != "ok" and not row["refused"] for row in records(cases))
-    if failed:
-        console.print(f"[red]{failed} of {len(labels)} diagnoses failed; the report names them.[/]")
-    console.print(f"Tables: {folders.out}\nReport: {path}", soft_wrap=True, highlight=False)
+    tell_end(folders, path, failed, len(labels), console)
     return 1 if failed else 0

@@ -1,7 +1,8 @@
-"""What each command of the laboratory asks of its folders before it works in them."""
+"""What each command of the laboratory asks of its folders, and what it says of them at the end."""
 
 import contextlib
 from collections.abc import Iterator
+from pathlib import Path
 
 import filelock
 from rich.console import Console
@@ -57,3 +58,10 @@ def tampered(folders: Folders, console: Console, consequence: str = "") -> bool:
     if wrong := folders.tampered():
         console.print(f"[red]{f'{wrong} {consequence}'.strip()}[/]", soft_wrap=True)
     return bool(wrong)
+
+
+def tell_end(folders: Folders, report: Path, failed: int, n: int, console: Console) -> None:
+    """Says how many of `n` diagnoses failed, and where tables and report are."""
+    if failed:
+        console.print(f"[red]{failed} of {n} diagnoses failed; the report names them.[/]")
+    console.print(f"Tables: {folders.out}\nReport: {report}", soft_wrap=True, highlight=False)

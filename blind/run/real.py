@@ -21,9 +21,8 @@ from blind.draw.folders import RESULTS, Folders, write_json
 from blind.draw.injected import UNNAMED
 from blind.draw.manifest import LabelledSet, Manifest, read_manifest
 from blind.report.real_section import write_real
-from blind.run.answering import DIAGNOSE, TIMEOUT, answer_all, missing, read_documents
-from blind.run.display import CasesProgress
-from blind.run.place import alone
+from blind.run.answering import DIAGNOSE, TIMEOUT, answer_shown, missing, read_documents
+from blind.run.place import alone, tell_end
 from blind.score.real import as_json, real_rows
 from diagnosis.logs.flights import LogError, load_flights, write_flights
 
@@ -115,23 +114,15 @@ def _answer(
     timeout: float,
 ) -> None:
     by_id = {case.id: case for case in cases.values()}  # the same flights twice: one answer
-    left = missing(folders, by_id)
-    for case in left:
+    for case in missing(folders, by_id):
         _copy(case.flights, folders.cases / case.id)
         if case.reference is not None:
             _copy(case.reference, folders.references / case.id)
-    done = len(by_id) - len(left)
-    if done:
-        console.print(f"{done} of {len(by_id)} sets have an answer already.", highlight=False)
-    with CasesProgress("diagnosing", len(by_id), console, done) as display:
 
-        def on_end(case: RealCase, status: Mapping[str, Any]) -> None:
-            display.finished(case.name, status["cause"], status["seconds"])
+    def beside(case: RealCase) -> Path | None:
+        return folders.references / case.id if case.reference else None
 
-        def beside(case: RealCase) -> Path | None:
-            return folders.references / case.id if case.reference else None
-
-        answer_all(folders, left, jobs, on_end, beside, command, timeout)
+    answer_shown(folders, by_id, jobs, console, beside, lambda case: case.name, command, timeout)
 
 
 def _copy(source: Path, place: Path) -> None:
@@ -169,7 +160,5 @@ def _finish(
     run = {**state, "sources": sorted({status["sources"] for status in statuses.values()})}
     path = write_real(rows, numbers, run, folders.out)
     failed = rows["outcome"].tolist().count("failed")
-    if failed:
-        console.print(f"[red]{failed} of {len(rows)} diagnoses failed; the report names them.[/]")
-    console.print(f"Tables: {folders.out}\nReport: {path}", soft_wrap=True, highlight=False)
+    tell_end(folders, path, failed, len(rows), console)
     return 1 if failed else 0

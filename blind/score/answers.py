@@ -1,10 +1,13 @@
 """What of a diagnosis the scores compare: one form for answers of schema 1 and 2."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from diagnosis.result import Diagnosis, Effect
 from diagnosis.statements import judged_of
+
+REFUSED = "exit status 2"
+"""How the cause of a diagnosis begins that refused its logs (`blind.run.one`)."""
 
 
 def scored_form(content: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -34,6 +37,25 @@ def scored_form(content: Mapping[str, Any]) -> Mapping[str, Any]:
             "dispersion": found.details.dispersion,
         },
     }
+
+
+def beside_truth(
+    own: Mapping[str, Any],
+    blamed: Iterable[Effect],
+    truths: Mapping[str, Mapping[str, float]],
+) -> list[dict[str, Any]]:
+    """Numbers of blamed effects whose `truths` are known, beside them; a row begins with `own`."""
+    rows = []
+    for effect in blamed:
+        truth = truths.get(effect.name, {})
+        for given in effect.parameters:
+            if given.name in truth:
+                true, low, high = truth[given.name], given.low, given.high
+                row = {**own, "effect": effect.name, "parameter": given.name, "true": true}
+                row |= {key: getattr(given, key) for key in ("value", "low", "high", "use")}
+                inside = low is not None and high is not None and low <= true <= high
+                rows.append(row | {"inside": inside})
+    return rows
 
 
 def _effect(effect: Effect) -> dict[str, Any]:

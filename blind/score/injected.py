@@ -19,12 +19,10 @@ import pandas as pd
 
 from bench.stats.statistics import records
 from blind.draw.injected import NOTHING, Injected
+from blind.score.answers import REFUSED, beside_truth
 from blind.score.scoring import clopper_pearson
 from diagnosis.result import Diagnosis, Effect
 from diagnosis.statements import judged_of
-
-REFUSED = "exit status 2"
-"""How the cause of a diagnosis begins that refused its logs (`blind.run.one`)."""
 
 Json = Mapping[str, Any]
 Row = dict[str, Any]
@@ -114,15 +112,5 @@ def _describes(case: Injected, effect: Effect) -> bool:
 
 def _compared(case: Injected, found: Diagnosis) -> list[Row]:
     """Numbers of blamed effects that describe the fault, beside the true ones."""
-    rows = []
-    for effect in found.effects:
-        truth = case.answers.get(effect.name, {}) if effect.blamed else {}
-        for given in effect.parameters:
-            if given.name in truth:
-                true, low, high = truth[given.name], given.low, given.high
-                own = {"case": case.id, "fault": case.fault, "size": case.size}
-                own |= {"effect": effect.name, "parameter": given.name, "true": true}
-                own |= {key: getattr(given, key) for key in ("value", "low", "high", "use")}
-                inside = low is not None and high is not None and low <= true <= high
-                rows.append(own | {"inside": inside})
-    return rows
+    own = {"case": case.id, "fault": case.fault, "size": case.size}
+    return beside_truth(own, found.blamed, case.answers)

@@ -21,13 +21,12 @@ import pandas as pd
 
 from bench.stats.statistics import records
 from blind.draw.manifest import NONE, UNKNOWN, LabelledSet, Manifest
+from blind.score.answers import REFUSED, beside_truth
 from blind.score.scoring import clopper_pearson
 from diagnosis.result import Diagnosis, Effect
 
 OUTCOMES = ("right", "in part", "wrong", "missed", "abstained", "failed")
 """What an answer can be; `failed`: the program ended without one, which is a fault of its own."""
-REFUSED = "exit status 2"
-"""How the cause of a diagnosis begins that refused its logs (`blind.run.one`)."""
 
 
 def real_rows(
@@ -57,7 +56,7 @@ def real_rows(
                 "seconds": status["seconds"],
             }
         )
-        numbers += _numbers(name, own, blamed)
+        numbers += beside_truth({"set": name}, blamed, own.parameters)
     columns = ["set", "effect", "parameter", "true", "value", "low", "high", "use", "inside"]
     return pd.DataFrame(rows), pd.DataFrame(numbers, columns=columns)
 
@@ -106,20 +105,6 @@ def by_airframe(rows: pd.DataFrame) -> pd.DataFrame:
             own |= {name: share, f"{name}_low": low, f"{name}_high": high}
         found.append(own)
     return pd.DataFrame(found)
-
-
-def _numbers(name: str, own: LabelledSet, blamed: tuple[Effect, ...]) -> list[dict[str, Any]]:
-    rows = []
-    for effect in blamed:
-        truth = own.parameters.get(effect.name, {})
-        for given in effect.parameters:
-            if given.name in truth:
-                true, low, high = truth[given.name], given.low, given.high
-                row = {"set": name, "effect": effect.name, "parameter": given.name, "true": true}
-                row |= {key: getattr(given, key) for key in ("value", "low", "high", "use")}
-                inside = low is not None and high is not None and low <= true <= high
-                rows.append(row | {"inside": inside})
-    return rows
 
 
 def answered_rightly(rows: pd.DataFrame) -> list[dict[str, Any]]:

@@ -19,7 +19,6 @@ included.
 """
 
 import csv
-import difflib
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -30,6 +29,8 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 from jaxtyping import Float64
+
+from simulators import registry
 
 GROUPS = {
     "pos": ("pos_x", "pos_y", "pos_z"),
@@ -68,8 +69,7 @@ class LogError(ValueError):
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """A question after the name in `known` that `name` is close to, empty where none is."""
-    close = difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.6)
-    return f" Did you mean '{close[0]}'?" if close else ""
+    return registry.did_you_mean(name, known, likeness=0.6)
 
 
 def read_columns(path: Path) -> Columns:

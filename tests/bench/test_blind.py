@@ -150,13 +150,13 @@ def test_labels_that_change_meanwhile_are_noticed_after(
 ):
     out = tmp_path / "out"
     folders = made(out, (MASS, "drag"))
-    answer = blind.answer_all
+    answer = blind.answer_shown
 
     def tamper(*arguments, **settings):
         answer(*arguments, **settings)
         folders.labels.write_text(folders.labels.read_text().replace('"mass"', '"drag"'))
 
-    monkeypatch.setattr(blind, "answer_all", tamper)
+    monkeypatch.setattr(blind, "answer_shown", tamper)
     assert blind.run_blind(None, "crazyflow", out, None, 1, stub) == 1
     assert "Nothing is scored" in capsys.readouterr().out.replace("\n", " ")
     assert not (out / "cases.parquet").exists()
