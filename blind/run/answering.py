@@ -101,7 +101,7 @@ def answer_shown(
     left = missing(folders, cases)
     done = len(cases) - len(left)
     if done:
-        console.print(f"{done} of {len(cases)} have an answer already.", highlight=False)
+        console.print(f"{done} of {len(cases)} cases have an answer already.", highlight=False)
     with CasesProgress("diagnosing", len(cases), console, done) as display:
 
         def on_end(case: C, status: Mapping[str, Any]) -> None:

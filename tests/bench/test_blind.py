@@ -228,7 +228,7 @@ def test_shrink_and_probability_are_counted_case_by_case():
     )
     name, hits, value, *_ = sections._near(cases)
     assert (hits, value) == ("1/3", "33.3 %")
-    assert "least 77.8 %" in name
+    assert "worst case: 77.8 %" in name
     given = tables({MASS.id: answer("drag"), GAIN.id: answer(), CLEAN.id: answer()})
     line = sections._calibrated(given)
     assert line[1] == "0/1"
