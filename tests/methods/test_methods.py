@@ -29,7 +29,6 @@ from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import Ledger, Setup
 from methods.domain_randomization import DomainRandomization, randomized
 from methods.hf_hotstart import HFHotStart
-from methods.hf_scratch import HFScratch
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.evaluate import evaluate, fly
@@ -240,12 +239,6 @@ def test_every_step_of_high_fidelity_flight_is_billed(train, row):
     assert ledger.train_seconds > 0
 
 
-def test_the_budget_of_scratch_goes_through_the_papers_epochs():
-    assert [HFScratch().budget(n) for n in (0, 12, 18)] == [400, 1400, 1899]
-    limited = HFScratch(trainer=dataclasses.replace(HFScratch().trainer, epochs=1000))
-    assert limited.budget(18) == 1000
-
-
 @pytest.mark.parametrize("row", ROWS, ids="".join)
 def test_training_time_is_what_the_trainer_says_and_what_came_before(again, row):
     """Of epochs that are flown for others, too, only a share: no method takes its own time."""
@@ -384,13 +377,6 @@ def test_progress_is_told_of_every_epoch(train, row):
     epochs = [message for message in train(row, heard=True) if message[2] == TINY.epochs]
     assert [message[1] for message in epochs] == [1, 2, 3]
     np.testing.assert_allclose([message[3] for message in epochs], trained.curves["reward"])
-
-
-@pytest.mark.parametrize("case", [("hybrid", 0, "1 or None"), ("recalibrated", -1, "0")])
-def test_too_few_flights_are_refused(case):
-    name, flights, least = case
-    with pytest.raises(ValueError, match=f"`flights` must be at least {least}, got {flights}"):
-        METHODS[name](flights=flights)
 
 
 def test_an_unknown_reading_of_the_attitude_is_refused():

@@ -12,6 +12,7 @@ from methods import hybrid
 from methods.calibration import identification
 from methods.calibration.identification import PATHS, flown_paths
 from methods.calibration.remainder import calibrate_as_grey_box, remaining_transitions
+from methods.hf_scratch import HFScratch
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.meter import train_metered
@@ -114,3 +115,16 @@ def test_rows_bound_each_members_fit():
 def test_what_cannot_be_flown_is_refused(method, settings, match):
     with pytest.raises(ValueError, match=match):
         METHODS[method](**settings)
+
+
+def test_the_budget_of_scratch_goes_through_the_papers_epochs():
+    assert [HFScratch().budget(n) for n in (0, 12, 18)] == [400, 1400, 1899]
+    limited = HFScratch(trainer=dataclasses.replace(HFScratch().trainer, epochs=1000))
+    assert limited.budget(18) == 1000
+
+
+@pytest.mark.parametrize("case", [("hybrid", 0, "1 or None"), ("recalibrated", -1, "0")])
+def test_too_few_flights_are_refused(case):
+    name, flights, least = case
+    with pytest.raises(ValueError, match=f"`flights` must be at least {least}, got {flights}"):
+        METHODS[name](flights=flights)
