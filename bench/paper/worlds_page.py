@@ -105,8 +105,8 @@ def document(
         "95 % interval over seeds where there are at least two. Bold methods are Pareto-optimal: "
         "no other has a higher score in its worst world without flying more. Flight is the mean "
         "over worlds. A policy that is deployed *as it is* was trained in crazyflow and is "
-        "evaluated in the other worlds without more training; its score in crazyflow is that of "
-        "its training's own world."
+        "evaluated in the other worlds without more training; "
+        "crazyflow is the world of its training."
     ]
     if made.left_out:
         left_out = "; ".join(markdown.escape(cell.label) for cell in made.left_out)

@@ -30,8 +30,8 @@ DECIDABLE = (
     "the nominal simulator and from every refitted rival by a chi-square of 25 or more. In an "
     "undecidable case an answer is right if it is `none`, or if the true effect is the named one "
     "or among its aliases. For realities with equations of their own, decidability and Cramér-Rao "
-    "bounds are those of the same effects and paths flown in crazyflow; what reference flights "
-    "leave uncertain is counted."
+    "bounds are computed from the same effects and paths in crazyflow. They include the "
+    "uncertainty that reference flights leave."
 )
 
 

@@ -74,6 +74,18 @@ class FlightLog:
         return float(max(log.t[-1] for log in self.drones) - min(log.t[0] for log in self.drones))
 
 
+def stretches(
+    t: Float64[np.ndarray, " rows"], holds: Bool[np.ndarray, " rows"]
+) -> list[tuple[float, float]]:
+    """Begin and end [s] of every run of rows in which something holds.
+
+    A run ends at the first row in which it does not, or at the last row of all.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
+    pairs = edges.reshape(-1, 2)
+    return [(float(t[a]), float(t[min(b, len(t) - 1)])) for a, b in pairs]
+
+
 @dataclasses.dataclass(frozen=True)
 class VehicleFile:
     """What the operator says about the vehicle."""

@@ -20,7 +20,14 @@ import numpy as np
 from jaxtyping import Float
 
 from diagnosis.logs.airframes import CRAZYFLIES
-from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, LogError, VehicleFile
+from diagnosis.logs.flights import (
+    DroneLog,
+    FlightLog,
+    FlightSet,
+    LogError,
+    VehicleFile,
+    stretches,
+)
 from diagnosis.logs.noise import measured
 from diagnosis.logs.upsets import before_upset
 from simulators.vehicle import GRAVITY, VehicleSpec
@@ -214,10 +221,9 @@ def on_ground(log: DroneLog, mass: float, turning: bool) -> Sequence[tuple[float
         height, speed = STANDING
         still = low | (log.pos[:, 2] < height) & (np.linalg.norm(log.vel, axis=1) < speed)
         low |= np.logical_and.accumulate(still) | np.logical_and.accumulate(still[::-1])[::-1]
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], low.astype(int), [0]])))
-    stretches = [
-        (float(log.t[a] - log.t[0]), float(log.t[min(b, len(log.t) - 1)] - log.t[0]))
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ]
     last = float(log.t[-1] - log.t[0])
-    return [(a, b) for a, b in stretches if b - a >= LANDED or a == 0.0 or b == last]
+    return [
+        (a, b)
+        for a, b in stretches(log.t - log.t[0], low)
+        if b - a >= LANDED or a == 0.0 or b == last
+    ]

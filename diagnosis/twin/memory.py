@@ -15,8 +15,8 @@ offset: hover flights cannot tell the two, but of rotors that are weaker than be
 thrust lacks twice as much. With an offset, `crazyflie_changed` came out as 38 % more mass; what was
 changed there is not documented (ten grams, +31 %, is our guess). Roll and pitch share their
 numbers, and so do both horizontal accelerations: a quadrotor looks alike after a quarter of a turn.
-The model is linear in its numbers and simulates: nothing that was measured of a channel enters its
-prediction, so the error is that of a simulation and not of one step.
+The model is linear in its numbers. It simulates: no measured value of a channel enters the
+prediction of this channel. Its error is that of a whole simulation, not of one step ahead.
 
 The vertical memory has no static gain (sum_k g_k = 0). A pilot or controller that holds height
 moves the thrust against whatever disturbs the drone, so that flights say that thrust moves nothing:

@@ -64,6 +64,18 @@ def test_of_an_early_upset_nothing_is_left():
     assert why == "flights/crash: the drone turned over 1.5 s after its start without a command to"
 
 
+def test_of_an_upset_after_hardly_more_than_that_nothing_is_left_either():
+    """A second less a row would hold no drone at all."""
+    assert before_upset(flight(rolled(begin=2.0)))[0] is None
+
+
+def test_a_drone_whose_log_begins_after_the_end_is_left_out():
+    late = made_log(6.0)
+    late = dataclasses.replace(late, t=late.t + 3.5)
+    kept, _ = before_upset(flight(rolled(), late))
+    assert len(kept.drones) == 1
+
+
 def test_inputs_keep_the_part_before_and_say_what_is_gone():
     inputs = choose_inputs(flight_set([flight(rolled()), FlightLog("whole", (made_log(6.0),))]))
     assert [f.name for f in inputs.flights] == ["crash", "whole"]
