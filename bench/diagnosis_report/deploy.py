@@ -19,8 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.diagnosis_report.documents import check_place
-from bench.plan.expansion import NOMINAL
-from bench.plan.realities import parse_reality, written
+from bench.plan.realities import NOMINAL, parse_reality, written
 from bench.stats.statistics import COUNTED, FAILURES
 from bench.text import markdown
 from bench.text.errors import UsageError

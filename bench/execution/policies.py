@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bench.plan.expansion import NOMINAL, expand
+from bench.plan.expansion import expand
 from bench.plan.planned_run import REALITY
-from bench.plan.realities import parse_reality
+from bench.plan.realities import NOMINAL, parse_reality
 from bench.plan.suite import built_in, load_suite
 from bench.stats.statistics import cell_of, entry_of, estimate, records
 from bench.store.kept import RESIDUAL, KeptRun, load_kept, path_of, save_kept

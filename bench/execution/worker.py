@@ -24,10 +24,9 @@ import numpy as np
 import pandas as pd
 
 from bench.execution.executor import Report, one_line
-from bench.plan.expansion import NOMINAL
 from bench.plan.planned_run import REALITY, Run
 from bench.plan.provenance import provenance
-from bench.plan.realities import parse_reality
+from bench.plan.realities import nominal_simulator, parse_reality
 from bench.plan.settings import build
 from bench.store.record import Outcome
 from bench.store.store import Store
@@ -139,7 +138,7 @@ def train_and_evaluate(run: Run, store: Store, context: Context) -> Outcome:
     task = build(
         registry.load("task", run.task), run.task_overrides, run.task, n_drones=run.team_size
     )
-    nominal = build(registry.load("simulator", NOMINAL), run.nominal_overrides, NOMINAL)
+    nominal = nominal_simulator(run.nominal_overrides)
     reality = parse_reality(run.reality)
     parents = _parents(run, store, task, nominal)
     setup = Setup(task, nominal, reality, parents, context)
@@ -161,7 +160,7 @@ def train_and_evaluate(run: Run, store: Store, context: Context) -> Outcome:
     return Outcome(
         status=trained.status,
         trained=trained,
-        trained_effects=_trained_in(run, store, trained, reality),
+        trained_effects=_trained_in(run, store, trained, setup),
         metrics=metrics(trained, deployed, in_nominal)
         | {
             "spawn_reward": float(standing.sum(axis=1).mean()),
@@ -193,12 +192,13 @@ def _deployed(parent: Trained) -> Trained:
     return dataclasses.replace(parent, ledger=Ledger(), curves={})
 
 
-def _trained_in(run: Run, store: Store, trained: Trained, reality: AbstractSimulator) -> str:
+def _trained_in(run: Run, store: Store, trained: Trained, setup: Setup) -> str:
     """Effects of the simulator in which the policy was trained."""
     if run.deploys:
         return store.read(run.parents[run.method]).get("trained_effects", "")
     at_home = registry.load("method", run.method).simulator == REALITY
-    return canonical(reality.effects if at_home else trained.effects)
+    low_fidelity = (*setup.nominal.effects, *trained.effects)
+    return canonical(setup.reality.effects if at_home else low_fidelity)
 
 
 def _trained(run: Run, setup: Setup) -> Trained:

@@ -21,7 +21,7 @@ import jax
 from bench.plan import settings
 from bench.plan.keys import Setting
 from bench.plan.planned_run import REALITY, Run
-from bench.plan.realities import parse_reality, written
+from bench.plan.realities import EFFECTS, NOMINAL, nominal_simulator, parse_reality, written
 from bench.plan.sources import own_source, shared_sources
 from bench.plan.suite import Row, Suite
 from bench.text.errors import UsageError
@@ -31,13 +31,12 @@ from methods.training.evaluate import Evaluation
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.drawn.drawn_team import Drawn, DrawnState
+from simulators.effects.chain import Effects, canonical
 from simulators.tracking import PDTracker
 
 PROTOCOL = "2"
 """Version of what all runs share and no plug-in's version tells: trainer, rollout, contacts,
 evaluation (`reports/protocol.md`). It is part of every key."""
-NOMINAL = "point_mass"
-"""Name of the low-fidelity simulator."""
 PACKAGES = ("fidelity-bench", "jax", "equinox", "optax", "crazyflow", "mujoco")
 """Installed packages whose versions are recorded with a run; they are not part of its key."""
 
@@ -182,7 +181,7 @@ def _make_recipe(
     default_task = _describe(task_class, {}, where, **team)
     plugins = {"method": row.method, "task": task} | ({"residual": residual} if residual else {})
     found = {f"{kind} {name}": registry.load(kind, name) for kind, name in plugins.items()}
-    (nominal, changed), reality = _nominal(row), _reality(row)
+    (nominal, changed, added), reality = _nominal(row), _reality(row)
     flown_in = (NOMINAL, reality.name)
     found |= {f"simulator {name}": registry.load("simulator", name) for name in flown_in}
     home = row.simulator or REALITY
@@ -192,7 +191,8 @@ def _make_recipe(
             f"'{home}+mass(e=0.2)', or another simulator. Leave it out to deploy in {home} without "
             "effects."
         )
-    found |= {f"effect {type(effect).__name__}": type(effect) for effect in reality.effects}
+    effects = map(type, (*reality.effects, *added))
+    found |= {f"effect {effect.__name__}": effect for effect in effects}
     found |= {"drawn team": DrawnState} if isinstance(reality, Drawn) else {}
     resolved = {
         "protocol": PROTOCOL,
@@ -238,13 +238,17 @@ def _make_recipe(
     return _Recipe(resolved, given, parents)
 
 
-def _nominal(row: Row) -> tuple[dict[str, Setting], dict[str, Setting]]:
-    """The low-fidelity simulator of a row as JSON, and what of it is not as by default."""
-    found, where = registry.load("simulator", NOMINAL), f"Simulator '{NOMINAL}'"
-    default = _defaults(f"simulator {NOMINAL}", found)
-    described = _describe(found, row.nominal, where) if row.nominal else default
-    changed = {name: x for name, x in row.nominal.items() if described[name] != default[name]}
-    return described, changed
+def _nominal(row: Row) -> tuple[dict[str, Setting], dict[str, Setting], Effects]:
+    """The low-fidelity simulator of a row as JSON, what of it is not as by default, its effects."""
+    default = _defaults(f"simulator {NOMINAL}", registry.load("simulator", NOMINAL))
+    if not row.nominal:
+        return default, {}, ()
+    simulator = nominal_simulator(row.nominal)
+    described, given = settings.describe_fields(simulator, NOMINAL), dict(row.nominal)
+    if simulator.effects:
+        described[EFFECTS] = given[EFFECTS] = canonical(simulator.effects)
+    changed = {name: x for name, x in given.items() if described[name] != default[name]}
+    return described, changed, simulator.effects
 
 
 def _reality(row: Row) -> AbstractSimulator:

@@ -1,4 +1,4 @@
-"""Simulated realities as text: a simulator and the effects that it has beyond the nominal one."""
+"""Simulators as text: a high-fidelity one with effects, or the low-fidelity one with effects."""
 
 import functools
 import math
@@ -8,15 +8,22 @@ from typing import Any
 
 import equinox as eqx
 
+from bench.plan.keys import Setting, SettingsError
 from bench.plan.names import SENSING, world_text, worlds
+from bench.plan.settings import build
 from bench.text.errors import UsageError
 from simulators import registry
 from simulators.contract import AbstractSimulator, MissingDoorError, with_effects
 from simulators.drawn.distribution import Distribution
-from simulators.drawn.drawn_team import drawn
+from simulators.drawn.drawn_team import Drawn, drawn
 from simulators.drawn.sensing import Sensing
 from simulators.effects.chain import canonical
 from simulators.effects.contract import AbstractEffect, Parameter
+
+NOMINAL = "point_mass"
+"""Name of the low-fidelity simulator."""
+EFFECTS = "effects"
+"""Its setting that is text, as in a reality: "floor(height=0)"."""
 
 _PART = re.compile(r"([a-z_0-9]+)\(((?:[^()]|\([^()]*\))*)\)")
 _PAIR = re.compile(r"[^,()]*(?:\([^()]*\)[^,()]*)?")
@@ -79,6 +86,29 @@ def parse_reality(text: str, where: str = "`--reality`") -> AbstractSimulator:
         raise UsageError(f"{where}: {error}") from error
     except ValueError as error:  # an effect that cannot be part of a drawn reality
         raise UsageError(f"{where}: {error}") from error
+
+
+def nominal_simulator(
+    settings: Mapping[str, Setting], where: str = f"Simulator '{NOMINAL}'"
+) -> AbstractSimulator:
+    """The low-fidelity simulator with these settings; `effects` is text: "floor(height=0)".
+
+    Raises:
+        SettingsError: There is no such setting, or it does not accept the value.
+        UsageError: The effects are not understood, or the simulator lacks a door for one.
+        UnknownPluginError: No effect has that name.
+    """
+    text, place = settings.get(EFFECTS, ""), f"{where}, {EFFECTS}"
+    if not isinstance(text, str):
+        raise SettingsError(f"{place} must be text, such as 'floor(height=0)', got {text!r}.")
+    fields = {name: value for name, value in settings.items() if name != EFFECTS}
+    plain = build(registry.load("simulator", NOMINAL), fields, where)
+    if not text:
+        return plain
+    with_text = parse_reality(f"{NOMINAL}+{text}", place)
+    if isinstance(with_text, Drawn):
+        raise UsageError(f"{place}: effects of this simulator are numbers, none is drawn.")
+    return with_effects(plain, with_text.effects)
 
 
 def _with_laws(effect: AbstractEffect, laws: Mapping[str, Distribution]) -> AbstractEffect:

@@ -14,6 +14,7 @@
     settings.trainer.epochs = 200      # fields of the method
     task_settings.observe_attitude = true
     nominal.attitude_tau = 0.05        # fields of the low-fidelity simulator, its parents' too
+    nominal.effects = "floor(height=0)"    # effects of the low-fidelity simulator
     reality = "crazyflow+mass(e=0.2)"  # what it is trained for and deployed in; of a list, each
     tasks = ["circle"]                 # this row only on these
     team_sizes = [12]

@@ -6,9 +6,9 @@ import jax
 from rich.console import Console
 from rich.table import Table
 
-from bench.plan.expansion import NOMINAL
 from bench.plan.keys import Setting
 from bench.plan.planned_run import REALITY
+from bench.plan.realities import NOMINAL
 from bench.plan.settings import build
 from bench.text.errors import UsageError
 from methods.contract import AbstractMethod, Setup

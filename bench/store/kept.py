@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from bench.plan.expansion import NOMINAL, PACKAGES
+from bench.plan.expansion import PACKAGES
 from bench.plan.planned_run import Run
+from bench.plan.realities import NOMINAL
 from bench.store.record import Outcome, UnreadableRunError, policy_of, with_arrays
 from bench.store.tables import UNITS, Tables
 from bench.text.errors import UsageError

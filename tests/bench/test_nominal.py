@@ -1,5 +1,8 @@
 """Rows with another low-fidelity simulator, and settings that came later."""
 
+import json
+
+import jax
 import pytest
 
 from bench.execution import worker
@@ -7,7 +10,11 @@ from bench.plan.expansion import expand
 from bench.plan.keys import SettingsError
 from bench.plan.suite import Row, Suite, SuiteError, load_suite
 from bench.store.store import Store
+from bench.text.errors import UsageError
+from methods.contract import Ledger, Trained
 from methods.training.context import Context
+from methods.training.policy import make_policy
+from simulators.registry import UnknownPluginError
 
 
 def runs(*rows):
@@ -52,6 +59,61 @@ def test_a_worker_trains_in_it(tmp_path, monkeypatch):
         with pytest.raises(InterruptedError):
             worker.train_and_evaluate(run, Store(tmp_path), Context())
     assert seen == pytest.approx([0.02, 0.104])
+
+
+FLOOR = {"effects": "floor(height=0.0)"}
+
+
+def test_the_low_fidelity_simulator_may_have_effects_for_parents_too():
+    found, plain = runs(Row("hybrid", nominal=FLOOR)), runs(Row("hybrid"))
+    assert {run.variant for run in found.values()} == {"nominal.effects=Floor(height=0)"}
+    assert {found[m].key for m in found}.isdisjoint(plain[m].key for m in plain)
+    written = json.dumps(found["lf_baseline"].resolved)
+    assert '"effect Floor": "1"' in written
+    assert '"effects": "Floor(height=0)"' in written
+    assert "effect Floor" in found["lf_baseline"].sources
+
+
+def test_one_effect_has_one_key_however_it_is_written():
+    texts = ("floor(height=0.0)", " floor( height = 0.00 ) ")
+    keys = {runs(Row("lf_baseline", nominal={"effects": t}))["lf_baseline"].key for t in texts}
+    assert len(keys) == 1
+
+
+def test_no_effects_are_the_default():
+    empty, plain = runs(Row("lf_baseline", nominal={"effects": ""})), runs(Row("lf_baseline"))
+    assert empty["lf_baseline"].key == plain["lf_baseline"].key
+
+
+@pytest.mark.parametrize(
+    ("effects", "message"),
+    [
+        (["floor"], "must be text, such as"),
+        ("flor(height=0)", "Did you mean 'floor'"),
+        ("floor(height=7)", r"height of 'floor' must lie in \[-0.1, 0.1\], got 7"),
+        ("mass(e~normal(0, 0.05))", "none is drawn"),
+        ("attitude_gain", "is no effect; write NAME"),
+    ],
+)
+def test_effects_that_are_not_understood_are_refused(effects, message):
+    with pytest.raises((UsageError, UnknownPluginError), match=message):
+        runs(Row("lf_baseline", nominal={"effects": effects}))
+
+
+def test_a_worker_trains_and_evaluates_with_its_effects(tmp_path, monkeypatch):
+    seen = []
+
+    def untrained(run, setup):
+        seen.append([type(effect).__name__ for effect in setup.nominal.effects])
+        nominal = setup.nominal
+        policy = make_policy(setup.task, nominal.spec, nominal.action_space, jax.random.key(0))
+        return Trained(policy, Ledger(), {}, "ok")
+
+    monkeypatch.setattr(worker, "_trained", untrained)
+    run = runs(Row("lf_baseline", nominal=FLOOR, task_settings={"horizon": 10}))["lf_baseline"]
+    outcome = worker.train_and_evaluate(run, Store(tmp_path), Context())
+    assert seen == [["Floor"]]
+    assert outcome.trained_effects == "Floor(height=0)"
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ from bench.execution.worker import _parents, _trained_in
 from bench.plan.expansion import PlanError, expand
 from bench.plan.keys import SettingsError
 from bench.plan.override import overridden
-from bench.plan.realities import parse_reality
+from bench.plan.realities import nominal_simulator, parse_reality
 from bench.plan.settings import describe
 from bench.plan.suite import Row, Suite, load_suite
 from bench.store.store import Store
 from bench.text.errors import UsageError
-from methods.contract import AbstractMethod
+from methods.contract import AbstractMethod, Setup
 from methods.hybrid import Hybrid
 from methods.hybrid_once import HybridOnce
 from methods.training.policy import make_policy
@@ -360,14 +360,19 @@ def test_a_reality_that_cannot_be_is_named(plugins, row, message):
 
 @pytest.mark.parametrize(
     ("method", "noted"),
-    [("hf_scratch", "Mass(e=0.2)"), ("grey_box", "Drag(c=0.5)"), ("lf_baseline", "Drag(c=0.5)")],
+    [
+        ("hf_scratch", "Mass(e=0.2)"),
+        ("grey_box", "Drag(c=0.5); Floor(height=0)"),
+        ("lf_baseline", "Drag(c=0.5); Floor(height=0)"),
+    ],
 )
 def test_effects_of_the_simulator_that_was_trained_in_are_noted(tmp_path, method, noted):
-    """Those of the reality where the policy flew there, else what the method corrected by."""
+    """Those of the reality where it trained there, else the point mass's and the method's."""
     run = only(Row(method, reality="crazyflow+mass(e=0.2)"))
     trained = dataclasses.replace(outcome(run).trained, effects=(Drag(c=0.5),))
-    reality = parse_reality(run.reality)
-    assert _trained_in(run, Store(tmp_path), trained, reality) == noted
+    nominal = nominal_simulator({"effects": "floor(height=0)"})
+    setup = Setup(Circle(n_drones=3), nominal, parse_reality(run.reality))
+    assert _trained_in(run, Store(tmp_path), trained, setup) == noted
 
 
 def test_settings_of_the_command_line_replace_those_of_every_row(plugins, write_suite):

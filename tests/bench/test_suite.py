@@ -64,6 +64,7 @@ def test_built_in_suites_are_what_the_documentation_promises():
         "contact": (2, (3, 7, 12), 5, 10),
         "field": (4, (3, 12), 5, 11),
         "field_parts": (2, (3,), 5, 20),
+        "floor": (1, (7, 18), 5, 6),
         "worlds": (1, (3,), 3, 44),
         "paper": (4, (3, 5, 7, 9, 12, 18), 5, 10),
         "paper_rotorpy": (4, (3, 12), 5, 10),
