@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import beta
 
-from blind.twin.faults import FAULTS, Fault, applies, disturbed
+from blind.draw.catalogue import Parameters
+from blind.draw.faults import FAULTS
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.logs.inputs import choose_inputs
 from diagnosis.twin.answer import Change, ChangedParameter, TwinAnswer
@@ -26,6 +27,41 @@ from diagnosis.twin.diagnose_change import answer_change
 from diagnosis.twin.flown import flight_of, seen, twin_replay
 from diagnosis.twin.twin import make_twin
 
+
+@dataclasses.dataclass(frozen=True)
+class Studied:
+    """A parameter of a fault, at sizes around the one that should be found."""
+
+    fault: str
+    """Name in `blind.draw.faults`."""
+    parameter: str
+    """The one that varies; those of `others` keep their values."""
+    unit: str
+    """SI unit of its size."""
+    aim: float
+    """Size that should be found with a probability of 95 %."""
+    others: Parameters = dataclasses.field(default_factory=dict)
+    """Values of the fault's other parameters."""
+
+    @property
+    def effect(self) -> str:
+        """Registered name of the effect that describes it best."""
+        return next(iter(FAULTS[self.fault].answers({**self.others, self.parameter: self.aim})))
+
+    def apply(self, flights: FlightSet, size: float) -> FlightSet:
+        """The flights as they would have been logged with a fault of that size."""
+        return FAULTS[self.fault].apply(flights, {**self.others, self.parameter: size})
+
+
+STUDIED: Mapping[str, Studied] = {
+    "thrust": Studied("thrust_gain", "e", "-", 0.05),
+    "delay": Studied("delay", "seconds", "s", 0.02),
+    "roll offset": Studied("trim", "roll", "rad", float(np.deg2rad(1.5)), {"pitch": 0.0}),
+    "pitch offset": Studied("trim", "pitch", "rad", float(np.deg2rad(1.5)), {"roll": 0.0}),
+    "attitude gain": Studied("attitude_gain", "g", "-", 0.1),
+    "frame": Studied("tilt_turned_in_yaw", "angle", "rad", float(np.deg2rad(5.0))),
+}
+"""What is studied, by name, with the sizes that the twin aims at."""
 Case = tuple[str, float]
 """A fault's name and size; the empty name stands for undisturbed flights."""
 CLEAN: Case = ("", 0.0)
@@ -49,18 +85,18 @@ class Tally:
     @property
     def named(self) -> int:
         """Answers that name the fault or hold it in their class."""
-        effect = FAULTS[self.case[0]].effect
+        effect = STUDIED[self.case[0]].effect
         return sum(effect in (*a.effects, *a.aliases) for a in self.answers)
 
     @property
     def first(self) -> int:
         """Answers that name the fault first."""
-        effect = FAULTS[self.case[0]].effect
+        effect = STUDIED[self.case[0]].effect
         return sum(bool(a.effects) and a.effects[0] == effect for a in self.answers)
 
     def estimates(self) -> list[ChangedParameter]:
         """The fault's parameter as each split estimates it, whether it was named or not."""
-        fault = FAULTS[self.case[0]]
+        fault = STUDIED[self.case[0]]
         return [
             p
             for a in self.answers
@@ -75,13 +111,12 @@ def fly(flights: FlightSet, scales: Sequence[float]) -> tuple[Mapping[Case, tupl
     """The channels of every case, and what makes a twin of some of them."""
     replay = twin_replay(flights, choose_inputs(flights), "crazyflow")
     cases = [CLEAN]
-    for name, fault in FAULTS.items():
-        if all(applies(name, f) for f in flights.flights):
-            cases += [(name, fault.aim * scale) for scale in scales]
+    for name, studied in STUDIED.items():
+        if FAULTS[studied.fault].fits(flights):
+            cases += [(name, studied.aim * scale) for scale in scales]
     made = {}
     for name, size in cases:
-        logs = [disturbed(f, name, size) if name else f for f in flights.flights]
-        inputs = choose_inputs(dataclasses.replace(flights, flights=tuple(logs)))
+        inputs = choose_inputs(STUDIED[name].apply(flights, size) if name else flights)
         made[name, size] = flight_of(replay, inputs.flights)(replay.library.neutral)
         sys.stderr.write(f"flown: {name or 'undisturbed'} {size:g}\n")
 
@@ -138,12 +173,12 @@ def write_table(tallies: Sequence[Tally]) -> str:
                 f"| none: alarms | {_share(tally.alarms, n)} | | | | | {aside:.2f} aside |"
             )
             continue
-        (name, size), fault = tally.case, FAULTS[tally.case[0]]
+        (name, size), fault = tally.case, STUDIED[tally.case[0]]
         lines.append(_line(tally, name, size, fault, n))
     return "\n".join(lines)
 
 
-def _line(tally: Tally, name: str, size: float, fault: Fault, n: int) -> str:
+def _line(tally: Tally, name: str, size: float, fault: Studied, n: int) -> str:
     shown = tally.estimates()
     held = sum(p.low <= size <= p.high for p in shown)
     misfits = [a.misfit for a in tally.answers if a.effects]
