@@ -117,7 +117,7 @@ class GapNarrows(AbstractRule):
     def text(self) -> str:
         return (
             f"the gap, ({NAMES[self.ahead]} - {NAMES[self.behind]}) / |{NAMES[self.ahead]}|, mean "
-            "over the tasks run at every team size, is smaller for the largest team than for the "
+            "over all tasks, is smaller for the largest team that flew all of them than for the "
             "smallest (Welch's interval over seeds)"
         )
 
@@ -248,7 +248,10 @@ def worse_by(share: float, values: Mapping[int, float]) -> dict[int, float]:
 
 
 def gaps_by_size(values: Values, behind: Entry, ahead: Entry) -> dict[int, dict[int, float]]:
-    """By team size and seed: the relative gap, mean over the tasks run at every team size."""
+    """By team size and seed: the relative gap, mean over all tasks that any team size flew.
+
+    A team size that lacks one of these tasks is left out: the mean would be of other tasks.
+    """
     found: dict[int, dict[str, dict[int, float]]] = {}
     for cell, own in values.items():
         if behind in own and ahead in own:
@@ -256,13 +259,12 @@ def gaps_by_size(values: Values, behind: Entry, ahead: Entry) -> dict[int, dict[
             common = [seed for seed in mine if seed in theirs]
             gap = {s: relative(theirs[s] - mine[s], theirs[s]) for s in common}
             found.setdefault(cell.team_size, {})[cell.task] = gap
-    tasks = set.intersection(*(set(own) for own in found.values())) if found else set()
+    tasks = sorted({task for own in found.values() for task in own})
     result = {}
-    for n in sorted(found):
-        seeds = set.intersection(*(set(found[n][task]) for task in tasks)) if tasks else set()
+    for n in sorted(n for n, own in found.items() if len(own) == len(tasks)):
+        seeds = sorted(set.intersection(*(set(found[n][task]) for task in tasks)))
         if seeds:
-            order = sorted(tasks)
-            result[n] = {s: estimate(found[n][t][s] for t in order).mean for s in sorted(seeds)}
+            result[n] = {s: estimate(found[n][t][s] for t in tasks).mean for s in seeds}
     return result
 
 

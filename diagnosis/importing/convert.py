@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from diagnosis.importing.airborne import airborne, with_hint
 from diagnosis.importing.ardupilot import ArdupilotReader
 from diagnosis.importing.bags import BagReader
 from diagnosis.importing.crazyflie import CrazyflieCsvReader
@@ -50,6 +51,7 @@ def import_logs(
     topics: Mapping[str, str] | None = None,
     columns: Path | None = None,
     truncated: bool = False,
+    above: float | None = None,
 ) -> Imported:
     """Writes `out` with vehicle.toml, one Parquet file a flight, and the report import.md.
 
@@ -62,6 +64,7 @@ def import_logs(
         topics: Field -> ROS topic that it is taken from.
         columns: The file columns.toml; without it, one beside a table is taken.
         truncated: Whether a file that breaks off is used up to there.
+        above: Height above the lowest of each log [m] up to which rows are left out.
 
     Raises:
         LogError: No source is usable, or vehicle.toml is wrong; one line for each reason.
@@ -80,6 +83,7 @@ def import_logs(
             topics=topics or {},
             columns=columns,
             truncated=truncated,
+            above=above,
         )
         found = _import_all(sources, part, kind, request)
         (part / "import.md").write_text(import_report(found), encoding="utf-8")
@@ -195,7 +199,7 @@ def _import_one(
         labels = ", ".join(reader.label for reader in READERS.values())
         raise LogError(f"its content is of no known format ({labels}).")
     recording = reader.read(source, request)
-    drones = _rows(recording)
+    drones = _rows(recording, request.above)
     notes = list(recording.notes)
     if any("interpolated" in rows.columns for rows in drones.values()):
         for rows in drones.values():
@@ -216,7 +220,7 @@ def _import_one(
     return flight, pd.concat(tables, ignore_index=True)
 
 
-def _rows(recording: Recording) -> dict[str, Rows]:
+def _rows(recording: Recording, above: float | None) -> dict[str, Rows]:
     """Rows of every drone; the recording starts at zero.
 
     Raises:
@@ -228,7 +232,8 @@ def _rows(recording: Recording) -> dict[str, Rows]:
     found = {}
     for name, streams in recording.drones.items():
         try:
-            found[name] = make_rows(streams, float(min(starts)))
+            rows = make_rows(streams, float(min(starts)))
+            found[name] = with_hint(rows) if above is None else airborne(rows, above)
         except LogError as error:
             raise LogError(f"drone '{name}': {error}" if name else str(error)) from error
     return found

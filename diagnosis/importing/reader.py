@@ -81,6 +81,8 @@ class Request:
     """The file columns.toml."""
     truncated: bool = False
     """Whether a file that breaks off is used up to there."""
+    above: float | None = None
+    """Height above the lowest of a log [m] up to which its rows are left out."""
 
     def scale(self, hover: float | None, said_by: str) -> tuple[float, str]:
         """Thrust [N] of a command of 1, and in words where it comes from.

@@ -57,6 +57,11 @@ def test_vehicle_toml_is_copied_as_it_is(log, tmp_path):
         (["LOG", "--out", "OUT", "--drone", "cf9", "--mass", "0.03"], "key 'drone': got 'cf9'."),
         (["LOG", "--out", "OUT", *VEHICLE, "--format", "ulg"], "Did you mean 'ulog'?"),
         (["LOG", "--out", "OUT", *VEHICLE, "--full-thrust", "-1"], "must be above 0 N, got -1"),
+        (["LOG", "--out", "OUT", *VEHICLE, "--above", "-1"], "must be at least 0 m, got -1"),
+        (
+            ["LOG", "--out", "OUT", *VEHICLE, "--above", "9"],
+            "leaves nothing: the log's heights",
+        ),
         (["LOG", "--out", "OUT", *VEHICLE, "--topic", "speed=/a"], "must be FIELD=/TOPIC with one"),
         (["MISSING", "--out", "OUT", *VEHICLE], "there is no such file or folder"),
         (["LOG", "--recipe", "px4"], "Leave out the sources"),

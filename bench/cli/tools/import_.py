@@ -21,6 +21,7 @@ def import_(
     topic: Annotated[list[str] | None, Repeatable] = None,
     columns: Path | None = None,
     truncated: Annotated[bool, Repeatable] = False,
+    above: float | None = None,
     recipe: str | None = None,
 ) -> int:
     """Bring flight logs into the format that `bench diagnose` reads, with a report.
@@ -55,6 +56,9 @@ def import_(
         The columns.toml that describes a table; default: the one beside the table.
     truncated
         Use the beginning of a file that breaks off, instead of refusing it.
+    above
+        Leave out take-off and landing: all that is at most this far above the lowest height of a
+        log, such as 0.5 [m].
     recipe
         Print which quantities to log, for crazyflie or px4, and do nothing else.
     """
@@ -75,6 +79,8 @@ def import_(
     check_files([*sources, *(path for path in (vehicle, columns) if path is not None)])
     if full_thrust is not None and not 0.0 < full_thrust < 1e4:
         raise UsageError(f"`--full-thrust` must be above 0 N, got {full_thrust:g}.")
+    if above is not None and not 0.0 <= above < 1e4:
+        raise UsageError(f"`--above` must be at least 0 m, got {above:g}.")
     return _import(
         sources,
         out,
@@ -84,6 +90,7 @@ def import_(
         topics=_topics(topic or ()),
         columns=columns,
         truncated=truncated,
+        above=above,
     )
 
 

@@ -255,11 +255,12 @@ def test_seeds_of_different_team_sizes_are_never_paired():
     assert judged(NARROWS, gaps((10.0, 20.0, 30.0), (5.0, 15.0, 25.0))).verdict is UNDECIDED
 
 
-def test_gaps_are_averaged_over_tasks_run_at_every_team_size():
+def test_gaps_are_averaged_over_tasks_and_team_sizes_that_lack_one_are_left_out():
     sheet = gaps((10.0, 12.0), (4.0, 5.0))
     gaps((30.0, 32.0), (6.0, 7.0), sheet=sheet, task="circle")
-    sheet.add("hf_hotstart", task="figure8", rewards=(-100.0, -100.0))
-    sheet.add("hybrid", "mlp", task="figure8", rewards=(-900.0, -900.0))
+    for n in (7, 18):  # of the middle and the largest team, one task was run
+        sheet.add("hf_hotstart", task="circle", team_size=n, rewards=(-100.0, -100.0))
+        sheet.add("hybrid", "mlp", task="circle", team_size=n, rewards=(-900.0, -900.0))
     assert judged(NARROWS, sheet).ours == "21.0 % at N = 3, 5.5 % at N = 12"
 
 
