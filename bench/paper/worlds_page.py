@@ -45,6 +45,10 @@ MOST_TELLING = 3
 """Worlds from which on `bench run` adds the page."""
 FEWEST = 2
 """Worlds without which there is nothing to compare."""
+WORST_TENTH = (
+    "Settled reward of the worst tenth of all drones; higher is better. Rows that are older than "
+    "this metric have none."
+)
 HEADINGS = ("worst world", "worst score", "flight [fleet-minutes]")
 
 
@@ -104,9 +108,9 @@ def document(
         f"{made.scale}; mean over {cells}, which every method here flew in every world, with the "
         "95 % interval over seeds where there are at least two. Bold methods are Pareto-optimal: "
         "no other has a higher score in its worst world without flying more. Flight is the mean "
-        "over worlds. A policy that is deployed *as it is* was trained in crazyflow and is "
-        "evaluated in the other worlds without more training; "
-        "crazyflow is the world of its training."
+        "over worlds. *As it is* marks a policy that flew in crazyflow alone, in training or for "
+        "its calibration, before it is deployed in the other worlds; the LF baseline and "
+        "domain randomization fly nowhere before and need no mark."
     ]
     if made.left_out:
         left_out = "; ".join(markdown.escape(cell.label) for cell in made.left_out)
@@ -121,13 +125,14 @@ def document(
         if s.deciles
     ]
     if tenths:
-        parts += ["## The worst tenth of all drones", "Settled reward; higher is better."]
+        parts += ["## The worst tenth of all drones", WORST_TENTH]
         parts += [markdown.table(("method", *names), tenths)]
     parts += ["## What of the claims holds where"]
     parts += [
         "Judged in each world by its settled rewards, as on the page of the paper; where policies "
         "are deployed *as they are*, claims about what was deployed only. A claim about more "
-        "cells than were flown in a world is undecided there unless what was flown refutes it."
+        "cells than were flown in a world is undecided there unless what was flown refutes it. "
+        "Where worlds have different cells, another verdict need not come from the world."
     ]
     where = list(dict.fromkeys(place for own in claims.values() for place in own))
     rows = [

@@ -64,7 +64,7 @@ HOW_TO_READ = (
     f"`{REFERENCE.label}`, the costs of all runs over the runs that get there. Methods are ranked "
     "on it only if all their runs get there.",
     "A crash is the onset of a contact, per agent: another drone closer than 0.30 m, or the "
-    "floor. Contacts are flags in this simulator: drones never push each other.",
+    "floor. Contacts are flags: drones push each other only in worlds with `collision`.",
 )
 """What a reader must know, in Markdown."""
 

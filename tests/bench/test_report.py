@@ -189,7 +189,7 @@ def test_report_names_failed_and_diverged_runs_with_their_cause(typical, page):
 
 
 def test_report_says_that_contacts_are_flags(page):
-    assert "Contacts are flags in this simulator: drones never push each other." in page.text
+    assert "Contacts are flags: drones push each other only in worlds with" in page.text
 
 
 def test_cells_of_the_board_carry_numbers_to_sort_by(page):
