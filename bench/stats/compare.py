@@ -130,22 +130,22 @@ def compare(a: Side, b: Side) -> Comparison:
         return _not_comparable(few if common else "they have no cell in common")
     if changed := [text for s in shared if (text := _other_task(a, b, s[0]))]:
         return _not_comparable(changed[0])
-    lines = [
-        f"Compared in {_cells(shared)}, {_seeds(a, first, shared)}, {_seeds(b, second, shared)}."
-    ]
-    if left := {*first, *second} - {*shared}:
-        lines.append(
-            f"Left out, because not both have {FEWEST} seeds: {_cells(sorted(left, key=repr))}."
-        )
-    if a.lost() or b.lost():
-        lines.append(f"Failed or diverged: {a.lost()} of {a.label}, {b.lost()} of {b.label}.")
+    left = {f"not both have {FEWEST} seeds": sorted({*first, *second} - {*shared}, key=repr)}
     if len(shared) == 1:
         verdict, found = _one(first[shared[0]], second[shared[0]], metric)
     else:
-        verdict, found = _several(a, b, shared)
+        shared, unusable = _with_scores(a, b, shared)
+        left |= unusable
+        verdict, found = _several(a, b, shared, unusable)
+    lines = [
+        f"Left out, because {reason}: {_cells(cells)}." for reason, cells in left.items() if cells
+    ]
+    if a.lost() or b.lost():
+        lines.append(f"Failed or diverged: {a.lost()} of {a.label}, {b.lost()} of {b.label}.")
     if verdict is Verdict.NOT_COMPARABLE:
         return Comparison(verdict, [*found, *lines])
-    return Comparison(verdict, [*found, *lines, *_secondary(a, b, shared)])
+    where = f"{_cells(shared)}, {_seeds(a, first, shared)}, {_seeds(b, second, shared)}"
+    return Comparison(verdict, [*found, f"Compared in {where}.", *lines, *_secondary(a, b, shared)])
 
 
 def report(a: Side, b: Side, console: Console) -> int:
@@ -180,19 +180,34 @@ def _one(a: Mapping[int, float], b: Mapping[int, float], metric: str) -> tuple[V
     return (Verdict.BETTER if apart.mean > 0.0 else Verdict.WORSE), [text]
 
 
-def _several(a: Side, b: Side, shared: list[Stratum]) -> tuple[Verdict, list[str]]:
-    """The answer over several strata, from scores."""
+def _with_scores(
+    a: Side, b: Side, shared: list[Stratum]
+) -> tuple[list[Stratum], dict[str, list[Stratum]]]:
+    """The strata that scores over several can be compared in, and the others by the reason."""
+    own, other = a.values("score"), b.values("score")
+    bare = [s for s in shared if min(len(own.get(s, {})), len(other.get(s, {}))) < FEWEST]
+    scored = [s for s in shared if s not in bare]
+    apart = [s for s in scored if len({*own[s]} & {*other[s]}) < FEWEST]
+    reasons = {
+        "without an upper reference there is no score": bare,
+        f"they have fewer than {FEWEST} seeds in common": apart,
+    }
+    return [s for s in scored if s not in apart], reasons
+
+
+def _several(
+    a: Side, b: Side, shared: list[Stratum], unusable: Mapping[str, list[Stratum]]
+) -> tuple[Verdict, list[str]]:
+    """The answer over the strata that have scores, `shared`."""
     if UPPER in (side.entry.method for side in (a, b) if side.entry):
         return Verdict.NOT_COMPARABLE, [
             f"Reason: {UPPER} defines what a score of 1 is in each cell, so it has no score to "
-            f"compare over {len(shared)} cells. One cell alone is compared by its returns."
+            "compare over several cells. One cell alone is compared by its returns."
         ]
+    if not shared:
+        reasons = [reason for reason, cells in unusable.items() if cells]
+        return Verdict.NOT_COMPARABLE, [f"Reason: {'; '.join(reasons)}."]
     scores = [side.values("score") for side in (a, b)]
-    bare = [s for s in shared if any(len(own.get(s, {})) < FEWEST for own in scores)]
-    if bare:
-        return Verdict.NOT_COMPARABLE, [
-            f"Reason: without an upper reference in the cell there is no score: {_cells(bare)}."
-        ]
     found = over_cells((scores[0][s], scores[1][s]) for s in shared)
     # Named by their cells as in the leaderboard, so that the same seeds are drawn.
     names = {s: s if a.entry is None else s[0] for s in shared}

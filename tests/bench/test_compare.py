@@ -39,6 +39,15 @@ def two_cells():
     return sheet
 
 
+def other_seeds(*team_sizes):
+    """Two cells; in those named, the second method's seeds are not those of the first."""
+    sheet = Sheet()
+    for n in (3, 12):
+        sheet.add_upper(team_size=n).add("good", rewards=GOOD, team_size=n)
+        sheet.add("bad", rewards=BAD, team_size=n, first_seed=100 if n in team_sizes else 0)
+    return sheet
+
+
 def test_one_cell_is_decided_by_the_t_interval_of_settled_rewards():
     found = compare(*sides(both()))
     assert found.verdict is Verdict.BETTER
@@ -71,6 +80,22 @@ def test_several_cells_are_decided_by_pooled_scores():
     assert "Probability that a run of the first is better: 1.00, 95 %" in found.lines[1]
     assert "2 cells: spread, N = 3; spread, N = 12, 3 seeds of good, 3 seeds" in found.lines[2]
     assert compare(*sides(two_cells())[::-1]).verdict is Verdict.WORSE
+
+
+def test_cells_that_have_no_score_or_no_common_seeds_are_left_out_by_name():
+    sheet = two_cells().add("good", task="own", rewards=GOOD).add("bad", task="own", rewards=BAD)
+    found = compare(*sides(sheet))
+    assert found.lines[:2] == compare(*sides(two_cells())).lines[:2]
+    assert "Left out, because without an upper reference there is no score: own, N = 3." in (
+        found.lines
+    )
+    found = compare(*sides(other_seeds(12)))
+    assert found.verdict is Verdict.BETTER
+    assert "(3 pairs of seeds)" in found.lines[0]
+    assert found.lines[2].startswith("Compared in spread, N = 3, ")
+    assert (
+        "Left out, because they have fewer than 2 seeds in common: spread, N = 12." in found.lines
+    )
 
 
 def test_a_lost_seed_does_not_make_a_method_better_in_several_cells():
@@ -175,8 +200,12 @@ def changed(tables, about, **columns):
             "version of simulator crazyflow is missing against 2",
         ),
         (
-            two_cells().add("good", task="own", rewards=GOOD).add("bad", task="own", rewards=BAD),
-            "without an upper reference in the cell there is no score: own, N = 3.",
+            both().add("good", task="own", rewards=GOOD).add("bad", task="own", rewards=BAD),
+            "Reason: without an upper reference there is no score.",
+        ),
+        (
+            other_seeds(3, 12),
+            "Reason: they have fewer than 2 seeds in common.",
         ),
     ],
 )
@@ -254,4 +283,4 @@ def test_the_upper_reference_is_compared_in_one_cell_alone():
     found = compare(*sides(sheet, b="upper_reference"))
     assert found.verdict is Verdict.NOT_COMPARABLE
     assert "upper_reference defines what a score of 1 is" in found.lines[0]
-    assert "to compare over 2 cells" in found.lines[0]
+    assert "to compare over several cells" in found.lines[0]
