@@ -28,6 +28,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from simulators.algebra.rotation import quat_to_rpy, rotate, rotate_back, rpy_to_quat
@@ -84,6 +85,13 @@ class PointMass(Replayable):
     replay_dt: ClassVar[float] = 0.005
     airframes: ClassVar[Mapping[str, VehicleSpec]] = VEHICLES
     doors: ClassVar[tuple[str, ...]] = ("command", "plant", "response", "wrench", "state")
+
+    def __check_init__(self) -> None:
+        if not self.dt > 0.0:
+            raise ValueError(f"`dt` must be above 0 s, got {self.dt}.")
+        tau = self.attitude_tau
+        if eqx.is_array(tau) and not isinstance(tau, Tracer) and not (tau > 0.0).all():
+            raise ValueError(f"`attitude_tau` must be above 0 s, got {tau}.")
 
     def reset(self, pos: Float[Array, "drones 3"], key: PRNGKeyArray) -> PointMassState:
         zeros = jnp.zeros_like(pos)

@@ -109,6 +109,8 @@ def find(plugin: str) -> tuple[str, type]:
     if name and module not in registry.GROUPS:
         return _imported(module, name)
     kind, name = kind_of(plugin)
+    if kind not in CONTRACTS:
+        raise UsageError(f"'{plugin}' is a {kind}, for which there is nothing to check.")
     return kind, registry.load(kind, name)
 
 

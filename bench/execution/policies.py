@@ -112,6 +112,8 @@ def deploy(
     Raises:
         UsageError: No policy of that cell is kept, or the reality is not understood.
     """
+    if team_size < 2:
+        raise UsageError(f"A team has at least 2 drones, got {team_size}.")
     tables, world = Tables.load(tables_dir), parse_reality(reality or REALITY)
     task = registry.load("task", name)(n_drones=team_size)
     path = path_of(tables_dir, name, team_size)

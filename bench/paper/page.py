@@ -27,7 +27,7 @@ from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.errors import UsageError
 from bench.text.numbers import MISSING, mean_std, number, significant, span
-from bench.text.pages import read_notes
+from bench.text.pages import read_notes, refuse_folder, write_text
 
 TITLE = "How to train a drone team: the paper's claims beside ours"
 COST = (
@@ -141,6 +141,7 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
     path = Path(path_md)
     if path.suffix == ".html":
         raise UsageError(f"Markdown is written to {path} and HTML beside it: name the former.")
+    refuse_folder(path)
     own = "" if notes is None else read_notes(notes).strip()
     path.parent.mkdir(parents=True, exist_ok=True)
     drawn = {}
@@ -156,7 +157,7 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
         }
         return "\n\n".join(_document(tables, own, figures)) + "\n"
 
-    path.write_text(text(lambda picture: picture.name), encoding="utf-8")
+    write_text(path, text(lambda picture: picture.name))
     write_page(text(data_uri), path.with_suffix(".html"), TITLE)
 
 

@@ -37,7 +37,7 @@ from bench.stats.verdicts import Verdict
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.numbers import MISSING, measured, significant
-from bench.text.pages import read_notes, write_text
+from bench.text.pages import read_notes, refuse_folder, write_text
 from bench.text.say import say
 
 TITLE = "Worlds that differ: which way of training survives"
@@ -231,6 +231,7 @@ def write_worlds_page(suites: Sequence[Tables], path_md: Path, notes: Path | Non
 
 
 def _write(found: Mapping[World, Tables], made: Matrix | None, path: Path, notes: str = "") -> None:
+    refuse_folder(path)
     picture = path.with_name(f"{path.stem}_gaps.png")
     path.parent.mkdir(parents=True, exist_ok=True)
     drawn = made is not None and _draw(made, picture)

@@ -41,6 +41,7 @@ from bench.text.numbers import (
     significant,
     span,
 )
+from bench.text.pages import write_text
 
 HOW_TO_READ = (
     "The settled reward is the return in the high-fidelity simulator from 2 s on, after take-off;"
@@ -104,9 +105,7 @@ def write_leaderboard(tables: Tables, path: Path) -> None:
             body = [[column.text(row) for column in shown] for row in here]
             title = cell.label + (", other settings" if columns is VARIANT_COLUMNS else "")
             parts += [f"## {markdown.escape(title)}", _table(headings, body, left)]
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    write_text(Path(path), "\n\n".join(parts) + "\n")
 
 
 def made_by_text(tables: Tables) -> str:

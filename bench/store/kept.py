@@ -12,7 +12,9 @@ policies alone.
 import contextlib
 import io
 import json
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,6 +37,11 @@ FOLDER = "policies"
 """Where they are, beside the tables."""
 COMMITTED = "committed"
 """Name of the array that says to which row a policy belongs."""
+DAMAGE = (
+    *(OSError, ValueError, IndexError, EOFError, NotImplementedError),
+    *(zipfile.BadZipFile, zlib.error, SyntaxError, tokenize.TokenError),  # the last two of headers
+)
+"""What reading a damaged file of policies raises."""
 RESIDUAL = "residual"
 """Folder of a residual's arrays."""
 
@@ -69,7 +76,7 @@ def load_kept(path: Path, only: str = "") -> dict[str, KeptRun]:
         return {}
     found: dict[str, KeptRun] = {}
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             for name in sorted(stored.files):
                 run, *rest = name.split("/")
                 if only not in ("", run):
@@ -81,7 +88,7 @@ def load_kept(path: Path, only: str = "") -> dict[str, KeptRun]:
                     kept.residual.append(stored[name])
                 else:
                     kept.policy["/".join(rest)] = stored[name]
-    except (OSError, ValueError, IndexError, EOFError, zipfile.BadZipFile) as error:
+    except DAMAGE as error:
         raise UsageError(f"{path} cannot be read: {error}") from error
     return found
 

@@ -67,9 +67,20 @@ def read_notes(path: Path) -> str:
         raise UsageError(f"The notes in {path} cannot be read: {error}") from error
 
 
+def refuse_folder(path: Path) -> None:
+    """Raises UsageError if a file is to be written where a folder is."""
+    if path.is_dir():
+        raise UsageError(f"{path} is a folder; name a file.")
+
+
 def write_text(path: Path, text: str) -> None:
-    """Writes a text whole or not at all, folders included."""
+    """Writes a text whole or not at all, folders included.
+
+    Raises:
+        UsageError: There is a folder of that name.
+    """
     path = Path(path)
+    refuse_folder(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.part")
     part.write_text(text, encoding="utf-8")

@@ -27,6 +27,9 @@ from diagnosis.logs.columns import Columns, LogError
 RATES = (50.0, 500.0)
 """Slowest and fastest rate of rows [Hz]: nodes of a replay stand at 50 Hz
 (`diagnosis.logs.segments`); crazyflow steps at 500 Hz."""
+LONGEST_BACK_S = 1.0
+"""Longest step back in time that is taken for a late message [s]; a choice. Another log that is
+appended to a file begins anew."""
 HOLE = 2.5
 """Distance of neighbours, in median periods, from which there is a hole; one lost message is
 bridged, two are not. A choice."""
@@ -122,8 +125,9 @@ def _cleaned(streams: Sequence[Stream]) -> tuple[dict[str, Stream], dict[str, in
     for stream in streams:
         good = np.isfinite(stream.values).all(axis=1) & np.isfinite(stream.t)
         t, values = stream.t[good], stream.values[good]
-        back = np.diff(t) < 0.0
-        if back.mean() > BACKWARDS if len(back) else False:
+        steps = np.diff(t)
+        back = steps < 0.0
+        if len(steps) and (back.mean() > BACKWARDS or steps.min() < -LONGEST_BACK_S):
             raise LogError(
                 f"{stream.source}: time goes backwards {int(back.sum())} times; are there two logs "
                 f"in one file?"

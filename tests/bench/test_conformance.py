@@ -10,6 +10,7 @@ from bench.cli.app import main
 from bench.conformance.command import behaviour, declarations, find, findings
 from bench.conformance.suite import execute
 from bench.plan.keys import nested, parse_settings
+from bench.text.errors import UsageError
 from simulators.point_mass import PointMass
 
 POINT_MASS = {"point_mass": PointMass}
@@ -182,5 +183,7 @@ def test_settings_are_read_as_in_a_suite():
 
 
 def test_plugins_are_found_by_name_kind_and_module():
+    with pytest.raises(UsageError, match="'compare' is a command, for which there is nothing"):
+        find("compare")
     assert find("drag")[0] == find("effect:drag")[0] == "effect"
     assert find("tasks.circle:Circle") == ("task", find("circle")[1])

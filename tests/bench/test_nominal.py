@@ -61,6 +61,12 @@ def test_a_worker_trains_in_it(tmp_path, monkeypatch):
     assert seen == pytest.approx([0.02, 0.104])
 
 
+@pytest.mark.parametrize("field", ["dt", "attitude_tau"])
+def test_a_simulator_in_which_nothing_moves_is_refused(field):
+    with pytest.raises(SettingsError, match=f"`{field}` must be above 0 s, got -1"):
+        runs(Row("lf_baseline", nominal={field: -1.0}))
+
+
 FLOOR = {"effects": "floor(height=0.0)"}
 
 

@@ -1,5 +1,7 @@
 """Policies that are kept beside their tables, and flown again."""
 
+import contextlib
+
 import jax
 import numpy as np
 import pytest
@@ -83,6 +85,21 @@ def test_what_is_not_kept_or_of_another_shape_is_said(folder, runs):
     path_of(folder, "spread", 2).write_bytes(b"no archive")
     with pytest.raises(UsageError, match="cannot be read"):
         load_kept(path_of(folder, "spread", 2))
+
+
+def test_damage_inside_of_an_archive_is_one_line(folder):
+    keep(folder, (), ())
+    path = path_of(folder, "spread", 2)
+    whole = bytearray(path.read_bytes())
+    for place in range(0, len(whole), 64):  # zeros reach headers, compressed bytes and names
+        path.write_bytes(whole[:place] + bytes(64) + whole[place + 64 :])
+        with contextlib.suppress(UsageError):
+            load_kept(path)
+
+
+def test_a_team_is_two_drones_at_least(folder):
+    with pytest.raises(UsageError, match="at least 2 drones, got -3"):
+        deploy(folder, "spread", -3, "", (), Console())
 
 
 def test_deploying_shows_what_evaluating_gives(folder, runs, capsys):

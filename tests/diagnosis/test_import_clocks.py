@@ -113,6 +113,7 @@ def test_rows_out_of_order_and_twice_are_put_right():
         (lambda s: s[:3], "no input was found: commanded attitude and thrust"),
         (lambda s: [shifted(s[0], 1e4), *s[1:]], "do not overlap in time: pos 10000.000 to"),
         (lambda s: [doubled(s[0]), *s[1:]], "time goes backwards .* two logs in one file"),
+        (lambda s: [appended(s[0]), *s[1:]], "time goes backwards 1 times; are there two logs"),
         (lambda s: [*s[:2], scaled(s[2], 1.2), *s[3:]], "a quaternion has the norm 1.2; 1 is"),
         (lambda s: [scaled(s[0], 1e9), *s[1:]], "a number is beyond 100000; the log is damaged"),
     ],
@@ -128,6 +129,14 @@ def shifted(stream, seconds):
 
 def scaled(stream, factor):
     return dataclasses.replace(stream, values=stream.values * factor)
+
+
+def appended(stream):
+    """One log behind another in the same file."""
+    twice = {
+        name: np.concatenate([x, x]) for name, x in (("t", stream.t), ("values", stream.values))
+    }
+    return dataclasses.replace(stream, **twice)
 
 
 def doubled(stream):

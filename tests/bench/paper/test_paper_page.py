@@ -48,6 +48,13 @@ def lines_of(text, start):
     return [line for line in text.splitlines() if line.startswith(start)]
 
 
+def test_a_folder_in_the_place_of_the_page_is_refused_before_anything_is_written(tmp_path):
+    (tmp_path / "page").mkdir()
+    with pytest.raises(UsageError, match="is a folder; name a file"):
+        write_claims(Sheet().tables(), tmp_path / "page")
+    assert [p.name for p in tmp_path.iterdir()] == ["page"]
+
+
 def test_markdown_html_and_all_figures_are_written(full):
     assert sorted(path.name for path in full.iterdir()) == [
         "paper.html",
