@@ -5,6 +5,7 @@ run that is kept stays as it is unless its row was replaced. Residuals are large
 are kept from which a built-in suite trains other runs (`bench/store/kept.py`).
 """
 
+import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -74,9 +75,16 @@ def keep(tables_dir: Path, tasks: Iterable[str], team_sizes: Iterable[int]) -> d
 def runs_to_resume() -> set[str]:
     """Names of the runs whose residual other runs of a built-in suite start from."""
     found = set()
-    for suite in built_in():
-        for run in expand(load_suite(suite)).runs:
-            resumed = () if run.deploys else registry.load("method", run.method).resumes_from
+    for suite in map(load_suite, built_in()):
+        resuming = tuple(
+            row
+            for row in suite.methods
+            if not row.deploys and registry.load("method", row.method).resumes_from
+        )
+        if not resuming:
+            continue
+        for run in expand(dataclasses.replace(suite, methods=resuming)).runs:
+            resumed = registry.load("method", run.method).resumes_from
             found |= {run.parents[name] for name in resumed}
     return found
 
