@@ -9,6 +9,7 @@ from pathlib import Path
 from bench.diagnosis_report.page import diagnosis_page
 from bench.diagnosis_report.text import diagnosis_text
 from bench.text.errors import UsageError
+from bench.text.pages import refuse_folder
 from diagnosis.result import Diagnosis
 
 NAMES = ("diagnosis.json", "diagnosis.md", "diagnosis.html")
@@ -28,8 +29,7 @@ def check_place(out: Path, names: Sequence[str] = NAMES) -> None:
     if not os.access(existing, os.W_OK | os.X_OK):
         raise UsageError(f"The folder {existing} is not writable. Choose another with `--out`.")
     for name in names:
-        if (out / name).is_dir():
-            raise UsageError(f"{out / name} is a folder, so no file can be written there.")
+        refuse_folder(out / name)
 
 
 def write_documents(diagnosis: Diagnosis, out: Path) -> None:

@@ -18,6 +18,7 @@ from rich.text import Text
 from bench.plan.expansion import expand
 from bench.plan.planned_run import REALITY
 from bench.plan.realities import NOMINAL, parse_reality
+from bench.plan.settings import build
 from bench.plan.suite import built_in, load_suite
 from bench.stats.statistics import cell_of, entry_of, estimate, records
 from bench.store.kept import RESIDUAL, KeptRun, load_kept, path_of, save_kept
@@ -76,17 +77,17 @@ def runs_to_resume() -> set[str]:
     """Names of the runs whose residual other runs of a built-in suite start from."""
     found = set()
     for suite in map(load_suite, built_in()):
-        resuming = tuple(
-            row
-            for row in suite.methods
-            if not row.deploys and registry.load("method", row.method).resumes_from
-        )
-        if not resuming:
-            continue
-        for run in expand(dataclasses.replace(suite, methods=resuming)).runs:
-            resumed = registry.load("method", run.method).resumes_from
+        rows = tuple(row for row in suite.methods if _resumes(row.method))
+        for run in expand(dataclasses.replace(suite, methods=rows)).runs if rows else ():
+            resumed = () if run.deploys else registry.load("method", run.method).resumes_from
             found |= {run.parents[name] for name in resumed}
     return found
+
+
+def _resumes(method: str) -> bool:
+    """Whether a method, or one that is trained before it, starts from another's residual."""
+    cls = registry.load("method", method)
+    return bool(cls.resumes_from) or any(map(_resumes, cls.parents))
 
 
 def kept_policy(tables_dir: Path, task: AbstractTask, name: str, run: str) -> AbstractPolicy:
@@ -120,10 +121,8 @@ def deploy(
     Raises:
         UsageError: No policy of that cell is kept, or the reality is not understood.
     """
-    if team_size < 2:
-        raise UsageError(f"A team has at least 2 drones, got {team_size}.")
     tables, world = Tables.load(tables_dir), parse_reality(reality or REALITY)
-    task = registry.load("task", name)(n_drones=team_size)
+    task = build(registry.load("task", name), {}, f"Task '{name}'", n_drones=team_size)
     path = path_of(tables_dir, name, team_size)
     kept = load_kept(path)
     rows = [r for r in records(tables.runs) if r["run"] in kept]

@@ -109,8 +109,8 @@ def document(
         "95 % interval over seeds where there are at least two. Bold methods are Pareto-optimal: "
         "no other has a higher score in its worst world without flying more. Flight is the mean "
         "over worlds. *As it is* marks a policy that flew in crazyflow alone, in training or for "
-        "its calibration, before it is deployed in the other worlds; the LF baseline and "
-        "domain randomization fly nowhere before and need no mark."
+        "its calibration, before it is deployed in the other worlds. A method that flies "
+        "nowhere before it is deployed has no mark."
     ]
     if made.left_out:
         left_out = "; ".join(markdown.escape(cell.label) for cell in made.left_out)

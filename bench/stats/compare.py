@@ -133,17 +133,23 @@ def compare(a: Side, b: Side) -> Comparison:
     left = {f"not both have {FEWEST} seeds": sorted({*first, *second} - {*shared}, key=repr)}
     if len(shared) == 1:
         verdict, found = _one(first[shared[0]], second[shared[0]], metric)
+    elif UPPER in (side.entry.method for side in (a, b) if side.entry):
+        return _not_comparable(
+            f"{UPPER} defines what a score of 1 is in each cell, so it has no score to "
+            f"compare over {len(shared)} cells. One cell alone is compared by its returns"
+        )
     else:
         shared, unusable = _with_scores(a, b, shared)
+        if not shared:
+            reasons = (f"{why}: {_cells(cells)}" for why, cells in unusable.items() if cells)
+            return _not_comparable("; ".join(reasons))
         left |= unusable
-        verdict, found = _several(a, b, shared, unusable)
+        verdict, found = _several(a, b, shared)
     lines = [
         f"Left out, because {reason}: {_cells(cells)}." for reason, cells in left.items() if cells
     ]
     if a.lost() or b.lost():
         lines.append(f"Failed or diverged: {a.lost()} of {a.label}, {b.lost()} of {b.label}.")
-    if verdict is Verdict.NOT_COMPARABLE:
-        return Comparison(verdict, [*found, *lines])
     where = f"{_cells(shared)}, {_seeds(a, first, shared)}, {_seeds(b, second, shared)}"
     return Comparison(verdict, [*found, f"Compared in {where}.", *lines, *_secondary(a, b, shared)])
 
@@ -195,18 +201,8 @@ def _with_scores(
     return [s for s in scored if s not in apart], reasons
 
 
-def _several(
-    a: Side, b: Side, shared: list[Stratum], unusable: Mapping[str, list[Stratum]]
-) -> tuple[Verdict, list[str]]:
-    """The answer over the strata that have scores, `shared`."""
-    if UPPER in (side.entry.method for side in (a, b) if side.entry):
-        return Verdict.NOT_COMPARABLE, [
-            f"Reason: {UPPER} defines what a score of 1 is in each cell, so it has no score to "
-            "compare over several cells. One cell alone is compared by its returns."
-        ]
-    if not shared:
-        reasons = [reason for reason, cells in unusable.items() if cells]
-        return Verdict.NOT_COMPARABLE, [f"Reason: {'; '.join(reasons)}."]
+def _several(a: Side, b: Side, shared: list[Stratum]) -> tuple[Verdict, list[str]]:
+    """The answer over several strata, from scores, which all of them have."""
     scores = [side.values("score") for side in (a, b)]
     found = over_cells((scores[0][s], scores[1][s]) for s in shared)
     # Named by their cells as in the leaderboard, so that the same seeds are drawn.

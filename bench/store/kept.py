@@ -38,8 +38,15 @@ FOLDER = "policies"
 COMMITTED = "committed"
 """Name of the array that says to which row a policy belongs."""
 DAMAGE = (
-    *(OSError, ValueError, IndexError, EOFError, NotImplementedError),
-    *(zipfile.BadZipFile, zlib.error, SyntaxError, tokenize.TokenError),  # the last two of headers
+    OSError,
+    ValueError,
+    IndexError,
+    EOFError,
+    NotImplementedError,  # a compression that zipfile does not know
+    zipfile.BadZipFile,
+    zlib.error,
+    SyntaxError,  # this one and the next: the header of an array
+    tokenize.TokenError,
 )
 """What reading a damaged file of policies raises."""
 RESIDUAL = "residual"

@@ -70,7 +70,7 @@ def read_notes(path: Path) -> str:
 def refuse_folder(path: Path) -> None:
     """Raises UsageError if a file is to be written where a folder is."""
     if path.is_dir():
-        raise UsageError(f"{path} is a folder; name a file.")
+        raise UsageError(f"{path} is a folder, so no file can be written there.")
 
 
 def write_text(path: Path, text: str) -> None:

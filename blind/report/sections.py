@@ -125,9 +125,9 @@ def baselines(tables: Tables) -> list[str]:
         rows.append((name, *(_shown(tables.summary[who].get(key), unit) for who in everybody)))
     return [
         "Residual correlation, sparse regression (STLSQ) and a fit of everything, each with a "
-        "threshold set on undisturbed flights. They cannot answer `unexplained`, so that *unknown* "
-        "and *excluded* are not scored for them; correlation and everything name one effect at "
-        "most. Errors are those of true effects that each has named.",
+        "threshold set on undisturbed flights. No baseline can answer `unexplained`, so that "
+        "abstention is not scored for it. Correlation and the fit of everything name one effect at "
+        "most. An error counts where the baseline named the true effect.",
         markdown.table(("score", *map(markdown.escape, everybody)), rows),
     ]
 

@@ -21,6 +21,7 @@ from blind.draw.catalogue import Parameters
 from blind.draw.faults import FAULTS
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.logs.inputs import choose_inputs
+from diagnosis.replay.replay import Replay
 from diagnosis.twin.answer import Change, ChangedParameter, TwinAnswer
 from diagnosis.twin.channels import Channels
 from diagnosis.twin.diagnose_change import answer_change
@@ -30,18 +31,18 @@ from diagnosis.twin.twin import make_twin
 
 @dataclasses.dataclass(frozen=True)
 class Studied:
-    """A parameter of a fault, at sizes around the one that should be found."""
+    """One parameter of a fault, and the size of it that a diagnosis should find."""
 
     fault: str
     """Name in `blind.draw.faults`."""
     parameter: str
-    """The one that varies; those of `others` keep their values."""
+    """Name of the parameter that varies."""
     unit: str
     """SI unit of its size."""
     aim: float
     """Size that should be found with a probability of 95 %."""
     others: Parameters = dataclasses.field(default_factory=dict)
-    """Values of the fault's other parameters."""
+    """Values of the fault's other parameters, which stay."""
 
     @property
     def effect(self) -> str:
@@ -107,13 +108,21 @@ class Tally:
         ]
 
 
+def told(flights: FlightSet, replay: Replay) -> list[str]:
+    """What can be studied: faults of columns that were logged, by effects that the replay shows."""
+    return [
+        name
+        for name, studied in STUDIED.items()
+        if FAULTS[studied.fault].fits(flights) and studied.effect in replay.library.candidates
+    ]
+
+
 def fly(flights: FlightSet, scales: Sequence[float]) -> tuple[Mapping[Case, tuple], Callable]:
     """The channels of every case, and what makes a twin of some of them."""
     replay = twin_replay(flights, choose_inputs(flights), "crazyflow")
     cases = [CLEAN]
-    for name, studied in STUDIED.items():
-        if FAULTS[studied.fault].fits(flights):
-            cases += [(name, studied.aim * scale) for scale in scales]
+    for name in told(flights, replay):
+        cases += [(name, STUDIED[name].aim * scale) for scale in scales]
     made = {}
     for name, size in cases:
         inputs = choose_inputs(STUDIED[name].apply(flights, size) if name else flights)

@@ -40,7 +40,7 @@ def two_cells():
 
 
 def other_seeds(*team_sizes):
-    """Two cells; in those named, the second method's seeds are not those of the first."""
+    """Tables of two cells; with these team sizes the two methods share no seed."""
     sheet = Sheet()
     for n in (3, 12):
         sheet.add_upper(team_size=n).add("good", rewards=GOOD, team_size=n)
@@ -201,11 +201,11 @@ def changed(tables, about, **columns):
         ),
         (
             both().add("good", task="own", rewards=GOOD).add("bad", task="own", rewards=BAD),
-            "Reason: without an upper reference there is no score.",
+            "without an upper reference there is no score: 2 cells: own, N = 3; spread, N = 3.",
         ),
         (
             other_seeds(3, 12),
-            "Reason: they have fewer than 2 seeds in common.",
+            "they have fewer than 2 seeds in common: 2 cells: spread, N = 3; spread, N = 12.",
         ),
     ],
 )
@@ -283,4 +283,4 @@ def test_the_upper_reference_is_compared_in_one_cell_alone():
     found = compare(*sides(sheet, b="upper_reference"))
     assert found.verdict is Verdict.NOT_COMPARABLE
     assert "upper_reference defines what a score of 1 is" in found.lines[0]
-    assert "to compare over several cells" in found.lines[0]
+    assert "to compare over 2 cells" in found.lines[0]

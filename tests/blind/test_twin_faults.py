@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 from flights_for_tests import flight_set, made_log
 
-from blind.draw.faults import FAULTS
-from blind.twin.power import STUDIED, interval
+from blind.twin.power import STUDIED, interval, told
 from diagnosis.logs.flights import FlightLog
+from diagnosis.logs.inputs import choose_inputs, thrust_of_pwm
+from diagnosis.twin.flown import twin_replay
 from simulators import registry
+
+
+def flown(log):
+    return flight_set([FlightLog("one", (log,))])
 
 
 def commands(flights):
@@ -23,24 +28,41 @@ def test_what_is_studied_is_a_parameter_of_an_effect_of_the_library(name):
     assert parameter.unit == studied.unit
 
 
-@pytest.mark.parametrize(
-    ("name", "column"),
-    [("thrust", 3), ("roll offset", 0), ("pitch offset", 1), ("attitude gain", 0), ("frame", 1)],
-)
-def test_a_studied_size_is_the_size_of_the_fault(name, column):
-    """Twice the size changes the column twice as much, to first order, and size 0 nothing."""
-    flights = flight_set([FlightLog("one", (made_log(),))])
-    was, studied = commands(flights), STUDIED[name]
-    np.testing.assert_array_equal(commands(studied.apply(flights, 0.0)), was)
-    one, two = (commands(studied.apply(flights, s * studied.aim)) - was for s in (0.01, 0.02))
-    assert np.abs(one[:, column]).max() > 0.0
-    np.testing.assert_allclose(two[:, column], 2 * one[:, column], rtol=0.01, atol=1e-6)
+def changed(name, size):
+    return commands(STUDIED[name].apply(flown(made_log()), size))
 
 
-def test_flights_without_commands_are_studied_for_thrust_alone():
-    pwm = made_log(cmd=None, pwm=np.full((len(made_log().t), 4), 0.8))
-    flights = flight_set([FlightLog("one", (pwm,))])
-    assert [n for n, s in STUDIED.items() if FAULTS[s.fault].fits(flights)] == ["thrust", "delay"]
+def test_each_fault_changes_what_it_says_by_its_size():
+    cmd = commands(flown(made_log()))
+    new = {name: changed(name, studied.aim) for name, studied in STUDIED.items()}
+    np.testing.assert_allclose(new["thrust"][:, 3] * 1.05, cmd[:, 3])
+    np.testing.assert_allclose(new["delay"], cmd[2:])  # 20 ms at 100 Hz
+    np.testing.assert_allclose(new["roll offset"][:, 0], cmd[:, 0] - np.deg2rad(1.5))
+    np.testing.assert_allclose(new["pitch offset"][:, 1], cmd[:, 1] - np.deg2rad(1.5))
+    np.testing.assert_allclose(new["attitude gain"][:, :2] * 1.1, cmd[:, :2])
+    tilt, turned = cmd[:, 0] + 1j * cmd[:, 1], new["frame"][:, 0] + 1j * new["frame"][:, 1]
+    np.testing.assert_allclose(turned, tilt * np.exp(-1j * np.deg2rad(5.0)))
+
+
+@pytest.mark.parametrize("name", sorted(STUDIED))
+def test_a_fault_of_opposite_size_takes_the_first_one_back(name):
+    """Linear ones to first order; a delay but for its ends."""
+    flights, size = flown(made_log()), STUDIED[name].aim * (1.0 if name == "delay" else 0.1)
+    back = STUDIED[name].apply(STUDIED[name].apply(flights, size), -size)
+    was = commands(flights)[2:-2] if name == "delay" else commands(flights)
+    now = commands(back)[: len(was)]
+    np.testing.assert_allclose(now, was, rtol=2e-4, atol=1e-5)
+
+
+def test_what_the_inputs_do_not_show_is_not_studied():
+    rows = len(made_log().t)
+    pwm = flown(made_log(cmd=None, pwm=np.full((rows, 4), 0.8), battery=np.full(rows, 3.8)))
+    for flights, names in ((pwm, ["thrust"]), (flown(made_log()), list(STUDIED))):
+        assert told(flights, twin_replay(flights, choose_inputs(flights), "crazyflow")) == names
+    thrust = STUDIED["thrust"].apply(pwm, 0.05).flights[0].drones[0].pwm
+    assert thrust is not None
+    believed = thrust_of_pwm(thrust, np.full(rows, 3.8)) * 1.05
+    np.testing.assert_allclose(believed, thrust_of_pwm(np.full((rows, 4), 0.8), np.full(rows, 3.8)))
 
 
 def test_intervals_of_shares_are_those_of_clopper_and_pearson():

@@ -50,7 +50,7 @@ def lines_of(text, start):
 
 def test_a_folder_in_the_place_of_the_page_is_refused_before_anything_is_written(tmp_path):
     (tmp_path / "page").mkdir()
-    with pytest.raises(UsageError, match="is a folder; name a file"):
+    with pytest.raises(UsageError, match="is a folder, so no file can be written there"):
         write_claims(Sheet().tables(), tmp_path / "page")
     assert [p.name for p in tmp_path.iterdir()] == ["page"]
 
