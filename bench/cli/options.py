@@ -102,8 +102,12 @@ class Remedy:
         self._box()
         self._place()
 
-    def write(self, found: Path) -> int:
-        """Writes the remedy beside the diagnosis in a folder or a file, if one is asked for.
+    def write(self, found: Path, out: Path | None = None) -> int:
+        """Writes the remedy of the diagnosis in a folder or a file, if one is asked for.
+
+        Args:
+            found: The folder or the file.
+            out: Where the remedy's folder is made; None: beside the diagnosis.
 
         Raises:
             UsageError: The file is no diagnosis, or the remedy cannot be written.
@@ -115,7 +119,8 @@ class Remedy:
 
         box, place = Geofence(*self._box()), self._place()
         try:
-            diagnosis, out = load_diagnosis(found)
+            diagnosis, beside = load_diagnosis(found)
+            out = out or beside
             folder = write_remedy(diagnosis, out, self.remedy, box, place, self.parameters)
         except UsageError:
             raise

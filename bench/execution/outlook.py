@@ -22,7 +22,8 @@ from bench.stats.forecast import (
     past_of_tables,
 )
 from bench.stats.statistics import Entry
-from bench.store.missing import State, states
+from bench.store.kept import KeptRuns
+from bench.store.missing import State, states, with_lost_parents
 from bench.store.reuse import reusable
 from bench.store.store import Store
 from bench.store.tables import TableError, Tables
@@ -56,8 +57,11 @@ def show_plan(
         reuse: Folders of tables whose finished runs of the plan count as finished here.
     """
     recorded = recorded_tables(tables_dir).merged(reusable(plan, reuse))
-    found = states(plan.runs, Store(tables_dir), recorded)
+    store = Store(tables_dir)
+    found = states(plan.runs, store, recorded)
     failed = set() if retry_failed else _failed(found)
+    kept = KeptRuns([tables_dir, *reuse], recorded, lambda text: say(console, f"Warning: {text}"))
+    found = with_lost_parents(found, failed, store, lambda run: kept.outcome(run) is not None)
     missing = [state for state in found if state.reason and state.run.name not in failed]
     past = {p.run: p for p in [*past_rows(tables_dir, console), *past_of_states(found)]}
     guesses = {s.run.name: guess(s.run, past.values()) for s in missing}

@@ -126,6 +126,9 @@ def deploy(
     path = path_of(tables_dir, name, team_size)
     kept = load_kept(path)
     rows = [r for r in records(tables.runs) if r["run"] in kept]
+    for row in [r for r in rows if kept[r["run"]].committed not in ("", r["committed"])]:
+        say(console, f"Left out: the row of {row['run']} was made after its policy was kept.")
+        rows.remove(row)
     rows = [r for r in rows if not (chosen := {*methods}) or r["method"] in chosen]
     if not rows:
         raise UsageError(

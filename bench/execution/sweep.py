@@ -178,8 +178,10 @@ def recorded_tables(tables_dir: Path) -> Tables:
     Raises:
         TableError: They cannot be read.
     """
-    there = (tables_dir / "runs.parquet").is_file()
-    return Tables.load(tables_dir) if there else Tables.empty()
+    # A first save that was cut off left results without `runs`, but beside the runs' folders.
+    cut_off = (tables_dir / "runs").is_dir()
+    there = [(tables_dir / f"{name}.parquet").is_file() for name in ("runs", "results")]
+    return Tables.load(tables_dir) if there[0] or (there[1] and not cut_off) else Tables.empty()
 
 
 def _refusal(standing: Standing, tables_dir: Path) -> str:

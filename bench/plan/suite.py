@@ -310,8 +310,11 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
     if "quick" in content:
         given["quick"] = read_table(QuickPart, content["quick"], f"{where}, [quick]")
     suite = read_table(Suite, given, where)
-    for place, row in rows:
-        _check_within(suite, row, place)
+    parts = [*rows, *([(f"{where}, [quick]", suite.quick)] if suite.quick else [])]
+    for place, part in parts:
+        _check_within(suite, part, place)
+    if suite.quick:
+        _check_quick(suite, suite.quick, f"{where}, [quick]")
     return suite
 
 
@@ -326,7 +329,17 @@ def _one_a_world(table: object, shared: Mapping[str, object]) -> Sequence[object
     return rows
 
 
-def _check_within(suite: Suite, row: Row, where: str) -> None:
+def _check_quick(suite: Suite, part: QuickPart, where: str) -> None:
+    for residual in part.residuals:
+        require("residual", residual)
+    known = {row.method for row in suite.methods}
+    for method in part.methods:
+        require("method", method)
+        if method not in known:
+            raise SuiteError(f"{where}: `methods` must be among the suite's, got {method!r}.")
+
+
+def _check_within(suite: Suite, row: Row | QuickPart, where: str) -> None:
     for key, asked in (("tasks", row.tasks), ("team_sizes", row.team_sizes)):
         for value in asked or ():
             if value not in getattr(suite, key):

@@ -42,7 +42,7 @@ def build_site(results: Path, reports: Path, out: Path, console: Console) -> Pat
     if out.resolve() in (results.resolve(), reports.resolve()):
         raise UsageError(f"The site needs a folder of its own, got {out}.")
     warn = lambda text: say(console, f"Warning: {text}")  # noqa: E731
-    found, texts = suites(results, warn), documents(results, reports)
+    found, texts = suites(results, warn), documents(results, reports, warn)
     diagnosed = diagnoses(results, reports, warn)
     if not (found or texts or diagnosed):
         raise UsageError(
@@ -108,7 +108,7 @@ def _suite(suite: Suite, texts: list[Document], out: Path) -> dict[str, Any]:
 
 def _write_document(document: Document, pages: Mapping[Path, str], out: Path) -> None:
     """A Markdown file as a page, with its pictures inside."""
-    body = str(render_markdown(document.path.read_text(encoding="utf-8")))
+    body = str(render_markdown(document.text))
 
     def picture(match: re.Match[str]) -> str:
         path = document.path.parent / match[1]

@@ -1,7 +1,7 @@
 """What a site is made of: the suites, documents, diagnoses and replays of two folders."""
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ class Document(NamedTuple):
     """A Markdown file."""
 
     path: Path
+    text: str
     title: str
     place: str
     """Its page, below `documents/` and without ending."""
@@ -58,21 +59,30 @@ def suites(results: Path, warn: Warn) -> list[Suite]:
     return found
 
 
-def documents(results: Path, reports: Path) -> list[Document]:
-    """Markdown files of both folders, but for notes and boards, which are parts of other pages."""
-    found = []
+def documents(results: Path, reports: Path, warn: Warn) -> list[Document]:
+    """Markdown files of both folders, but for notes and boards, which are parts of other pages.
+
+    Those that cannot be read are named.
+    """
+    found: list[Document] = []
     for root in (reports, results):
         for path in sorted(root.rglob("*.md")):
-            below = path.relative_to(root).with_suffix("")
             if path.stem.endswith(NOTES) or path.name in ("leaderboard.md", "diagnosis.md"):
                 continue
-            found.append(Document(path, _title(path), "-".join(below.parts)))
+            try:
+                text = path.read_text(encoding="utf-8")
+            except (OSError, UnicodeDecodeError) as error:
+                warn(f"Left out: {path} cannot be read: {error}")
+                continue
+            below = path.relative_to(root).with_suffix("")
+            place = _free("-".join(below.parts), [document.place for document in found])
+            found.append(Document(path, text, _title(path, text), place))
     return found
 
 
 def diagnoses(results: Path, reports: Path, warn: Warn) -> list[Found]:
     """Every diagnosis.json of both folders; those that cannot be read are named."""
-    found = []
+    found: list[Found] = []
     for root in (reports, results):
         for path in sorted(root.rglob("diagnosis.json")):
             try:
@@ -80,7 +90,8 @@ def diagnoses(results: Path, reports: Path, warn: Warn) -> list[Found]:
             except ValueError as error:
                 warn(f"Left out: {error}")
                 continue
-            found.append(Found(diagnosis, "-".join(path.parent.relative_to(root).parts) or "here"))
+            place = "-".join(path.parent.relative_to(root).parts) or "here"
+            found.append(Found(diagnosis, _free(place, [one.place for one in found])))
     return found
 
 
@@ -96,9 +107,15 @@ def _description(name: str) -> str:
     return str(tomllib.loads(path.read_text(encoding="utf-8")).get("description", ""))
 
 
-def _title(path: Path) -> str:
+def _free(place: str, taken: Sequence[str]) -> str:
+    """That place, or one with a number where another page has it."""
+    places = (place, *(f"{place}-{number}" for number in range(2, len(taken) + 2)))
+    return next(free for free in places if free not in taken)
+
+
+def _title(path: Path, text: str) -> str:
     """The first heading."""
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in text.splitlines():
         if line.startswith("# "):
             return line.removeprefix("# ").replace("`", "").strip()
     return path.stem

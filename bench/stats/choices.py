@@ -1,9 +1,8 @@
 """Which method to choose at which budget of high-fidelity flight, from the scores of a sweep.
 
 At a team size, a method is affordable if its mean bill over tasks and seeds is at most the budget.
-Of the affordable ones the best has the highest mean score over the tasks that all of them were run
-on; whoever is not shown to be below it (`bench/stats/verdicts.py`, all tasks pooled) is tied with
-it.
+Of the affordable ones that have a score on every task, the best has the highest mean score; whoever
+is not shown to be below it (`bench/stats/verdicts.py`, all tasks pooled) is tied with it.
 """
 
 from collections.abc import Sequence

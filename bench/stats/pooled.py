@@ -112,13 +112,18 @@ def pools(tables: Tables) -> list[Pool]:
     worlds = {(cell.simulator, cell.deployed_effects) for cell in rewards}
     fallen, found = fallen_references(tables), []
     for world in sorted(worlds, key=lambda w: (w != ("crazyflow", ""), w)):
-        own = {c: v for c, v in scores.items() if (c.simulator, c.deployed_effects) == world}
-        flown = {c: v for c, v in rewards.items() if (c.simulator, c.deployed_effects) == world}
+        own = {cell: values for cell, values in scores.items() if _in(cell, world)}
+        flown = {cell: values for cell, values in rewards.items() if _in(cell, world)}
         cells, entries = _largest(own)
         if len(entries) >= 2 and len(cells) >= 2:
             without = _without(cells, entries, own, flown, fallen)
             found.append(_pool(world, cells, entries, own, flown, gone, without))
     return found
+
+
+def _in(cell: Cell, world: tuple[str, str]) -> bool:
+    """Whether that is where the cell is deployed."""
+    return (cell.simulator, cell.deployed_effects) == world
 
 
 def _largest(values: Values) -> tuple[list[Cell], list[Entry]]:
@@ -168,7 +173,7 @@ def _pool(
     rows = []
     for entry, rank, groups in zip(entries, intervals(above), letters(above), strict=True):
         seeds = [len(samples[entry][cell]) for cell in cells]
-        missing = sum(gone.get((cell, entry), 0) for cell in rewards)
+        missing = sum(n for (cell, own), n in gone.items() if own == entry and _in(cell, world))
         beyond = profile(samples[entry], [*thresholds, *grid])
         rows.append(
             PooledRow(

@@ -1,7 +1,7 @@
 """Which runs of a plan a store holds, which are missing and why; it only reads."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
 from bench.plan.planned_run import Run
@@ -50,6 +50,37 @@ def states(runs: list[Run], store: Store, recorded: Tables) -> list[State]:
             state = State(run, None, "changed: its row is of another program, see `--replace`")
         found.append(state)
     return found
+
+
+def with_lost_parents(
+    found: list[State], failed: Collection[str], store: Store, kept: Callable[[Run], bool]
+) -> list[State]:
+    """`found`, where finished runs that are trained again for a child's sake are missing, too.
+
+    Args:
+        found: States of all runs of a plan.
+        failed: Names of missing runs that are not tried again.
+        store: Where their folders are.
+        kept: Whether a run can be restored from its kept policy.
+    """
+    by_name = {state.run.name: state for state in found}
+    wanted = [state.run for state in found if state.reason and state.run.name not in failed]
+    while wanted:
+        for name in wanted.pop().parents.values():
+            state = by_name[name]
+            if not (state.reason or _has_policy(store, name) or kept(state.run)):
+                reason = "trained again, because others start from their lost policies"
+                by_name[name] = state._replace(reason=reason)
+                wanted.append(state.run)
+    return list(by_name.values())
+
+
+def _has_policy(store: Store, name: str) -> bool:
+    """Whether the folder of a finished run is sound."""
+    try:
+        return store.read(name)["status"] != "failed"
+    except UnreadableRunError:
+        return False
 
 
 def _state(run: Run, store: Store, there: set[str], alike: list[str]) -> State:

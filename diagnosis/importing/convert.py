@@ -75,7 +75,10 @@ def import_logs(
     part = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=ground))
     try:
         (part / "vehicle.toml").write_text(vehicle, encoding="utf-8")
-        said = read_vehicle(part)
+        try:
+            said = read_vehicle(part)
+        except LogError as error:  # the operator knows nothing of the folder that is built
+            raise LogError(str(error).replace(f"{part}/", "")) from None
         request = Request(
             mass=said.mass,
             thrust_max=said.spec.thrust_max,

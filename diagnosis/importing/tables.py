@@ -13,6 +13,7 @@ Keys of `columns` are the columns of the format; `roll`, `pitch`, `yaw` may stan
 Columns of a group belong together. Cells may be empty, so that one table can hold several rates.
 """
 
+import csv
 import tomllib
 from pathlib import Path
 from typing import Any, ClassVar
@@ -66,7 +67,10 @@ class TableReader(AbstractReader):
         place = request.columns or path.parent / FILE
         said = read_columns_file(place)
         with reading("table"):
-            frame = pd.read_parquet(path) if path.suffix.lower() == ".parquet" else _csv(path)
+            parquet = path.suffix.lower() == ".parquet"
+            frame = pd.read_parquet(path) if parquet else _csv(path, request.truncated)
+        if frame.empty:
+            raise LogError("the table has no rows.")
         t, _ = _column(frame, said["time"], "s", request, "time", place)
         known = said["columns"]
         streams = []
@@ -91,10 +95,18 @@ class TableReader(AbstractReader):
         return Recording({"": tuple(streams)}, missing)
 
 
-def _csv(path: Path) -> pd.DataFrame:
+def _csv(path: Path, truncated: bool) -> pd.DataFrame:
+    """The table; `truncated`: whether a last row that breaks off is left out, not refused."""
     frame = pd.read_csv(path, skipinitialspace=True, encoding="utf-8-sig")
-    if len(frame) and frame.iloc[-1].isna().all():
-        raise LogError("the last row is empty; is the file truncated?")
+    last = path.read_text(encoding="utf-8-sig").rstrip().rpartition("\n")[2]
+    cells, columns = len(next(csv.reader([last]), ())), len(frame.columns)
+    if len(frame) and (cells < columns or frame.iloc[-1].isna().all()):
+        if not truncated:
+            raise LogError(
+                f"the last row has {cells} of {columns} cells, or none with a number; is the file "
+                "truncated? --truncated uses the rows before it."
+            )
+        frame = frame.iloc[:-1]
     return frame.rename(columns=str.strip)
 
 
@@ -123,6 +135,8 @@ def read_columns_file(path: Path) -> dict[str, Any]:
             _known(entry, ("column", "unit", "sign"), path)
             if entry.get("sign", 1) not in (1, -1):
                 raise LogError(f"{path}: sign of '{name}' must be 1 or -1, got {entry['sign']!r}.")
+            if not isinstance(entry.get("unit", ""), str):
+                raise LogError(f"{path}: unit of '{name}' must be a text, got {entry['unit']!r}.")
         if not isinstance(_name(entry), str):
             raise LogError(f"{path}: '{name}' must name a column of the table, got {entry!r}.")
     return said

@@ -44,6 +44,7 @@ def split_drones(columns: Columns, mass: float, spec: VehicleSpec) -> list[Colum
         drone = {name: values[rows] for name, values in columns.items() if name != "drone"}
         who = "" if number is None else f" of drone {number}"
         check_time(drone["t"], rows, who)
+        check_moving(drone, who)
         quat = np.stack([drone[name] for name in GROUPS["quat"]], axis=1)
         quat = continuous_quat(quat, rows)
         drone.update(zip(GROUPS["quat"], quat.T, strict=True))
@@ -102,6 +103,19 @@ def check_time(t: Float64[np.ndarray, " rows"], rows: Int[np.ndarray, " rows"], 
         raise LogError(
             f"column 't': only {t[-1] - t[0]:.3g} s of flight{who}; at least {MIN_SECONDS} s are "
             f"expected."
+        )
+
+
+def check_moving(drone: Columns, who: str) -> None:
+    """Nothing, if position or attitude change at all.
+
+    Raises:
+        LogError: They do not, which no sensor in the air reports.
+    """
+    if not any(np.ptp(drone[name]) for name in (*GROUPS["pos"], *GROUPS["quat"])):
+        raise LogError(
+            f"columns pos_x to quat_w: position and attitude{who} never change; a flight is "
+            "expected. Did the logging or the positioning system stop?"
         )
 
 

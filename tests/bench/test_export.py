@@ -1,10 +1,12 @@
 """`bench export`: what other tools read is what the tables say."""
 
+import dataclasses
 import json
 import sqlite3
 import struct
 import sys
 
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
@@ -131,6 +133,17 @@ def test_marl_eval_gets_complete_runs_and_the_others_are_named(export, tmp_path)
     assert run["step_1"]["step_count"] == 0.5 * 60 * 50
     assert run["absolute_metrics"]["settled_reward"] == [-4.0]
     assert "Left out: hybrid (mlp) lacks runs of crazyflow, N = 3." in said
+
+
+def test_marl_eval_names_a_run_with_a_number_that_is_not_finite(export, tmp_path):
+    tables = sheet().tables()
+    run = tables.results["run"].iloc[0]
+    bad = tables.results["run"].eq(run) & tables.results["metric"].eq("settled_reward")
+    results = tables.results.assign(value=tables.results["value"].mask(bad, np.nan))
+    dataclasses.replace(tables, results=results).save(tmp_path / "bad")
+    out, said = export("marl-eval", tmp_path / "bad")
+    assert f"Left out: {run}, whose settled_reward is not finite." in said
+    assert "NaN" not in (out / "raw_data.json").read_text()
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")

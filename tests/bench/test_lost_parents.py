@@ -33,6 +33,17 @@ def test_lost_parents_are_trained_again_and_their_rows_stay(sweep, trainer, out)
     assert len(rows(out)) == 4
 
 
+def test_the_plan_counts_lost_parents_that_are_trained_again(
+    sweep, trainer, out, write_suite, capsys
+):
+    lost_parents(sweep, out)
+    suite = str(write_suite("instant", "child", seeds=2))
+    assert main(["plan", suite, "--out", str(out)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "4 runs, 0 finished in" in said
+    assert "2 trained again, because others start from their lost policies: instant" in said
+
+
 def test_parents_of_finished_children_are_not_trained_again(sweep, trainer, out):
     sweep()
     forget(out)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pandera.config import config_context
 from tables_for_tests import Sheet
 
+from bench.execution.sweep import recorded_tables
 from bench.report.leaderboard import write_leaderboard
 from bench.store.tables import IDENTITY, SCHEMAS, UNKNOWN, TableError, Tables
 
@@ -131,6 +132,15 @@ def test_a_save_that_was_cut_off_before_the_runs_doubles_no_row(tmp_path):
     cut_off = Tables.load(tmp_path)
     assert len(cut_off.results) > len(old.results)
     assert_equal(cut_off.merged(new), old.merged(new))
+
+
+def test_results_that_lost_their_runs_are_no_empty_tables(tmp_path):
+    made(("a", 0, "x", "ok")).save(tmp_path)
+    (tmp_path / "runs.parquet").unlink()
+    with pytest.raises(TableError, match=r"holds no runs\.parquet"):
+        recorded_tables(tmp_path)
+    (tmp_path / "runs").mkdir()  # as where the first save of a sweep was cut off
+    assert recorded_tables(tmp_path).runs.empty
 
 
 PROGRAMS = st.sampled_from("xy")

@@ -1,5 +1,7 @@
 """Policies that are kept beside their tables, and flown again."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from rich.console import Console
 from bench.execution.policies import deploy, keep, kept_policy
 from bench.store.kept import load_kept, path_of
 from bench.store.store import Store
+from bench.store.tables import Tables
 from bench.text.errors import UsageError
 from methods.training.evaluate import evaluate
 from methods.training.policy import PolicyController
@@ -96,6 +99,18 @@ def test_damage_inside_of_an_archive_is_one_line(folder):
         except UsageError:
             refused += 1
     assert refused > 30  # zeros in the place of zeros do no damage
+
+
+def test_a_policy_that_is_older_than_its_row_is_not_flown(folder, runs, capsys):
+    keep(folder, (), ())
+    tables = Tables.load(folder)
+    again = tables.runs["committed"].mask(tables.runs["run"].eq(runs[0].name), "later")
+    dataclasses.replace(tables, runs=tables.runs.assign(committed=again)).save(folder)
+    assert deploy(folder, "spread", 2, "", (), Console(width=200)) == 0
+    said = capsys.readouterr().out
+    assert f"Left out: the row of {runs[0].name} was made after its policy was kept." in said
+    assert f"{runs[0].name}: settled" not in said
+    assert f"{runs[1].name}: settled" in said
 
 
 def test_a_team_is_two_drones_at_least(folder):

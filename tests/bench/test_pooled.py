@@ -183,6 +183,13 @@ def test_lost_runs_are_counted_beside_the_pool_even_where_their_cell_is_not_in_i
     assert lost == {"hf_hotstart": (6, 3), "hybrid (mlp)": (6, 0), "lf_baseline": (6, 0)}
 
 
+def test_lost_runs_are_counted_where_nobody_flew():
+    sheet = two_cells()
+    sheet.add("hybrid", "mlp", task="circle", rewards=(-70.0,), status="failed")
+    (pool,) = pools(sheet.tables())
+    assert {row.entry.label: row.lost for row in pool.rows}["hybrid (mlp)"] == 1
+
+
 def test_diverged_runs_are_pooled_with_the_policy_that_they_left():
     sheet = two_cells()
     for team_size in (3, 12):

@@ -91,6 +91,11 @@ def test_a_remedy_is_written_beside_an_earlier_diagnosis(place, target, capsys):
     assert "at most" in text
 
 
+def test_a_remedy_goes_where_out_says(place, tmp_path):
+    assert run(place, "--remedy", "px4", "--out", str(tmp_path / "there")) == 0
+    assert (tmp_path / "there" / "remedy-px4" / "remedy.md").is_file()
+
+
 def test_new_values_of_px4_are_written_with_those_that_it_has_now(place):
     (place / "now.params").write_text(PARAMS)
     assert run(place, "--remedy", "px4", "--parameters", str(place / "now.params")) == 0

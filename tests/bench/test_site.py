@@ -68,6 +68,8 @@ def world(tmp_path_factory):
         "[source](../tests/x.py), [paper](paper.md), [out](https://example.org)\n"
     )
     (reports / "blind_notes.md").write_text("part of another page")
+    (results / "paper.md").write_text("# The same name, in the other folder\n")
+    (reports / "latin.md").write_bytes("# Größe\n".encode("latin-1"))
     write_replay(tables, tables.trajectories["run"].iloc[0], reports / "paper" / "replays/a.html")
     return results, reports
 
@@ -87,7 +89,7 @@ def pages_of(out):
 
 def test_every_link_of_every_page_leads_somewhere(site):
     pages = pages_of(site[0])
-    assert len(pages) == 1 + 2 + 2 + 1 + 1  # index, suites, documents, diagnosis, replay
+    assert len(pages) == 1 + 2 + 3 + 1 + 1  # index, suites, documents, diagnosis, replay
     followed = 0
     for path, page in pages.items():
         for link in page.links:
@@ -128,7 +130,14 @@ def test_what_cannot_be_read_is_named_and_left_out(site):
     said = site[1]
     assert "broken" in said
     assert "bad/diagnosis.json is no diagnosis" in said
-    assert said.count("Warning: Left out") == 2
+    assert "latin.md cannot be read" in said
+    assert said.count("Warning: Left out") == 3
+
+
+def test_documents_of_like_names_have_pages_of_their_own(site):
+    pages = [(site[0] / "documents" / f"{name}.html").read_text() for name in ("paper", "paper-2")]
+    assert "Claims" in pages[0]
+    assert "in the other folder" in pages[1]
 
 
 def test_a_document_is_complete_and_links_within_the_site(site):

@@ -175,6 +175,20 @@ def test_the_quick_part_of_a_suite_is_a_part_of_its_runs(load):
     assert {run.name for run in expand(quick).runs} < {run.name for run in expand(whole).runs}
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('tasks = ["spread"]', 'tasks = ["figure8"]', "[quick]: `tasks` must be among the `tasks`"),
+        ("seeds = 1", "seeds = 9", "[quick]: `seeds` must be at most the suite's 2, got 9"),
+        ('["hybrid"]', '["hf_scratch"]', "[quick]: `methods` must be among the suite's, got 'hf_"),
+    ],
+)
+def test_a_quick_part_must_be_a_part(load, old, new, message):
+    assert old in QUICK
+    with pytest.raises(SuiteError, match=re.escape(message)):
+        load(GOOD + QUICK.replace(old, new))
+
+
 def test_what_only_deploys_is_a_part_of_a_suite():
     whole = load_suite("transfer")
     part = whole.deploying()

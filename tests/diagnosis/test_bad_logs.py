@@ -121,6 +121,10 @@ BAD_TABLES = {
         table().assign(quat_x=0.0, quat_y=1.0, quat_z=0.0, quat_w=0.0),
         "the median tilt is 180 degrees; less than 60 is expected",
     ),
+    "frozen": (
+        table().assign(**{name: table()[name][7] for g in ("pos", "quat") for name in GROUPS[g]}),
+        "columns pos_x to quat_w: position and attitude never change; a flight is expected.",
+    ),
     "millimetres": (
         scaled("pos", 1000.0),
         "columns pos_x to pos_z: positions move 1000 times as far as the velocities say; m and "

@@ -77,6 +77,7 @@ def test_units_and_frames_are_turned_into_ours(tmp_path):
         ('unit = "gf"', 'unit = "gff"', "'cmd_thrust' has the unit 'gff'; allowed: N, mN, gf,"),
         ('unit = "us"', 'units = "us"', "unknown key 'units'. Did you mean 'unit'?"),
         ('"vn"', "7", "'vel_x' must name a column of the table, got 7"),
+        ('unit = "gf"', 'unit = ["gf"]', "unit of 'cmd_thrust' must be a text, got ['gf']"),
         ("[columns]", "[columns", "this is not TOML"),
         ('time = {column = "stamp", unit = "us"}', "", "key 'time' is missing"),
     ],
@@ -89,6 +90,32 @@ def test_a_mistake_in_columns_toml_is_named(tmp_path, old, new, message):
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text[: text.rindex(",")], "the last row has 14 of 15 cells"),
+        (lambda text: text[: text.index("\n") + 1], "the table has no rows"),
+    ],
+)
+def test_a_table_that_breaks_off_is_refused(tmp_path, change, message):
+    file = write(tmp_path, circle())
+    file.write_text(change(file.read_text()))
+    with pytest.raises(ValueError, match=message):
+        import_logs([file], tmp_path / "out", VEHICLE)
+
+
+def test_the_rows_before_a_broken_one_are_used_on_request(tmp_path):
+    file = write(tmp_path, circle())
+    file.write_text(file.read_text()[:-3].rpartition(",")[0])
+    assert import_logs([file], tmp_path / "out", VEHICLE, truncated=True).flights
+
+
+def test_a_mistake_in_what_flew_names_no_temporary_file(tmp_path):
+    with pytest.raises(ValueError, match="mass") as caught:
+        import_logs([write(tmp_path, circle())], tmp_path / "out", 'name = "x"\nmass = -1.0')
+    assert str(caught.value).startswith("vehicle.toml: ")
 
 
 def test_a_table_without_columns_toml_is_of_no_known_format(tmp_path):

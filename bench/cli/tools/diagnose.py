@@ -78,11 +78,10 @@ def diagnose(
     if flights is not None:
         from bench.diagnosis_report.command import place_of, run_diagnosis
 
+        if change.of_file(flights):
+            return change.write(flights, out)
         out = out or place_of(flights)
-        status = 0
-        if not change.of_file(flights):
-            status = run_diagnosis(flights, simulator, reference, exclude or (), out)
-        return status or change.write(flights if change.of_file(flights) else out)
+        return run_diagnosis(flights, simulator, reference, exclude or (), out) or change.write(out)
     from rich.console import Console
 
     from bench.diagnosis_report.deploy import deploy as deploy_team

@@ -11,6 +11,8 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from bench.stats.statistics import Cell, Entry, cell_of, entry_of, records
 from bench.store.record import to_json
 from bench.store.tables import Tables
@@ -35,11 +37,13 @@ def write(tables: Tables, title: str, folder: Path, place: Path) -> list[str]:
     del title, place
     environments: dict[str, dict[Entry, dict[str, Runs]]] = {}
     rows = tables.results.loc[tables.results["metric"].isin(METRICS)]
-    for row in records(rows):
+    bad = {row["run"]: row["metric"] for row in records(rows) if not np.isfinite(row["value"])}
+    for row in records(rows.loc[~rows["run"].isin(bad)]):
         cell, entry = cell_of(row), entry_of(row)
         tasks = environments.setdefault(_environment(cell), {}).setdefault(entry, {})
         tasks.setdefault(cell.task, {}).setdefault(row["seed"], {})[row["metric"]] = row["value"]
-    content, left_out = {}, []
+    content: dict[str, dict] = {}
+    left_out = [f"{run}, whose {metric} is not finite." for run, metric in bad.items()]
     for name, entries in sorted(environments.items()):
         content[name], partial = _complete(entries)
         left_out += [f"{entry.label} lacks runs of {name}." for entry in partial]
