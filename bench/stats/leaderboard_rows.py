@@ -26,6 +26,7 @@ from bench.stats.statistics import (
     lost,
     records,
     seed_values,
+    without_world,
 )
 from bench.stats.target import ToTarget, costs_to_target
 from bench.store.tables import Tables
@@ -55,6 +56,10 @@ AXES = {
     TARGET_SECONDS: "training time to target",
 }
 """What entries are ranked by beside the reward, lower is better, and what it is called."""
+
+
+OF_TRAINING = ("training_crashes", "fleet_minutes", "train_seconds")
+"""Axes on which a row that only deploys what another run trained has no rank: its own cost is 0."""
 
 
 class Row(TypedDict):
@@ -129,12 +134,19 @@ def _axis_ranks(
     values = dict(metrics)
     values[TARGET_MINUTES] = {entry: goal.minutes for entry, goal in sure.items()}
     values[TARGET_SECONDS] = {entry: goal.seconds for entry, goal in sure.items()}
+    for axis in OF_TRAINING:
+        values[axis] = {e: own for e, own in values[axis].items() if not _deployed(e)}
     return {
         axis: ranks(
             {e: {s: -x for s, x in own.items()} for e, own in _competing(values[axis]).items()}
         )
         for axis in AXES
     }
+
+
+def _deployed(entry: Entry) -> bool:
+    """Whether its rows train nothing: they deploy in a world what another run trained."""
+    return without_world(entry.variant)[1]
 
 
 def _competing(values: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Mapping[int, float]]:

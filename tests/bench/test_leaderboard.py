@@ -138,6 +138,20 @@ def test_a_world_in_a_variant_is_no_other_setting():
     assert rows[f"{here}, tracked=true"]["beside_default"].mean == pytest.approx(-10.25)
 
 
+def test_what_another_run_trained_has_no_rank_on_costs_of_training():
+    here = "reality=crazyflow+Drag(c=2)"
+    sheet = Sheet().add("hybrid", "mlp", variant=here, rewards=(-50.0, -51.0), fleet_minutes=0.5)
+    sheet.add("lf_baseline", variant=here.replace("reality", "deployed_in"), rewards=(-60.0, -61.0))
+    sheet.add("hf_scratch", variant=here, rewards=(-60.0, -61.0), fleet_minutes=9.0)
+    for row in sheet.results:
+        row["deployed_effects"] = "Drag(c=2)"
+    rows = {row["entry"].method: row for row in leaderboard_rows(sheet.tables())}
+    assert rows["lf_baseline"]["rank"] is not None
+    found = {method: row["axis_ranks"]["fleet_minutes"] for method, row in rows.items()}
+    assert (found["hybrid"].first, found["lf_baseline"]) == (1, None)
+    assert rows["lf_baseline"]["axis_ranks"]["crashes"] is not None
+
+
 def test_columns_in_which_nobody_has_anything_are_left_out(typical):
     rows = [row for row in leaderboard_rows(typical) if row["task"] == "circle"]
     shown = [column.heading for column in filled(COLUMNS, rows)]

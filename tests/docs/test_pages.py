@@ -101,7 +101,7 @@ def test_every_command_is_one_that_the_program_takes(page, command):
 
 def test_every_command_is_on_a_page():
     shown = {command.split()[0] for _, command in commands()}
-    assert {*registry.names("command")} - shown <= {"keep", "deploy", "profile"}
+    assert {*registry.names("command")} - shown <= {"keep"}
 
 
 def test_the_method_of_the_readme_keeps_its_contract_and_trains(key):
