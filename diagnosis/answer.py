@@ -33,7 +33,6 @@ from diagnosis.result import (
     Program,
     Remainder,
     Settings,
-    Support,
 )
 from diagnosis.result_parts import (
     ChannelGap,
@@ -65,12 +64,11 @@ def answer(question: Question, study: Study) -> Diagnosis:
     """The diagnosis that answers a question, from the study of its flights."""
     fits, judged, prepared = study.fits, study.verdict, study.prepared
     evidence, reference = fits.evidence, question.reference
-    support = tuple(_support(line) for line in study.support)
     shrink = _shrink(study)
     standing = {n for n in judged.chosen.effects if _stands(study, n)}
     grows = judged.doubted and shrink.percent is not None and shrink.percent < 0.0
     kind = judged.kind if standing == judged.chosen.effects and not grows else "unexplained"
-    confirmed = {line.effect for line in support if line.confirmed} & standing
+    confirmed = {line.effect for line in study.support if line.confirmed} & standing
     verdict = verdict_of(kind, bool(confirmed) and not grows)
     named = judged.chosen.effects if kind != "unexplained" else None
     blamed = confirmed if named is None else named
@@ -91,7 +89,7 @@ def answer(question: Question, study: Study) -> Diagnosis:
         doubt=_doubt(judged) if verdict == "effect" else None,
         where=_where(study, evidence.base),
         candidates=_candidates(fits, judged, named),
-        support=support,
+        support=study.support,
         shrink=shrink,
         next_flight=next_flight(
             judged_of(verdict),
@@ -149,18 +147,6 @@ def _use(prepared: Prepared, i: int) -> Any:
     if prepared.in_turn:
         return "fit, and held out in turn" if len(prepared.inputs.flights) > 1 else "fit"
     return "held out" if i in prepared.held else "fit"
-
-
-def _support(line: Any) -> Support:
-    """What left-out flights say of an effect, with whether that confirms it."""
-    return Support(
-        effect=line.effect,
-        percent=_known(line.percent),
-        low=_known(line.low),
-        high=_known(line.high),
-        n=line.n,
-        confirmed=None if line.percent is None else line.clear,
-    )
 
 
 def _known(value: float | None) -> float | None:
@@ -243,12 +229,8 @@ def _candidates(fits: Fits, judged: Verdict, named: frozenset[str] | None) -> tu
 
 def _drift(evidence: Evidence, vector: Float[np.ndarray, " params"]) -> float:
     """RMS position drift of the fitted flights [m]."""
-    return _rms(gap.drifts(evidence.likelihood.tracks(vector))[:, :3])
-
-
-def _rms(vectors: Float[np.ndarray, "lines 3"]) -> float:
-    lengths = np.sum(vectors**2, axis=1)
-    return float(np.sqrt(np.nanmean(lengths))) if np.isfinite(lengths).any() else 0.0
+    lengths = np.linalg.norm(gap.drifts(evidence.likelihood.tracks(vector))[:, :3], axis=1)
+    return gap.rms(lengths)
 
 
 def _power(value: float) -> int:

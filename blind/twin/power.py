@@ -22,7 +22,7 @@ from blind.draw.faults import FAULTS
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.logs.inputs import choose_inputs
 from diagnosis.replay.replay import Replay
-from diagnosis.twin.answer import Change, ChangedParameter, TwinAnswer
+from diagnosis.twin.answer import ChangedParameter, TwinAnswer
 from diagnosis.twin.channels import Channels
 from diagnosis.twin.diagnose_change import answer_change
 from diagnosis.twin.flown import flight_of, seen, twin_replay
@@ -80,8 +80,7 @@ class Tally:
     @property
     def alarms(self) -> int:
         """Answers that say that something changed."""
-        quiet = (Change.NONE, Change.TOO_FEW)
-        return sum(a.change not in quiet for a in self.answers)
+        return sum(a.change not in ("none", "too_few") for a in self.answers)
 
     @property
     def named(self) -> int:

@@ -23,9 +23,9 @@ from simulators.contract import replayable_class
 from simulators.vehicle import GRAVITY
 
 PROBE = 3
-"""Reference flights that are fitted first: where they already are not followed, the fit is no
-vehicle, and the other flights are spared. With 9 flights of `crazyflie_plain` it takes a quarter of
-the time."""
+"""Reference flights that are fitted first where a twin may take over: where they already are not
+followed, the fit is no vehicle, and the other flights are spared. With 9 flights of
+`crazyflie_plain` it takes a quarter of the time."""
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done."""
@@ -60,7 +60,7 @@ class Prepared:
     compared: Inputs | None
     """The reference flights, likewise."""
     base: Reference | None
-    """What the reference flights say; the first `PROBE` of them, if they are not followed."""
+    """What the reference flights say; the first `PROBE` of them, if a twin takes over."""
     every: Likelihood
     """All flights."""
     noise: Float[np.ndarray, " 9"]
@@ -108,9 +108,10 @@ def prepare(
     progress(f"compiling the simulator{fitted}", 0.05)
     decision, base = question.decision, None
     if compared is not None:
-        many = len(compared.flights) > PROBE
-        base = reference_of(replay, compared.flights[:PROBE], decision, or_twin, narrow=not many)
-        if many and not base.unfollowed(decision):
+        probed = or_twin and len(compared.flights) > PROBE
+        first = compared.flights[:PROBE] if probed else compared.flights
+        base = reference_of(replay, first, decision, or_twin, narrow=not probed)
+        if probed and not base.unfollowed(decision):
             base = reference_of(replay, compared.flights, decision, or_twin)
     every = make_likelihood(replay, logs, base.enlarged * sigma if base else sigma)
     fit_ids, held = shrinkage.split(len(logs), decision)

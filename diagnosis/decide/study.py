@@ -7,12 +7,13 @@ import numpy as np
 from diagnosis.decide.attribution import attribute
 from diagnosis.decide.prepared import Prepared, Progress, Question, prepare, silent
 from diagnosis.decide.reference import beside
-from diagnosis.decide.support import Support, judge_supported
+from diagnosis.decide.support import judge_supported
 from diagnosis.decide.verdict import FOLLOWED, Verdict
 from diagnosis.fit import shrinkage
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.outliers import beyond
 from diagnosis.fit.search import Fits
+from diagnosis.result import Support
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,38 +9,14 @@ followed less well, by more than they differ among each other (t-interval, 95 %)
 import dataclasses
 
 import numpy as np
+from jaxtyping import Float
 from scipy import stats
 
 from diagnosis.decide.verdict import Floor, Verdict, judge
 from diagnosis.fit.fit import Fit
 from diagnosis.fit.search import Fits, polish, without
 from diagnosis.fit.shrinkage import misfits
-
-
-@dataclasses.dataclass(frozen=True)
-class Support:
-    """By how much an effect lowers the misfit (chi-square) of flights left out in turn."""
-
-    effect: str
-    """Name."""
-    percent: float | None
-    """100 (1 - with / without), geometric mean over flights; None with fewer than three."""
-    low: float | None
-    """Lower end of its interval."""
-    high: float | None
-    """Upper end."""
-    n: int
-    """Flights."""
-
-    @property
-    def clear(self) -> bool:
-        """Whether the effect helps beyond what flights differ."""
-        return self.low is not None and self.low > 0.0
-
-    @property
-    def idle(self) -> bool:
-        """Whether there are flights enough to say so, and they do not."""
-        return self.percent is not None and not self.clear
+from diagnosis.result import Support
 
 
 def support(fits: Fits, fit: Fit) -> tuple[Fits, list[Support]]:
@@ -77,7 +53,7 @@ def judge_supported(fits: Fits, floor: Floor) -> Judgement:
     verdict, dropped, decision = judge(fits, floor), [], fits.evidence.decision
     while verdict.kind == "unexplained" or floor.unlike(decision) > 0.0:
         fits, lines = support(fits, verdict.chosen.fit)
-        idle = [one for one in lines if one.idle]
+        idle = [one for one in lines if one.confirmed is False]
         if not idle or verdict.kind != "effect" or floor.value <= decision.structure:
             return Judgement(fits, verdict, (*lines, *dropped))
         dropped.append(idle[-1])
@@ -88,12 +64,22 @@ def judge_supported(fits: Fits, floor: Floor) -> Judgement:
 def _of(fits: Fits, fit: Fit, name: str) -> tuple[Fits, Support]:
     n = len(np.unique(fit.normal.flight))
     if n < fits.evidence.decision.fewest_flights:
-        return fits, Support(name, None, None, None, n)
+        few = Support(effect=name, percent=None, low=None, high=None, n=n, confirmed=None)
+        return fits, few
     # A flight is left out to first order, which needs fits that have ended, the worse one too.
     fits = polish(fits, fit.effects, hopeless=np.inf)
     fit, less = fits[fit.effects], fit.effects - {name}
     fits = polish(without(fits, fit, name, hopeless=np.inf), less, hopeless=np.inf)
     ratio = np.log(misfits(fits.evidence, fit) / misfits(fits.evidence, fits[less]))
-    half = stats.t.ppf(0.975, n - 1) * np.std(ratio, ddof=1) / np.sqrt(n)
+    return fits, supported(name, ratio)
+
+
+def supported(effect: str, ratio: Float[np.ndarray, " flights"]) -> Support:
+    """What an effect does, by the logarithm of each flight's misfit with it over that without."""
+    half = stats.t.ppf(0.975, len(ratio) - 1) * np.std(ratio, ddof=1) / np.sqrt(len(ratio))
     percent = -100.0 * np.expm1(ratio.mean() + half * np.asarray([0.0, 1.0, -1.0]))
-    return fits, Support(name, float(percent[0]), float(percent[1]), float(percent[2]), n)
+    value, low, high = (float(x) if np.isfinite(x) else None for x in percent)
+    confirmed = low is not None and low > 0.0
+    return Support(
+        effect=effect, percent=value, low=low, high=high, n=len(ratio), confirmed=confirmed
+    )

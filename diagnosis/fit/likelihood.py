@@ -128,7 +128,7 @@ class Likelihood:
         or, if `others`, have the slopes of the last replay along all parameters.
         """
         equations, _ = self._replayed(vector, along, others)
-        whole = Normal(vector=np.array(vector, float), **equations)
+        whole = Normal(**equations)
         kept = whole.dof > 0 if self.trusted is None else self.trusted
         return whole if kept.all() else whole.of(kept)
 

@@ -15,8 +15,6 @@ from diagnosis.replay.whitening import residual
 class Normal:
     """Normal equations at one parameter vector, per window (of all drones together)."""
 
-    vector: Float[np.ndarray, " params"]
-    """Where the simulator was linearised."""
     H: Float[np.ndarray, "windows params params"]
     """J'J."""
     g: Float[np.ndarray, "windows params"]
@@ -46,12 +44,7 @@ class Normal:
 
     def of(self, chosen: np.ndarray) -> "Normal":
         """The windows that are chosen, by a mask or by their indices."""
-        per_window = {
-            field.name: getattr(self, field.name)[chosen]
-            for field in dataclasses.fields(self)
-            if field.name != "vector"
-        }
-        return dataclasses.replace(self, **per_window)
+        return Normal(**{name: values[chosen] for name, values in vars(self).items()})
 
     def by_flight(self) -> list["Normal"]:
         """Those of every flight."""

@@ -9,7 +9,6 @@ Little-endian; a type is a letter of Python's `struct`. Source: crazyflie-firmwa
 the description of the format in `tools/usdlog` (August 2026).
 """
 
-import dataclasses
 import struct
 import zlib
 from pathlib import Path
@@ -27,15 +26,6 @@ TICKS = {1: ("u4", 1e-3), 2: ("u8", 1e-6)}
 KINDS = {"b": "i1", "B": "u1", "h": "i2", "H": "u2", "i": "i4", "I": "u4", "f": "f4", "d": "f8"}
 KINDS |= {"l": "i4", "L": "u4", "q": "i8", "Q": "u8", "e": "f2"}
 """Letters of types, as numpy calls them."""
-
-
-@dataclasses.dataclass(frozen=True)
-class EventType:
-    """What one kind of event holds."""
-
-    name: str
-    row: np.dtype
-    """Id, time and variables of one event."""
 
 
 class UsdReader(AbstractReader):
@@ -63,14 +53,14 @@ class UsdReader(AbstractReader):
         return Recording({"": tuple(streams)}, tuple(missing), tuple(notes))
 
 
-def _header(data: bytes) -> tuple[dict[int, EventType], int, float]:
+def _header(data: bytes) -> tuple[dict[int, np.dtype], int, float]:
     """Event types by id, where events begin, and the unit of times [s]."""
     version, count = struct.unpack_from("<HH", data, 1)
     clock, scale = TICKS[version]
     at, types = 5, {}
     for _ in range(count):
         (number,) = struct.unpack_from("<H", data, at)
-        name, at = _text(data, at + 2)
+        _, at = _text(data, at + 2)  # the event's name
         (size,) = struct.unpack_from("<H", data, at)
         at += 2
         row = [("id", "<u2"), ("t", f"<{clock}")]
@@ -78,7 +68,7 @@ def _header(data: bytes) -> tuple[dict[int, EventType], int, float]:
             text, at = _text(data, at)
             variable, _, kind = text.rstrip(")").rpartition("(")
             row.append((variable, f"<{KINDS[kind]}"))
-        types[number] = EventType(name, np.dtype(row))
+        types[number] = np.dtype(row)
     return types, at, scale
 
 
@@ -89,16 +79,16 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
 
 
 def _variables(
-    data: bytes, start: int, end: int, types: dict[int, EventType], scale: float
+    data: bytes, start: int, end: int, types: dict[int, np.dtype], scale: float
 ) -> dict[str, Variable]:
     """Every variable over time; the first event type that holds one counts."""
     places: dict[int, list[int]] = {number: [] for number in types}
     at = start
     while at + 2 <= end:
         number = data[at] | data[at + 1] << 8
-        if number not in types or at + types[number].row.itemsize > end:
+        if number not in types or at + types[number].itemsize > end:
             break  # a whole log has a checksum, so that this is where one breaks off
-        size = types[number].row.itemsize
+        size = types[number].itemsize
         places[number].append(at)
         at += size
     raw = np.frombuffer(data, np.uint8)
@@ -106,10 +96,10 @@ def _variables(
     for number, kind in types.items():
         if not places[number]:
             continue
-        index = np.asarray(places[number])[:, None] + np.arange(kind.row.itemsize)
-        rows = raw[index].reshape(-1).view(kind.row)
+        index = np.asarray(places[number])[:, None] + np.arange(kind.itemsize)
+        rows = raw[index].reshape(-1).view(kind)
         t = rows["t"].astype(np.float64) * scale
-        for name in kind.row.names or ():
+        for name in kind.names or ():
             if name not in ("id", "t"):
                 found.setdefault(name, Variable(t, rows[name].astype(np.float64)))
     return found

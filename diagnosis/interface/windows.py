@@ -45,8 +45,6 @@ class Windows:
 
     flight: Int[np.ndarray, " windows"]
     """Which drone of which flight, counted."""
-    t: Float[np.ndarray, " windows"]
-    """Middle [s]."""
     force: Float[np.ndarray, "windows 3"]
     """Specific force of the path, world [m/s^2]."""
     path: Float[np.ndarray, "windows 3"]
@@ -71,7 +69,7 @@ class Windows:
     """Thrust that the inputs stand for [N]."""
 
     def __len__(self) -> int:
-        return len(self.t)
+        return len(self.flight)
 
     def some(self, chosen: Bool[np.ndarray, " windows"]) -> "Windows":
         """The chosen windows."""
@@ -140,7 +138,6 @@ def _window(
     step = np.gradient(t) / np.gradient(t).sum()
     rate = (turns[0].inv() * turns[-1]).as_rotvec() / (2.0 * half)
     row: dict[str, np.ndarray | float | None] = {
-        "t": float(middle),
         "force": 2.0 * cubic[2] / half**2 + np.asarray([0.0, 0.0, GRAVITY]),
         "path": (drone.pos[at][-1] - drone.pos[at][0]) / (2.0 * half),
         "turn": rate,

@@ -59,11 +59,6 @@ class Airframe:
     drag: tuple[float, float, float] | None = None
     """Linear drag along the body axes [N s/m]."""
 
-    @property
-    def unknown(self) -> tuple[str, ...]:
-        """What the sheet does not say."""
-        return tuple(name for name, value in vars(self).items() if value is None)
-
     def spec(self, name: str, mass: float) -> VehicleSpec:
         """The airframe as a simulator takes it, with `ASSUMED` where the sheet says nothing."""
         known = {k: v for k, v in vars(self).items() if v is not None}

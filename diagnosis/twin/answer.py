@@ -1,27 +1,12 @@
 """What a twin says of changed flights, as frozen records; renderers decide nothing."""
 
 import dataclasses
-import enum
 
 import numpy as np
 
+from diagnosis.result import VerdictKind
 from diagnosis.result_parts import AtBound, Followed
 from diagnosis.twin.channels import CHANNELS, UNITS
-
-
-class Change(enum.Enum):
-    """What flights show beside their reference."""
-
-    EFFECT = "effect"
-    """Named effects, or one of a class that these flights cannot tell apart, explain the change."""
-    PARTLY = "partly"
-    """Named effects explain part of it; what they leave is more than flights differ by."""
-    UNEXPLAINED = "unexplained"
-    """Something changed that no candidate explains."""
-    NONE = "none"
-    """Nothing changed by more than flights differ."""
-    TOO_FEW = "too few flights to tell"
-    """Nothing is seen, and with so few flights little could be."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,13 +53,13 @@ class Candidate:
 
 
 @dataclasses.dataclass(frozen=True)
-class TwinAnswer:
-    """What changed between reference and target flights."""
+class Naming:
+    """What was named of what changed between reference and target flights."""
 
-    change: Change
+    change: VerdictKind
     """The verdict."""
     effects: tuple[str, ...]
-    """Named effects; empty unless the change is `EFFECT` or `PARTLY`."""
+    """Named effects; empty unless the change is `effect` or `partly`."""
     aliases: tuple[str, ...]
     """Effects that these flights cannot tell from the first of them."""
     probability: float
@@ -85,6 +70,12 @@ class TwinAnswer:
     """Every candidate that these flights show, the most probable first."""
     unseen: tuple[str, ...]
     """Effects of which these flights say too little to be candidates."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TwinAnswer(Naming):
+    """What changed between reference and target flights."""
+
     followed: tuple[Followed, ...]
     """How well the twin follows."""
     misfit: tuple[float, float]

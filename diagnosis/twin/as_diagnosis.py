@@ -11,6 +11,7 @@ import diagnosis
 import simulators
 from diagnosis.decide.advice import blind_to, next_flight
 from diagnosis.decide.prepared import Progress, Question, silent
+from diagnosis.decide.support import supported
 from diagnosis.decision import Decision
 from diagnosis.fit.shrinkage import unknown_shrink
 from diagnosis.flights_used import flights_used
@@ -28,7 +29,6 @@ from diagnosis.result import (
     Remainder,
     Settings,
     Support,
-    VerdictKind,
 )
 from diagnosis.result_parts import (
     ChannelGap,
@@ -49,18 +49,11 @@ from diagnosis.statements import (
     noteworthy,
     use_of,
 )
-from diagnosis.twin.answer import Change, ChangedParameter
+from diagnosis.twin.answer import ChangedParameter
 from diagnosis.twin.channels import CHANNELS, FEWEST_SAMPLES, UNITS
 from diagnosis.twin.diagnose_change import ChangeStudy, diagnose_change
 from diagnosis.twin.drift import Scored, drift_shrink
 
-VERDICTS: dict[Change, VerdictKind] = {
-    Change.EFFECT: "effect",
-    Change.PARTLY: "partly",
-    Change.UNEXPLAINED: "unexplained",
-    Change.NONE: "none",
-    Change.TOO_FEW: "too_few",
-}
 MOST_CANDIDATES = 8
 """Effects that are listed."""
 
@@ -101,11 +94,12 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
     """The diagnosis that answers a question beside a reference."""
     found, decision = study.answer, question.decision
     assert question.reference is not None
-    verdict = VERDICTS[found.change]
+    verdict = found.change
     effects = _effects(study, verdict, decision)
     seen = _limits(study)
     slots = study.twin.library.slots
     remainder = _remainder(study, verdict, decision)
+    where = _where(study, [one.before for one in study.scored], decision)
     inputs = dataclasses.replace(study.inputs, left_out=())
     compared = dataclasses.replace(study.compared, left_out=())
     return Diagnosis(
@@ -114,10 +108,10 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
         effects=effects,
         remainder=remainder,
         doubt=None,
-        where=_where(study, [one.before for one in study.scored], decision),
+        where=where,
         candidates=_candidates(study),
         support=_support(study, decision),
-        shrink=_shrink(study, decision),
+        shrink=_shrink(study, where, remainder.where, decision),
         next_flight=next_flight(
             judged_of(verdict),
             {e.name: list(e.aliases) for e in effects if e.blamed},
@@ -181,7 +175,7 @@ def _effects(study: ChangeStudy, verdict: str, decision: Decision) -> tuple[Effe
             )
             for i, name in enumerate(found.effects)
         )
-    if found.change is not Change.UNEXPLAINED or not found.candidates:
+    if found.change != "unexplained" or not found.candidates:
         return ()
     best = found.candidates[0]
     shown = _parameters(best.parameters, best.effect, verdict)
@@ -298,36 +292,30 @@ def _support(study: ChangeStudy, decision: Decision) -> tuple[Support, ...]:
             for f in scored
         ]
     )
-    half = stats.t.ppf(0.975, len(ratio) - 1) * np.std(ratio, ddof=1) / np.sqrt(len(ratio))
-    percent = -100.0 * np.expm1(ratio.mean() + half * np.asarray([0.0, 1.0, -1.0]))
-    low = float(percent[1])
-    return (
-        Support(
-            effect=effects[0],
-            percent=float(percent[0]),
-            low=low,
-            high=float(percent[2]),
-            n=len(ratio),
-            confirmed=low > 0.0,
-        ),
-    )
+    return (supported(effects[0], ratio),)
 
 
-def _shrink(study: ChangeStudy, decision: Decision) -> Shrink:
+def _shrink(
+    study: ChangeStudy,
+    where: Sequence[ChannelGap],
+    after: Sequence[ChannelGap],
+    decision: Decision,
+) -> Shrink:
+    """How far the drift shrinks; `where` and `after`: the gap without and with what is named."""
     scored = study.scored
     if not study.answer.effects:
         return unknown_shrink(len(scored), "no effect was found")
-    by_channel = []
-    for c in study.twin.colour.seen:
-        a, b = (
-            float(np.sqrt(np.mean([one.rms(getattr(one, which))[c] ** 2 for one in scored])))
-            for which in ("before", "after")
+    by_channel = tuple(
+        ChannelShrink(
+            channel=a.channel,
+            before=a.gap_rms,
+            after=b.gap_rms,
+            percent=100.0 * (1.0 - b.gap_rms / a.gap_rms) if a.gap_rms > 0.0 else None,
+            unit=a.unit,
         )
-        percent = 100.0 * (1.0 - b / a) if a > 0.0 else None
-        by_channel.append(
-            ChannelShrink(channel=CHANNELS[c], before=a, after=b, percent=percent, unit=UNITS[c])
-        )
-    return drift_shrink(scored, tuple(by_channel), decision)
+        for a, b in zip(where, after, strict=True)
+    )
+    return drift_shrink(scored, by_channel, decision)
 
 
 def _limits(study: ChangeStudy) -> list[tuple[int, float]]:

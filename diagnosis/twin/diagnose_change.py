@@ -78,7 +78,8 @@ def answer_change(
     With `fly`, which simulates them elsewhere, large changes are found in their right size.
     """
     # By what no candidate explains: a change shows more in some flights than in others.
-    odd = standing_out([twin.score(f).alone for f in flights], decision)
+    scores = [twin.score(f) for f in flights]
+    odd = standing_out([score.alone for score in scores], decision)
     aside = tuple(f.name for f, out in zip(flights, odd, strict=True) if out)
     library = twin.library
     width = library.high - library.low
@@ -92,7 +93,8 @@ def answer_change(
     def refly(change: Float[np.ndarray, " params"]) -> Group:
         return make_group([twin.score(f) for f in flown_at(change)], width)
 
-    reference, target = make_group(twin.scores, width), refly(np.zeros(len(width)))
+    reference = make_group(twin.scores, width)
+    target = make_group([s for s, out in zip(scores, odd, strict=True) if not out], width)
     named = name_change(library, reference, target, decision, refly if fly else None)
     scored = score_flights(twin, kept, flown_at(named.at.change), named.at)
     if named.effects and not _helps(twin, scored, decision):

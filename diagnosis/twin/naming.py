@@ -9,30 +9,17 @@ from scipy.stats import t as student
 
 from diagnosis.decision import Decision
 from diagnosis.replay.library import Library
-from diagnosis.twin.answer import Candidate, Change, ChangedParameter
+from diagnosis.result import VerdictKind
+from diagnosis.twin.answer import Candidate, ChangedParameter, Naming
 from diagnosis.twin.evidence import weigh
 from diagnosis.twin.hypothesis import Hypothesis, Refly, settle
 from diagnosis.twin.units import Estimate, Group, compare
 
 
 @dataclasses.dataclass(frozen=True)
-class Named:
+class Named(Naming):
     """What was named, before the drift is scored with it."""
 
-    change: Change
-    """The verdict."""
-    effects: tuple[str, ...]
-    """Named effects."""
-    aliases: tuple[str, ...]
-    """What cannot be told from the first."""
-    probability: float
-    """That the first or one of its aliases is true."""
-    parameters: tuple[ChangedParameter, ...]
-    """Their parameters."""
-    candidates: tuple[Candidate, ...]
-    """All candidates by probability."""
-    unseen: tuple[str, ...]
-    """Effects that are none."""
     at: Hypothesis
     """The named effects, linearised where they fit; without any, no change."""
     nothing: Hypothesis
@@ -42,7 +29,7 @@ class Named:
         """The same without a name: the effects do not help flights that they were not fitted to."""
         return dataclasses.replace(
             self,
-            change=Change.UNEXPLAINED,
+            change="unexplained",
             effects=(),
             aliases=(),
             probability=0.0,
@@ -80,9 +67,9 @@ def name_change(
         "nothing": nothing,
     }
     if not sure or share < decision.least_chance:
-        change = Change.UNEXPLAINED if sure or p_none < decision.alarm_chance else Change.NONE
-        if change is Change.NONE and min(len(reference), len(target)) < decision.few_flights:
-            change = Change.TOO_FEW
+        change: VerdictKind = "unexplained" if sure or p_none < decision.alarm_chance else "none"
+        if change == "none" and min(len(reference), len(target)) < decision.few_flights:
+            change = "too_few"
         return Named(change, (), (), share, (), at=nothing, **rest)
     at = alone[sure[0].effect]
     named = _further(library, at, sure, aliases, n, decision)
@@ -91,7 +78,7 @@ def name_change(
         named = _clear(library, tried, n, decision)
         at = tried if named == tried.effects else alone[sure[0].effect].of(library, named)
     return Named(
-        change=Change.PARTLY if at.p_left < decision.alarm_chance else Change.EFFECT,
+        change="partly" if at.p_left < decision.alarm_chance else "effect",
         effects=named,
         aliases=aliases,
         probability=share,

@@ -35,7 +35,6 @@ class Flat(Likelihood):
         r = self.J @ (self.truth - vector)
         per_window = lambda x: np.repeat(np.asarray(x)[None], WINDOWS, axis=0)  # noqa: E731
         return Normal(
-            vector=np.array(vector),
             H=per_window(self.J.T @ self.J),
             g=per_window(self.J.T @ r),
             c=np.full(WINDOWS, r @ r),

@@ -39,7 +39,6 @@ class Linear(Likelihood):
         J, r = self.J, self.y - self.J @ vector
         one = np.zeros(1)
         return Normal(
-            vector=np.array(vector),
             H=(J.T @ J)[None],
             g=(J.T @ r)[None],
             c=np.asarray([r @ r]),

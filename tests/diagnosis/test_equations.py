@@ -19,7 +19,6 @@ def normal_of(flights):
     ]
     n = len(windows)
     return Normal(
-        vector=np.zeros(N_PARAMS),
         H=np.stack([J.T @ J for J, _, _ in windows]),
         g=np.stack([J.T @ r for J, r, _ in windows]),
         c=np.asarray([r @ r for _, r, _ in windows]),

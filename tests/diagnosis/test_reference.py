@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, point_mass_set
 
+from diagnosis.decide import prepared
 from diagnosis.decide.prepared import make_likelihood
-from diagnosis.decide.reference import fit_reference
+from diagnosis.decide.reference import Reference, fit_reference
 from diagnosis.fit import descent
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
@@ -54,6 +55,25 @@ def test_flights_that_effects_describe_are_fitted_to_the_end(replay):
     assert not whole.unfollowed()
     for name, kept in whole.to_arrays().items():
         np.testing.assert_array_equal(early.to_arrays()[name], kept, err_msg=name)
+
+
+@pytest.mark.parametrize(("or_twin", "fitted"), [(True, [3]), (False, [5])])
+def test_all_reference_flights_are_fitted_unless_a_twin_takes_over(monkeypatch, or_twin, fitted):
+    """A team has no twin: a reference that is not followed stays, and is fitted whole."""
+    asked = []
+
+    def lost(replay, logs, *_, **__):
+        asked.append(len(logs))
+        n = len(replay.library.neutral)
+        enlarged, none = np.full(9, 100.0), np.zeros(n)
+        return Reference(replay.library.neutral, np.eye(n), enlarged, 1.0, 0.0, 0.0, none)
+
+    monkeypatch.setattr(prepared, "reference_of", lost)
+    question = prepared.Question(
+        point_mass_set(n_flights=1), "point_mass", point_mass_set(n_flights=5)
+    )
+    prepared.prepare(question, or_twin=or_twin)
+    assert asked == fitted
 
 
 def test_without_a_narrow_program_every_replay_has_all_slopes(replay):

@@ -37,10 +37,10 @@ def test_left_out_flights_confirm_what_acted_and_nothing_else(replay):
     flights = point_mass_set(Wind(x=0.3), n_flights=6).flights
     _, (wind, drag) = support(*fitted(replay, flights, {"wind", "drag"}))
     assert (wind.effect, drag.effect) == ("wind", "drag")
-    assert wind.clear
+    assert wind.confirmed
     assert wind.low < wind.percent < wind.high
     assert wind.n == 6
-    assert not drag.clear
+    assert drag.confirmed is False
     assert drag.percent == pytest.approx(0.0, abs=2.0)
 
 
@@ -67,14 +67,17 @@ def test_what_they_do_not_confirm_is_not_named_where_references_are_not_followed
     assert found.verdict.kind == "effect"
     assert found.verdict.chosen.effects == names
     # Dropped or not, what was not confirmed is told, after the others.
-    assert [(one.effect, one.clear) for one in found.support] == [("wind", True), ("drag", False)]
+    assert [(one.effect, one.confirmed) for one in found.support] == [
+        ("wind", True),
+        ("drag", False),
+    ]
 
 
 def test_two_flights_say_nothing(replay):
     flights = point_mass_set(Wind(x=0.3), n_flights=2).flights
     _, (wind,) = support(*fitted(replay, flights, {"wind"}))
     assert (wind.percent, wind.low, wind.high, wind.n) == (None, None, None, 2)
-    assert not wind.clear
+    assert wind.confirmed is None
 
 
 def test_what_is_shared_with_a_reference_is_estimated_without_the_flight_too(replay):

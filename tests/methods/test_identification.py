@@ -139,7 +139,6 @@ def chosen(monkeypatch, *sets):
 def _fit(chi2):
     one, none = np.zeros(1), np.zeros((1, 1))
     normal = Normal(
-        one,
         none[None],
         none,
         np.asarray([chi2]),
