@@ -2,8 +2,10 @@
 
 Single-drone flights of the changed vehicle, the residual fitted on from the one there was, the
 policy trained on from the one there was. Those flights are billed here; what the Hybrid that it
-starts from has flown is that one's. Without flights the policy is trained on under the residual as
-it is: the control that says what the flights are worth.
+starts from has flown is that one's. They follow the first references of the Hybrid's own pool with
+the same dither, because both draw from the run's seed: two vehicles on the same paths. Without
+flights the policy is trained on under the residual as it is: the control that says what the flights
+are worth.
 """
 
 from typing import ClassVar

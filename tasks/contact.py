@@ -43,11 +43,6 @@ def _swept(pos: Float[Array, "drones 3"]) -> bool:
     return len(pos) >= MANY and jax.default_backend() == "cpu"
 
 
-def distances(pos: Float[Array, "drones 3"]) -> Float[Array, "drones drones"]:
-    """Distances between all pairs [m], infinite on the diagonal, smooth at zero."""
-    return _length(_squared(pos))
-
-
 def nearest(pos: Float[Array, "drones 3"], k: int) -> Int[Array, "drones k"]:
     """Indices of the `k` nearest others of each drone, the nearest first.
 

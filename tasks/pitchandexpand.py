@@ -78,7 +78,7 @@ class PitchAndExpand(AbstractTargetTask):
     def target(self, state: TaskState) -> Target:
         rate = 2.0 * jnp.pi / self.period
         s = rate * CONTROL_DT * state.step + state.goal
-        height = self.radius + self.amplitude + self.clearance
+        height = self.radius + abs(self.amplitude) + self.clearance
         relative = state.flight.pos - jnp.asarray([0.0, 0.0, height])
         away = direction(relative)
         radius = self.radius + self.amplitude * jnp.sin(s)

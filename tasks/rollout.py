@@ -2,7 +2,7 @@ r"""Flies a task: one world, any simulator, any controller.
 
 A controller is anything that maps a `TaskState` to actions in [-1, 1], one row a drone.
 
-Gradient decay (a departure from the paper, for every method alike): the state carried from step
+Gradient decay (a departure from the paper, tuned for every method): the state carried from step
 to step passes only a share g of its gradient,
 
     s <- g s + (1 - g) stop_gradient(s),
@@ -11,10 +11,10 @@ so a reward reaches back about 1 / (1 - g) steps. Zhang et al. (2024), "Back to 
 decay gradients too. Plain 500-step back-propagation (g = 1) is best where the policy trains in the
 simulator that it is deployed in, decay where it does not (`reports/tuning.md`).
 
-What still grows is limited: the cotangent of each number of the carried state is clipped to
-+-`COTANGENT_LIMIT`, about ten times what a well-behaved episode has (a reward slope of 1 per
-metre, felt for 1 / (1 - g) = 50 steps), for which the loss must be the plain sum of rewards; its
-scale is put right afterwards.
+With g < 1, what still grows is limited as well: the cotangent of each number of the carried state
+is clipped to +-`COTANGENT_LIMIT`, about ten times what a well-behaved episode has (a reward slope
+of 1 per metre, felt for 1 / (1 - g) = 50 steps), for which the loss must be the plain sum of
+rewards; its scale is put right afterwards. With g = 1 nothing is decayed or clipped.
 """
 
 import abc

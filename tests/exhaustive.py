@@ -45,6 +45,18 @@ RULES: tuple[Rule, ...] = (
         "derivatives inside the bounds in crazyflow, and these sensitivities in the point mass",
     ),
     Rule(
+        "simulators/test_collision.py",
+        "test_derivatives_through_an_impact_equal_finite_differences",
+        "rotorpy$",
+        "the same impact in crazyflow, and RotorPy's own gradients in tests/simulators/test_rotorpy",
+    ),
+    Rule(
+        "simulators/test_rotorpy.py",
+        "test_gradients_equal_finite_differences",
+        "2$",
+        "the same over 25 steps",
+    ),
+    Rule(
         "diagnosis/test_remedy_flown.py",
         "test_after_the_remedy_the_drift_is_as_said_and_the_next_diagnosis_finds_nothing",
         "(?!trim)",
@@ -71,8 +83,9 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "methods/test_methods.py",
         "test_.*",
-        "(hybridsindy|upper_reference)$",
-        "Hybrid with three other residuals; a hot start, whose class the upper reference calls",
+        "(hybridsindy|hybridaffine|grey_boxaffine|upper_reference)$",
+        "Hybrid with two other residuals, grey box without one, whose rows tests/methods/"
+        "test_variants.py fits; a hot start, whose class the upper reference calls",
     ),
 )
 

@@ -22,6 +22,8 @@ from bench.plan.settings import build
 from bench.store.record import load_policy, policy_bytes
 from bench.store.tables import SCHEMAS, STATUSES, UNITS
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.residuals.contract import blank
+from methods.residuals.mlp import MLPEnsemble
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.meter import Meter, metered
@@ -123,7 +125,12 @@ class _Watch:
 
     def setup(self, cls: type[Any], task: AbstractTask) -> Setup:
         parents = {
-            name: Trained(policy=fresh(i), ledger=Ledger(), curves={})
+            name: Trained(
+                policy=fresh(i),
+                ledger=Ledger(),
+                curves={},
+                residual=blank(MLPEnsemble()) if name in cls.resumes_from else None,
+            )
             for i, name in enumerate(cls.parents)
         }
         return Setup(task, PointMass(), self.reality, parents, Context(self._hear))

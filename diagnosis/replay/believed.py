@@ -6,6 +6,7 @@ from typing import Any
 from diagnosis.logs.airframes import AIRFRAMES, Airframe
 from diagnosis.logs.flights import FlightSet, LogError
 from simulators.contract import AbstractSimulator, replayable_class
+from simulators.vehicle import ActionSpace
 
 MEASURED = 2.0
 """Largest thrust that rotors can be measured to give, over the largest that can be commanded."""
@@ -58,10 +59,15 @@ def believed_simulator(
     kind = replayable_class(name)
     known = {**AIRFRAMES, **kind.airframes}
     spec = airframe.spec(drone, mass) if airframe else dataclasses.replace(known[drone], mass=mass)
+    # Policies command what the airframe can do, and no more.
+    space = ActionSpace()
+    given: dict[str, Any] = {}
+    if spec.thrust_max != space.thrust_max:
+        given["action_space"] = ActionSpace(thrust_max=spec.thrust_max)
     if not limited:
         spec = dataclasses.replace(spec, thrust_min=0.0, thrust_max=MEASURED * spec.thrust_max)
     # Buffers of effects are as fine as the simulator's own step, so that is the replay's.
-    given: dict[str, Any] = {"spec": spec}
+    given["spec"] = spec
     if "dt" in {field.name for field in dataclasses.fields(kind)}:
         given["dt"] = kind.replay_dt
     if airframe is not None and airframe.attitude_lag is not None:

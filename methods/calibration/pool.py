@@ -5,7 +5,8 @@ r"""Calibration flights: stages 1 and 2 of the paper's pipeline, and the residua
 2. One isolated drone tracks that reference in reality under the PD controller. Where reality is
    drawn anew for each drone, one member of the team flies all of them.
 3. Each transition of that flight is compared with one nominal step from the same position and
-   velocity under the same command: target = (v' - v) / dt - a_nominal.
+   velocity under the same command: target = (v' - v) / dt - a_nominal. Where the nominal simulator
+   has effects or takes several steps, a_nominal is what that step does to the velocity.
 
 Two readings of "attitude" in the features and in a_nominal, the paper leaves it open:
 
@@ -20,7 +21,7 @@ for 0.2 s, zero mean) takes that dependence apart. The paper has none.
 """
 
 import dataclasses
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -33,7 +34,7 @@ from methods.calibration.residual_effect import features
 from methods.residuals.contract import Transitions, command_history
 from methods.training.meter import billed
 from methods.training.policy import AbstractPolicy, PolicyController
-from simulators.contract import AbstractSimulator
+from simulators.contract import AbstractSimulator, replayable
 from simulators.drawn.drawn_team import one_member
 from simulators.flight import Flight
 from simulators.tracking import PDTracker
@@ -68,6 +69,8 @@ class TrackingFlight(eqx.Module):
     """Attitude after one step of the nominal simulator."""
     nominal_thrust: Float[Array, "*time drones"]
     """Thrust of that step [N]."""
+    nominal_vel: Float[Array, "*time drones 3"]
+    """Velocity after it [m/s]; from the drone's own motion only if the nominal is `refined`."""
     action: Float[Array, "*time drones 3"]
     """What was flown, within [-1, 1]."""
     clipped: Bool[Array, "*time drones"]
@@ -144,9 +147,24 @@ def transitions_of(
     flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), _per_row(seen))
     x = features(flat, nominal.spec.mass)
     change = (after.vel - before.vel).reshape(-1, 3) / CONTROL_DT
+    foreseen = x[:, 9:]
+    if refined(nominal):
+        foreseen = (flights.nominal_vel - before.vel).reshape(-1, 3) / CONTROL_DT
     speed = jnp.linalg.norm(before.vel.reshape(-1, 3), axis=-1)
     weight = 1.0 + hover_weight * jnp.exp(-0.5 * (speed / HOVER_SPEED) ** 2)
-    return Transitions(x, change - x[:, 9:], weight, _histories(flights, nominal))
+    return Transitions(x, change - foreseen, weight, _histories(flights, nominal))
+
+
+def refined(nominal: AbstractSimulator) -> bool:
+    """Whether a nominal step does more to a velocity than its thrust and gravity say."""
+    return bool(nominal.effects) or getattr(nominal, "dt", CONTROL_DT) < CONTROL_DT
+
+
+def as_flown(nominal: AbstractSimulator, shadow: Any, flight: Flight) -> Any:
+    """The state of the nominal simulator, at the motion of `flight` if it is `refined`."""
+    if not refined(nominal):
+        return shadow  # only its attitude and thrust are looked at
+    return replayable(nominal).with_motion(shadow, flight.pos, flight.vel)
 
 
 def _histories(
@@ -240,6 +258,7 @@ def track_dithered(
         if attitude == "measured":
             history = nominal.action_space.to_cmd(action)[None]
             shadow = nominal.restore(before, history, key)
+        shadow = as_flown(nominal, shadow, before)
         shadow, state = nominal.step(shadow, action), reality.step(state, action)
         after, lagged = reality.flight(state), nominal.flight(shadow)
         return (state, shadow), TrackingFlight(
@@ -247,10 +266,13 @@ def track_dithered(
             after=after,
             nominal_quat=lagged.quat,
             nominal_thrust=lagged.thrust,
+            nominal_vel=lagged.vel,
             action=action,
             clipped=clipped,
             contact=in_contact(after.pos, after.t),
         )
 
-    carry = (reality.reset(start, key), nominal.reset(start, key))
+    # `key` has drawn the reference; effects that draw numbers must not repeat them.
+    drawn = jax.random.fold_in(key, MEMBER + 2)
+    carry = (reality.reset(start, drawn), nominal.reset(start, drawn))
     return jax.lax.scan(step, carry, (reference, dither))[1]

@@ -3,6 +3,7 @@
 A residual that wants the last commands is told them: the memory of its effect keeps them.
 """
 
+import math
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -55,7 +56,8 @@ class ResidualEffect(FrozenEffect, ListeningEffect):
     version: ClassVar[str] = "1"
 
     def init(self, n_drones: int, dt: float) -> Recalled:
-        steps = HISTORY * round(CONTROL_DT / dt) if self._recalls else 0
+        # As many as the simulators take.
+        steps = HISTORY * math.ceil(CONTROL_DT / dt - 1e-9) if self._recalls else 0
         return Recalled(jnp.zeros((n_drones, 3)), jnp.zeros((steps, n_drones, 4)))
 
     @property

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Key, PRNGKeyArray
 
-from methods.calibration.pool import TrackingFlight
+from methods.calibration.pool import TrackingFlight, as_flown
 from methods.training.policy import AbstractPolicy, PolicyController
 from simulators.contract import AbstractSimulator
 from tasks.contact import in_contact
@@ -32,6 +32,7 @@ def fly_team(
             state, shadow = carry
             before = reality.flight(state)
             action = controller(TaskState(reality.sensed(state), goal, k))
+            shadow = as_flown(nominal, shadow, before)
             shadow, state = nominal.step(shadow, action), reality.step(state, action)
             after, lagged = reality.flight(state), nominal.flight(shadow)
             return (state, shadow), TrackingFlight(
@@ -39,6 +40,7 @@ def fly_team(
                 after=after,
                 nominal_quat=lagged.quat,
                 nominal_thrust=lagged.thrust,
+                nominal_vel=lagged.vel,
                 action=action,
                 clipped=jnp.zeros(task.n_drones, bool),
                 contact=in_contact(after.pos, after.t),

@@ -62,7 +62,7 @@ def gradient(
 
     `decay` is the share of the gradient that a step passes back (`tasks/rollout.py`).
     """
-    if not isinstance(policy, Policy):
+    if not (isinstance(policy, Policy) and policy.written_out):
         return *by_autodiff(task, simulator, policy, keys, decay), kept
     counted_before = billed(simulator, 0)  # a step that is repeated is no new flight
     first, goal = jax.vmap(lambda key: start(task, simulator, key))(keys)

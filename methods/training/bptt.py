@@ -120,7 +120,7 @@ class BPTT(eqx.Module):
         Who trains in one world at a time, trains in an expensive simulator: there its steps cost,
         not products, and memory is to stay small.
         """
-        if self.n_worlds == 1 or not isinstance(policy, Policy):
+        if self.n_worlds == 1 or not (isinstance(policy, Policy) and policy.written_out):
             return None
         return buffers(policy, task, self.worlds(task.n_drones), n_trainings)
 

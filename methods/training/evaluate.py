@@ -108,7 +108,9 @@ def evaluate(
 
 
 def worst_tenth(returns: Float[np.ndarray, "episodes drones"]) -> float:
-    """Mean of the lowest tenth of all, at least of one."""
+    """Mean of the lowest tenth of all, at least of one; NaN if one is."""
+    if np.isnan(returns).any():
+        return float("nan")
     lowest = np.sort(returns, axis=None)
     return float(lowest[: max(1, round(0.1 * lowest.size))].mean())
 
@@ -119,9 +121,9 @@ def takeoff_steps(task: AbstractTask) -> int:
 
 
 def settling_times(error: Float[np.ndarray, "episodes time"]) -> Float[np.ndarray, " episodes"]:
-    """Time of the last step at which the error is above `SETTLED_BAND` [s]; 0 without any."""
+    """Time of the last step at which the error is above `SETTLED_BAND` or NaN [s]; 0 without."""
     steps = np.arange(1, error.shape[1] + 1)
-    return CONTROL_DT * np.where(error > SETTLED_BAND, steps, 0).max(axis=1)
+    return CONTROL_DT * np.where(error <= SETTLED_BAND, 0, steps).max(axis=1)
 
 
 def standing_rewards(

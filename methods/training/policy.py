@@ -47,11 +47,18 @@ class Policy(AbstractPolicy):
         weights = [layer.weight for layer in self.net.layers]
         return (weights[0].shape[1], *(weight.shape[0] for weight in weights))
 
+    @property
+    def written_out(self) -> bool:
+        """Whether `layers` is what the policy does: biases, and tanh throughout."""
+        net = self.net
+        tanh = net.activation is jnp.tanh and net.final_activation is jnp.tanh
+        return type(self) is Policy and tanh and all(x.bias is not None for x in net.layers)
+
     def layers(self, obs: Float[Array, "rows obs"]) -> list[Array]:
         """The observations and what each layer gives, the actions last."""
         values = [obs]
         for layer in self.net.layers:
-            assert layer.bias is not None  # as `make_policy` makes them
+            assert layer.bias is not None  # as `written_out` says
             values.append(jnp.tanh(values[-1] @ layer.weight.T + layer.bias))
         return values
 
@@ -77,7 +84,16 @@ class Policy(AbstractPolicy):
 def make_policy(
     task: AbstractTask, spec: VehicleSpec, space: ActionSpace, key: PRNGKeyArray
 ) -> Policy:
-    """A fresh policy that roughly hovers."""
+    """A fresh policy that roughly hovers.
+
+    Raises:
+        ValueError: The largest thrust that can be commanded hardly lifts the vehicle.
+    """
+    if space.hover(spec.mass) + LIFT >= 1.0:
+        raise ValueError(
+            f"A mass of {spec.mass:g} kg cannot take off: at most {space.thrust_max:g} N can be "
+            "commanded. Give the simulator an `action_space` with a larger `thrust_max`."
+        )
     net = _network(task.obs_size, key)
     hover = jnp.arctanh(space.hover(spec.mass) + LIFT)
     last = net.layers[-1]

@@ -21,6 +21,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.residuals.contract import blank
+from methods.residuals.mlp import MLPEnsemble
 from methods.training.bptt import BPTT, Training, optimizer, update
 from methods.training.policy import Policy, PolicyController, make_policy
 from simulators.contract import AbstractSimulator
@@ -94,7 +96,10 @@ def trained_in(method: AbstractMethod, setup: Setup) -> AbstractSimulator:
         lambda m: m.trainer, method, _Finder(**settings), is_leaf=lambda x: x is trainer
     )
     policy = make_policy(setup.task, setup.nominal.spec, setup.nominal.action_space, _KEY)
-    parents = {name: Trained(policy, Ledger(), {}) for name in method.parents}
+    residuals = {name: blank(MLPEnsemble()) for name in method.resumes_from}
+    parents = {
+        name: Trained(policy, Ledger(), {}, residual=residuals.get(name)) for name in method.parents
+    }
     try:
         finder.train(dataclasses.replace(setup, parents=parents), _KEY)
     except _FoundError as found:

@@ -53,14 +53,14 @@ def _put(memories: Memories, i: int, memory: Any) -> Memories:
 def command(
     effects: Effects, memories: Memories, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
 ) -> tuple[Memories, Float[Array, "drones 4"]]:
-    """The command after all command effects, which the listening effects are told."""
+    """The command after all command effects; the listening effects are told it as it was sent."""
+    for i, effect in enumerate(effects):
+        if isinstance(effect, ListeningEffect):
+            memories = _put(memories, i, effect.hear(memories[i], cmd, dt))
     for i, effect in enumerate(effects):
         if isinstance(effect, CommandEffect):
             memory, cmd = effect.command(memories[i], flight, cmd, dt)
             memories = _put(memories, i, memory)
-    for i, effect in enumerate(effects):
-        if isinstance(effect, ListeningEffect):
-            memories = _put(memories, i, effect.hear(memories[i], cmd, dt))
     return memories, cmd
 
 

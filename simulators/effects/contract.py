@@ -152,7 +152,7 @@ class ListeningEffect(WrenchEffect):
 
     @abc.abstractmethod
     def hear(self, memory: Any, cmd: Float[Array, "drones 4"], dt: float) -> Any:
-        """The memory with the command that takes effect: roll, pitch, yaw [rad], thrust [N]."""
+        """The memory with the command that was sent: roll, pitch, yaw [rad], thrust [N]."""
 
 
 class FrozenEffect(WrenchEffect):

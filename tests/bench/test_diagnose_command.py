@@ -34,12 +34,13 @@ def engine(monkeypatch):
 
 @pytest.fixture
 def flights(tmp_path):
-    """A folder with one flight that hovers."""
+    """A folder with one flight that hovers, a micrometre to and fro."""
     t = 0.02 * np.arange(200)
     zero = np.zeros((200, 3))
+    pos = np.stack([1e-6 * np.sin(t), zero[:, 0], zero[:, 0] + 1.0], axis=1)
     up = np.tile([0.0, 0.0, 0.0, 1.0], (200, 1))
     cmd = np.tile([0.0, 0.0, 0.0, 0.425], (200, 1))
-    log = DroneLog(t=t, pos=zero + np.array([0.0, 0.0, 1.0]), vel=zero, quat=up, cmd=cmd)
+    log = DroneLog(t=t, pos=pos, vel=zero, quat=up, cmd=cmd)
     vehicle = VehicleFile("mine", "cf21B_500", 0.0434)
     folder = tmp_path / "hover"
     write_flights(folder, vehicle, [FlightLog("one", (log,))])

@@ -11,6 +11,7 @@ from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Setup
 from methods.hf_hotstart import HFHotStart
 from methods.hybrid import Hybrid
+from methods.hybrid_once import HybridOnce
 from methods.training.bptt import BPTT
 from methods.training.policy import Policy, make_policy
 from methods.training.profile import (
@@ -77,6 +78,8 @@ def test_the_limit_counts_forward_and_backward_products_of_every_weight(key):
 
 def test_a_method_is_profiled_where_it_trains():
     assert isinstance(trained_in(HFHotStart(), SETUP), Crazyflow)
+    once = trained_in(HybridOnce(), SETUP)
+    assert [type(effect) for effect in once.effects] == [ResidualEffect]
     hybrid = trained_in(Hybrid(residual="affine", flights=2), SETUP)
     assert isinstance(hybrid, PointMass)
     assert [type(effect) for effect in hybrid.effects] == [ResidualEffect]

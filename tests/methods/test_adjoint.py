@@ -10,7 +10,7 @@ from flying import SIMULATORS, attached, x64
 from methods.calibration.residual_effect import ResidualEffect
 from methods.domain_randomization import randomized
 from methods.residuals.contract import AbstractResidualModel
-from methods.training.adjoint import LARGEST, buffers, gradient
+from methods.training.adjoint import LARGEST, buffers, by_autodiff, gradient
 from methods.training.bptt import BPTT
 from methods.training.policy import AbstractPolicy, Policy, PolicyController, make_policy
 from simulators.contract import with_effects
@@ -167,3 +167,20 @@ def test_a_policy_of_its_own_architecture_has_the_same_gradient():
         np.testing.assert_allclose(slow.smooth_reward, fast.smooth_reward, rtol=1e-10)
         for one, other in zip(jax.tree.leaves(slopes), jax.tree.leaves(others), strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "other", [{"activation": jax.nn.relu}, {"final_activation": jnp.sin}, {"use_bias": False}]
+)
+def test_a_network_of_other_layers_is_trained_as_what_it_is(other):
+    with x64():
+        task, simulator = Circle(n_drones=3, horizon=15), SIMULATORS["point_mass"]()
+        layers = {"activation": jnp.tanh, "final_activation": jnp.tanh} | other
+        policy = Policy(eqx.nn.MLP(task.obs_size, 3, 8, 2, key=KEY, **layers))
+        keys = jax.random.split(KEY, 2)
+        found, slopes, _ = gradient(task, simulator, policy, keys, 0.97, None)
+        flown, others = by_autodiff(task, simulator, policy, keys, 0.97)
+        np.testing.assert_allclose(found.smooth_reward, flown.smooth_reward, rtol=1e-10)
+        for one, two in zip(jax.tree.leaves(slopes), jax.tree.leaves(others), strict=True):
+            np.testing.assert_allclose(one, two, rtol=1e-7, atol=1e-9)
+        assert BPTT(n_worlds=4).room(policy, task) is None

@@ -20,6 +20,7 @@ from methods.residuals.contract import AbstractResidualModel
 from methods.training.policy import PolicyController
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
+from simulators.effects.drag import Drag
 from simulators.effects.mass import Mass
 from simulators.point_mass import PointMass
 from simulators.vehicle import GRAVITY, ActionSpace
@@ -40,11 +41,19 @@ CELLS = {
 POLICY = leaning(TASK, 0.3, 0.15)
 
 
-def fly(reality, attitude="filtered", flights=FLIGHTS, policy=POLICY, hover_weight=0.0, key=KEY):
+def fly(
+    reality,
+    attitude="filtered",
+    flights=FLIGHTS,
+    policy=POLICY,
+    hover_weight=0.0,
+    key=KEY,
+    nominal=NOMINAL,
+):
     """A calibration."""
     return calibrate(
         task=TASK,
-        nominal=NOMINAL,
+        nominal=nominal,
         reality=reality,
         policy=policy,
         key=key,
@@ -270,6 +279,31 @@ def test_there_is_nothing_to_correct_if_reality_is_the_point_mass():
     pool = fly(NOMINAL)
     np.testing.assert_allclose(pool.transitions.target, 0.0, atol=1e-3)
     assert pool.pos_remainder == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("attitude", ["filtered", "measured"])
+@pytest.mark.parametrize(
+    "nominal",
+    [with_effects(PointMass(), [Drag(c=0.8), Mass(e=0.2)]), PointMass(dt=0.005)],
+    ids=["effects", "fine steps"],
+)
+def test_what_the_nominal_simulator_knows_is_not_corrected(nominal, attitude):
+    """Drag, mass and shorter steps are in reality and in the nominal simulator alike."""
+    known = fly(nominal, attitude, nominal=nominal).transitions.target
+    np.testing.assert_allclose(known, 0.0, atol=2e-3)
+    assert np.abs(fly(nominal, attitude).transitions.target).max() > 0.04
+
+
+def test_what_reality_draws_is_apart_from_what_the_reference_drew(monkeypatch):
+    """Else the gusts of a calibration flight would follow from where its path begins."""
+    keys, reset = [], PointMass.reset
+    monkeypatch.setattr(PointMass, "reset", lambda *x: keys.append(x[2]) or reset(*x))
+    reference = jax.tree.map(lambda x: jnp.asarray(x[0]), retrace(NOMINAL)[0])
+    keys.clear()
+    track(NOMINAL, NOMINAL, reference, "filtered", EXCITATION, KEY)
+    used = {int(jax.random.bits(key)) for key in keys}
+    assert used
+    assert not used & {int(jax.random.bits(k)) for k in (KEY, *jax.random.split(KEY, 4))}
 
 
 def test_a_heavier_reality_shows_as_missing_thrust():

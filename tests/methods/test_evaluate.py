@@ -15,6 +15,7 @@ from methods.training.evaluate import (
     settling_times,
     standing_rewards,
     takeoff_steps,
+    worst_tenth,
 )
 from methods.training.policy import PolicyController
 from simulators.contract import with_effects
@@ -108,6 +109,13 @@ def test_the_worst_decile_is_the_mean_of_the_lowest_tenth_of_all_drones(record, 
     lowest = settled[: max(1, round(0.1 * len(settled)))]
     assert evaluation.worst_decile == pytest.approx(lowest.mean(), rel=1e-5)
     assert evaluation.worst_decile < evaluation.settled_reward
+
+
+def test_a_flight_without_numbers_is_no_good_one():
+    assert np.isnan(worst_tenth(np.asarray([[1.0, 2.0], [np.nan, 4.0]])))
+    error = np.full((1, 5), 0.05)
+    error[0, 2:] = np.nan
+    np.testing.assert_allclose(settling_times(error), [0.10])
 
 
 @pytest.mark.parametrize(("horizon", "steps"), [(500, 100), (250, 50), (15, 3), (1, 0)])

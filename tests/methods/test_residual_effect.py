@@ -19,6 +19,7 @@ from methods.residuals.contract import (
 from methods.training.policy import PolicyController
 from simulators.contract import with_effects
 from simulators.effects.contract import WrenchEffect
+from simulators.effects.delay import Delay
 from simulators.effects.mass import Mass
 from simulators.point_mass import PointMass
 from tasks.rollout import episode, record
@@ -166,7 +167,7 @@ class Echo(AbstractHistoryModel):
         return jnp.zeros((len(features), 3)).at[:, 0].set(push)
 
 
-@pytest.mark.parametrize("dt", [0.02, 0.01])
+@pytest.mark.parametrize("dt", [0.02, 0.01, 0.015, 0.05])
 def test_a_rollout_carries_the_last_commands(dt):
     """At each step the last five, whatever the integration step; restored flights know theirs."""
     nominal, thrusts = PointMass(dt=dt), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
@@ -184,3 +185,11 @@ def test_a_rollout_carries_the_last_commands(dt):
     warm = simulator.restore(flight, cmds[:6], KEY)
     after = simulator.step_cmd(warm, cmds[6], 0.02)
     np.testing.assert_allclose(after.vel[0, 0] / 0.02, 34567.0, rtol=1e-4)
+
+
+def test_it_is_told_the_command_that_was_sent():
+    """As in the rows that it was fitted to, whatever becomes of the command on its way."""
+    late = with_effects(PointMass(), [Delay(seconds=0.04), ResidualEffect(Echo(), SPEC.mass)])
+    state = late.reset(jnp.zeros((1, 3)), KEY)
+    after = late.step_cmd(state, jnp.zeros((1, 4)).at[0, 3].set(2.0), 0.02)
+    np.testing.assert_allclose(after.vel[0, 0] / 0.02, 2.0, rtol=1e-4)
