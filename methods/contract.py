@@ -53,7 +53,7 @@ class Ledger:
     lf_collisions: int = 0
     """Crashes while training in the low-fidelity simulator; nobody pays for them."""
     epochs: int = 0
-    """Policy updates."""
+    """Policy updates; of `ppo`, rounds of flying and learning."""
     skipped_updates: int = 0
     """Updates left out because their gradient was not finite."""
     train_seconds: float = 0.0

@@ -43,6 +43,9 @@ from tasks.contract import AbstractTask, TaskState
 from tasks.rollout import Episode, start
 
 STAGE = "PPO in reality"
+EXPLORED = 1_000_081
+"""What is folded into an episode's key to draw what is explored: far from the small numbers by
+which the start of an episode and its reality split the same key."""
 RECENT = 10
 """Epochs over which training returns are averaged."""
 
@@ -80,10 +83,6 @@ class Steps(eqx.Module):
     value: Float[Array, "*axes"]
     reward: Float[Array, "*axes"]
     """Reward; after `prepared` the advantage."""
-
-
-EXPLORED = 1_000_081
-"""What is folded into an episode's key to draw what is explored."""
 
 
 class PPO(AbstractMethod):
@@ -247,7 +246,6 @@ def fly(
 
     zero = jnp.zeros(())
     begin = (state, jnp.zeros(task.n_drones, bool), Episode(zero, zero, zero, zero))
-    # Far from the few numbers by which `start` and the reality split the same key.
     noise = jax.random.split(jax.random.fold_in(key, EXPLORED), task.horizon)
     (state, _, sums), steps = jax.lax.scan(step, begin, (jnp.arange(task.horizon), noise))
     obs = task.observe(TaskState(reality.sensed(state), goal, jnp.asarray(task.horizon)))

@@ -48,7 +48,7 @@ RULES: tuple[Rule, ...] = (
         "simulators/test_collision.py",
         "test_derivatives_through_an_impact_equal_finite_differences",
         "rotorpy$",
-        "the same impact in crazyflow, and RotorPy's own gradients in tests/simulators/test_rotorpy",
+        "the same impact in crazyflow; gradients of RotorPy in tests/simulators/test_rotorpy.py",
     ),
     Rule(
         "simulators/test_rotorpy.py",
@@ -84,8 +84,9 @@ RULES: tuple[Rule, ...] = (
         "methods/test_methods.py",
         "test_.*",
         "(hybridsindy|hybridaffine|grey_boxaffine|upper_reference)$",
-        "Hybrid with two other residuals, grey box without one, whose rows tests/methods/"
-        "test_variants.py fits; a hot start, whose class the upper reference calls",
+        "Hybrid with two other residuals; a grey box without a residual, and a residual that "
+        "tests/methods/test_variants.py fits to its rows; a hot start, whose class the upper "
+        "reference calls",
     ),
 )
 

@@ -22,12 +22,11 @@ from bench.plan.settings import build
 from bench.store.record import load_policy, policy_bytes
 from bench.store.tables import SCHEMAS, STATUSES, UNITS
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
-from methods.residuals.contract import blank
-from methods.residuals.mlp import MLPEnsemble
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.meter import Meter, metered
 from methods.training.policy import AbstractPolicy, Policy, is_shared, make_policy
+from methods.training.profile import untrained_parents
 from simulators import registry
 from simulators.point_mass import PointMass
 from tasks.contract import AbstractTask
@@ -124,15 +123,7 @@ class _Watch:
         self.reality = metered(reality(), Meter())
 
     def setup(self, cls: type[Any], task: AbstractTask) -> Setup:
-        parents = {
-            name: Trained(
-                policy=fresh(i),
-                ledger=Ledger(),
-                curves={},
-                residual=blank(MLPEnsemble()) if name in cls.resumes_from else None,
-            )
-            for i, name in enumerate(cls.parents)
-        }
+        parents = untrained_parents(cls, map(fresh, range(len(cls.parents))))
         return Setup(task, PointMass(), self.reality, parents, Context(self._hear))
 
     def _hear(self, *message: object) -> None:

@@ -85,7 +85,7 @@ def runs_to_resume() -> set[str]:
 
 
 def _resumes(method: str) -> bool:
-    """Whether a method, or one that is trained before it, starts from another's residual."""
+    """Whether a method or one of its parents starts from the residual of another run."""
     cls = registry.load("method", method)
     return bool(cls.resumes_from) or any(map(_resumes, cls.parents))
 

@@ -178,10 +178,12 @@ def recorded_tables(tables_dir: Path) -> Tables:
     Raises:
         TableError: They cannot be read.
     """
-    # A first save that was cut off left results without `runs`, but beside the runs' folders.
-    cut_off = (tables_dir / "runs").is_dir()
-    there = [(tables_dir / f"{name}.parquet").is_file() for name in ("runs", "results")]
-    return Tables.load(tables_dir) if there[0] or (there[1] and not cut_off) else Tables.empty()
+    signs = ["runs.parquet"]
+    if not (tables_dir / "runs").is_dir():
+        # Beside the runs' folders, results alone are what a first save left that was cut off.
+        signs.append("results.parquet")
+    there = any((tables_dir / name).is_file() for name in signs)
+    return Tables.load(tables_dir) if there else Tables.empty()
 
 
 def _refusal(standing: Standing, tables_dir: Path) -> str:

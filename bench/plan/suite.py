@@ -310,10 +310,9 @@ def _parse(content: Mapping[str, Setting], path: Path) -> Suite:
     if "quick" in content:
         given["quick"] = read_table(QuickPart, content["quick"], f"{where}, [quick]")
     suite = read_table(Suite, given, where)
-    parts = [*rows, *([(f"{where}, [quick]", suite.quick)] if suite.quick else [])]
-    for place, part in parts:
-        _check_within(suite, part, place)
-    if suite.quick:
+    for place, row in rows:
+        _check_within(suite, row, place)
+    if suite.quick is not None:
         _check_quick(suite, suite.quick, f"{where}, [quick]")
     return suite
 
@@ -330,6 +329,7 @@ def _one_a_world(table: object, shared: Mapping[str, object]) -> Sequence[object
 
 
 def _check_quick(suite: Suite, part: QuickPart, where: str) -> None:
+    _check_within(suite, part, where)
     for residual in part.residuals:
         require("residual", residual)
     known = {row.method for row in suite.methods}

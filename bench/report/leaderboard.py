@@ -59,9 +59,10 @@ HOW_TO_READ = (
     "column counts and names both. `budget`: a run that its epochs ended where patience was meant"
     " to.",
     "Digits are those that the intervals allow. `#` is the first rank on an axis beside the "
-    "reward, by the same rule, lower is better. Fleet-minutes and training time are a run's own, "
-    "without those of what it starts from; a row that deploys what another run trained has no "
-    "rank on them. To target: what it costs until the return of an "
+    "reward, by the same rule, lower is better. Costs of training "
+    "(crashes in it, fleet-minutes, time) are those of the run itself, without those of the run "
+    "that it starts from. A row that only deploys another run's policy has no rank on them. To "
+    "target: what it costs until the return of an "
     f"episode comes within {100 * TOLERANCE:.0f} % (of the return at the spawn) of the mean of "
     f"`{REFERENCE.label}`, the costs of all runs over the runs that get there. Methods are ranked "
     "on it only if all their runs get there.",

@@ -59,7 +59,7 @@ AXES = {
 
 
 OF_TRAINING = ("training_crashes", "fleet_minutes", "train_seconds")
-"""Axes on which a row that only deploys what another run trained has no rank: its own cost is 0."""
+"""Axes on which a row that only deploys another run's policy has no rank: it trains nothing."""
 
 
 class Row(TypedDict):
@@ -145,7 +145,7 @@ def _axis_ranks(
 
 
 def _deployed(entry: Entry) -> bool:
-    """Whether its rows train nothing: they deploy in a world what another run trained."""
+    """Whether rows of the entry train nothing, and deploy another run's policy in a world."""
     return without_world(entry.variant)[1]
 
 

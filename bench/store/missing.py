@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
 from bench.plan.planned_run import Run
-from bench.store.resume import failed_row, was_interrupted
+from bench.store.resume import failed_row, lost_parents, was_interrupted
 from bench.store.store import Store, UnreadableRunError
 from bench.store.tables import IDENTITY, Tables
 
@@ -63,16 +63,12 @@ def with_lost_parents(
         store: Where their folders are.
         kept: Whether a run can be restored from its kept policy.
     """
-    by_name = {state.run.name: state for state in found}
-    wanted = [state.run for state in found if state.reason and state.run.name not in failed]
-    while wanted:
-        for name in wanted.pop().parents.values():
-            state = by_name[name]
-            if not (state.reason or _has_policy(store, name) or kept(state.run)):
-                reason = "trained again, because others start from their lost policies"
-                by_name[name] = state._replace(reason=reason)
-                wanted.append(state.run)
-    return list(by_name.values())
+    finished = {state.run.name for state in found if not state.reason}
+    missing = (s.run for s in found if s.reason and s.run.name not in failed)
+    lost = lambda run: run.name in finished and not _has_policy(store, run.name)  # noqa: E731
+    again, _ = lost_parents(missing, {s.run.name: s.run for s in found}, lost, kept)
+    reason = "trained again, because others start from their lost policies"
+    return [state._replace(reason=reason) if state.run in again else state for state in found]
 
 
 def _has_policy(store: Store, name: str) -> bool:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from bench.plan.expansion import Plan
@@ -76,20 +76,43 @@ def make_standing(
             standing.missing.append(run)
         else:
             standing.failed.append(run)
-    wanted = [by_name[name] for run in standing.missing for name in run.parents.values()]
+    done = {run.name for run in standing.done}
+
+    def lost(run: Run) -> bool:
+        folder = sound.get(run.name, {"status": "failed"})  # so it may be from an earlier attempt
+        return run.name in done and folder["status"] == "failed"
+
+    again, restored = lost_parents(standing.missing, by_name, lost, kept)
+    return dataclasses.replace(standing, again=again, restored=restored)
+
+
+def lost_parents(
+    missing: Iterable[Run],
+    by_name: Mapping[str, Run],
+    lost: Callable[[Run], bool],
+    kept: Callable[[Run], bool],
+) -> tuple[list[Run], list[Run]]:
+    """Parents of missing runs that are trained again, and those that are restored instead.
+
+    Args:
+        missing: Runs that are to do.
+        by_name: All runs of the plan.
+        lost: Whether a run has a row, and no policy that a child could start from.
+        kept: Whether a run can be restored from its kept policy.
+    """
+    again: list[Run] = []
+    restored: list[Run] = []
+    wanted = [by_name[name] for run in missing for name in run.parents.values()]
     while wanted:
         run = wanted.pop()
-        folder = sound.get(run.name, {"status": "failed"})  # so it may be from an earlier attempt
-        if run not in standing.done or folder["status"] != "failed":
-            continue
-        if run in standing.again or run in standing.restored:
+        if run in again or run in restored or not lost(run):
             continue
         if kept(run):
-            standing.restored.append(run)
+            restored.append(run)
         else:
-            standing.again.append(run)
+            again.append(run)
             wanted += [by_name[name] for name in run.parents.values()]
-    return standing
+    return again, restored
 
 
 def failed_row(name: str, causes: Mapping[str, str]) -> dict[str, Any] | None:

@@ -102,9 +102,9 @@ def _csv(path: Path, truncated: bool) -> pd.DataFrame:
     cells, columns = len(next(csv.reader([last]), ())), len(frame.columns)
     if len(frame) and (cells < columns or frame.iloc[-1].isna().all()):
         if not truncated:
+            what = f"has {cells} of {columns} cells" if cells < columns else "is empty"
             raise LogError(
-                f"the last row has {cells} of {columns} cells, or none with a number; is the file "
-                "truncated? --truncated uses the rows before it."
+                f"the last row {what}; is the file truncated? --truncated uses the rows before it."
             )
         frame = frame.iloc[:-1]
     return frame.rename(columns=str.strip)

@@ -59,10 +59,9 @@ def believed_simulator(
     kind = replayable_class(name)
     known = {**AIRFRAMES, **kind.airframes}
     spec = airframe.spec(drone, mass) if airframe else dataclasses.replace(known[drone], mass=mass)
-    # Policies command what the airframe can do, and no more.
-    space = ActionSpace()
+    # The largest action asks for the largest thrust of this airframe.
     given: dict[str, Any] = {}
-    if spec.thrust_max != space.thrust_max:
+    if spec.thrust_max != ActionSpace().thrust_max:
         given["action_space"] = ActionSpace(thrust_max=spec.thrust_max)
     if not limited:
         spec = dataclasses.replace(spec, thrust_min=0.0, thrust_max=MEASURED * spec.thrust_max)

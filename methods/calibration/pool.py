@@ -50,6 +50,8 @@ DITHER_STEPS = 10
 """Control steps for which each value of the dither is held; a choice."""
 MEMBER = 1_000_033
 """What is folded into the key of calibration flights to draw the member of the team that flies."""
+DRAWN = MEMBER + 2
+"""What is folded into the key of one flight to draw what its simulators draw."""
 _BATCH = 64
 
 
@@ -156,7 +158,10 @@ def transitions_of(
 
 
 def refined(nominal: AbstractSimulator) -> bool:
-    """Whether a nominal step does more to a velocity than its thrust and gravity say."""
+    """Whether a nominal step does more to a velocity than its thrust and gravity say.
+
+    Where it does not, the features hold its acceleration, from which committed runs were fitted.
+    """
     return bool(nominal.effects) or getattr(nominal, "dt", CONTROL_DT) < CONTROL_DT
 
 
@@ -272,7 +277,7 @@ def track_dithered(
             contact=in_contact(after.pos, after.t),
         )
 
-    # `key` has drawn the reference; effects that draw numbers must not repeat them.
-    drawn = jax.random.fold_in(key, MEMBER + 2)
+    # The reference was drawn from `key`; effects that draw numbers must not repeat it.
+    drawn = jax.random.fold_in(key, DRAWN)
     carry = (reality.reset(start, drawn), nominal.reset(start, drawn))
     return jax.lax.scan(step, carry, (reference, dither))[1]

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
 from methods.training.meter import billed
-from methods.training.policy import AbstractPolicy, Policy, PolicyController
+from methods.training.policy import AbstractPolicy, Policy, PolicyController, is_written_out
 from simulators.contract import AbstractSimulator, Replayable
 from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState
@@ -62,7 +62,7 @@ def gradient(
 
     `decay` is the share of the gradient that a step passes back (`tasks/rollout.py`).
     """
-    if not (isinstance(policy, Policy) and policy.written_out):
+    if not is_written_out(policy):
         return *by_autodiff(task, simulator, policy, keys, decay), kept
     counted_before = billed(simulator, 0)  # a step that is repeated is no new flight
     first, goal = jax.vmap(lambda key: start(task, simulator, key))(keys)

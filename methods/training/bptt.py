@@ -33,7 +33,7 @@ from methods.training.adjoint import buffers, gradient
 from methods.training.checkpoint import pack, unpack
 from methods.training.context import Context
 from methods.training.meter import billed
-from methods.training.policy import AbstractPolicy, Policy
+from methods.training.policy import AbstractPolicy, is_written_out
 from methods.training.together import Team
 from simulators.contract import AbstractSimulator
 from tasks.contract import AbstractTask
@@ -120,7 +120,7 @@ class BPTT(eqx.Module):
         Who trains in one world at a time, trains in an expensive simulator: there its steps cost,
         not products, and memory is to stay small.
         """
-        if self.n_worlds == 1 or not (isinstance(policy, Policy) and policy.written_out):
+        if self.n_worlds == 1 or not is_written_out(policy):
             return None
         return buffers(policy, task, self.worlds(task.n_drones), n_trainings)
 

@@ -1,6 +1,7 @@
 """What a policy is, and the shared one: a small network applied to each drone's own observation."""
 
 import abc
+from typing import TypeGuard
 
 import equinox as eqx
 import jax
@@ -47,18 +48,11 @@ class Policy(AbstractPolicy):
         weights = [layer.weight for layer in self.net.layers]
         return (weights[0].shape[1], *(weight.shape[0] for weight in weights))
 
-    @property
-    def written_out(self) -> bool:
-        """Whether `layers` is what the policy does: biases, and tanh throughout."""
-        net = self.net
-        tanh = net.activation is jnp.tanh and net.final_activation is jnp.tanh
-        return type(self) is Policy and tanh and all(x.bias is not None for x in net.layers)
-
     def layers(self, obs: Float[Array, "rows obs"]) -> list[Array]:
         """The observations and what each layer gives, the actions last."""
         values = [obs]
         for layer in self.net.layers:
-            assert layer.bias is not None  # as `written_out` says
+            assert layer.bias is not None  # see `is_written_out`
             values.append(jnp.tanh(values[-1] @ layer.weight.T + layer.bias))
         return values
 
@@ -110,6 +104,15 @@ def _network(obs_size: int, key: PRNGKeyArray) -> eqx.nn.MLP:
     return eqx.nn.MLP(
         obs_size, 3, WIDTH, 2, activation=jnp.tanh, final_activation=jnp.tanh, key=key
     )
+
+
+def is_written_out(policy: AbstractPolicy) -> TypeGuard[Policy]:
+    """Whether `Policy.layers` is what a policy does: biases, and tanh throughout."""
+    if type(policy) is not Policy:
+        return False
+    net = policy.net
+    tanh = net.activation is jnp.tanh and net.final_activation is jnp.tanh
+    return tanh and all(layer.bias is not None for layer in net.layers)
 
 
 def is_shared(policy: AbstractPolicy) -> bool:

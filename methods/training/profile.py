@@ -12,7 +12,7 @@ program repeats do not count.
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -96,15 +96,30 @@ def trained_in(method: AbstractMethod, setup: Setup) -> AbstractSimulator:
         lambda m: m.trainer, method, _Finder(**settings), is_leaf=lambda x: x is trainer
     )
     policy = make_policy(setup.task, setup.nominal.spec, setup.nominal.action_space, _KEY)
-    residuals = {name: blank(MLPEnsemble()) for name in method.resumes_from}
-    parents = {
-        name: Trained(policy, Ledger(), {}, residual=residuals.get(name)) for name in method.parents
-    }
+    parents = untrained_parents(type(method), [policy] * len(method.parents))
     try:
         finder.train(dataclasses.replace(setup, parents=parents), _KEY)
     except _FoundError as found:
         return found.args[0]
     raise NoTrainerError(f"Method {type(method).__name__} does not train by its `trainer`.")
+
+
+def untrained_parents(
+    method: type[AbstractMethod], policies: Iterable[Policy]
+) -> dict[str, Trained]:
+    """What a method can be called with in the place of its trained parents.
+
+    Their policies are given; whose residual it starts from has one of zeros.
+    """
+    return {
+        name: Trained(
+            policy,
+            Ledger(),
+            {},
+            residual=blank(MLPEnsemble()) if name in method.resumes_from else None,
+        )
+        for name, policy in zip(method.parents, policies, strict=True)
+    }
 
 
 def profile(task: AbstractTask, simulator: AbstractSimulator, trainer: BPTT) -> Profile:

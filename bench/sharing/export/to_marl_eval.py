@@ -7,11 +7,10 @@ named. Our policies are evaluated once, at the end: there is one step, whose cou
 high fidelity that the training needed, in control steps of the fleet.
 """
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-
-import numpy as np
 
 from bench.stats.statistics import Cell, Entry, cell_of, entry_of, records
 from bench.store.record import to_json
@@ -37,7 +36,7 @@ def write(tables: Tables, title: str, folder: Path, place: Path) -> list[str]:
     del title, place
     environments: dict[str, dict[Entry, dict[str, Runs]]] = {}
     rows = tables.results.loc[tables.results["metric"].isin(METRICS)]
-    bad = {row["run"]: row["metric"] for row in records(rows) if not np.isfinite(row["value"])}
+    bad = {row["run"]: row["metric"] for row in records(rows) if not math.isfinite(row["value"])}
     for row in records(rows.loc[~rows["run"].isin(bad)]):
         cell, entry = cell_of(row), entry_of(row)
         tasks = environments.setdefault(_environment(cell), {}).setdefault(entry, {})
