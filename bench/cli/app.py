@@ -5,6 +5,7 @@ commands in the same way. The functions import JAX and pandas themselves, so tha
 once.
 """
 
+import os
 import signal
 import sys
 
@@ -47,6 +48,9 @@ def main(arguments: list[str] | None = None) -> int:
     Args:
         arguments: The command and its arguments; None: those of this process.
     """
+    # Some programs that start others, editors and CI among them, say 0 where they do not know.
+    if os.environ.get("COLUMNS") == "0":
+        del os.environ["COLUMNS"]
     try:
         # SIGTERM acts like Ctrl-C, so that the processes that a command started end, too.
         with handled(signal.SIGTERM, signal.default_int_handler):

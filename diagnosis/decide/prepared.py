@@ -12,11 +12,11 @@ from diagnosis.decision import Decision
 from diagnosis.fit import shrinkage
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.logs.flights import FlightLog, FlightSet, LogError
-from diagnosis.logs.inputs import Inputs, choose_inputs, on_ground
+from diagnosis.logs.inputs import Inputs, choose_inputs, driven_alike, on_ground
 from diagnosis.logs.noise import UNSEEN, estimate_noise
 from diagnosis.logs.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut, uncounted
 from diagnosis.replay.believed import nominal_simulator
-from diagnosis.replay.library import Library, make_library, with_aliases
+from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.programs import remembered
 from diagnosis.replay.replay import Replay, make_replay
 from simulators.contract import replayable_class
@@ -123,16 +123,9 @@ def _driven(question: Question, prescribe: bool) -> tuple[Inputs, Inputs | None]
     flights, simulator, reference = question.flights, question.simulator, question.reference
     if reference is not None:
         _check_alike(flights, reference)
-    inputs = _scorable(choose_inputs(flights, prescribe, reference), flights, simulator)
-    if reference is None:
-        return inputs, None
-    compared = _scorable(choose_inputs(reference, prescribe, flights), reference, simulator)
-    if compared.kind != inputs.kind:
-        raise LogError(
-            f"{flights.path} is replayed by {inputs.kind}, the reference by {compared.kind}; "
-            "both must log the same kind of input."
-        )
-    return inputs, compared
+        inputs, compared = driven_alike(flights, reference, prescribe)
+        return _scorable(inputs, flights, simulator), _scorable(compared, reference, simulator)
+    return _scorable(choose_inputs(flights, prescribe), flights, simulator), None
 
 
 def _check_alike(flights: FlightSet, reference: FlightSet) -> None:
@@ -149,17 +142,42 @@ def _check_alike(flights: FlightSet, reference: FlightSet) -> None:
 def _replay(question: Question, inputs: Inputs, compared: Inputs | None) -> Replay:
     """The simulator with every effect that these flights may show."""
     sets = (inputs.flights, *([compared.flights] if compared else []))
-    library: Library = make_library(
-        nominal_simulator(question.simulator, question.flights, limited=inputs.follows_commands),
-        with_aliases(question.exclude),
-        any(len(f.drones) > 1 for flown in sets for f in flown),
-        inputs.prescribed,
+    return nominal_replay(
+        question.flights,
+        inputs,
+        question.simulator,
+        question.exclude,
+        several_drones=any(len(f.drones) > 1 for flown in sets for f in flown),
         referenced=compared is not None,
         voltage=_voltage_known(inputs, sets),
+    )
+
+
+def nominal_replay(
+    flights: FlightSet,
+    inputs: Inputs,
+    simulator: str,
+    exclude: Collection[str],
+    **kinds: bool,
+) -> Replay:
+    """The nominal simulator with every effect that these inputs can show.
+
+    Args:
+        flights: The flights, whose vehicle is simulated.
+        inputs: The same, as they are driven.
+        simulator: Registered name of the simulator.
+        exclude: Effects that are not looked for; with each, those that look like it.
+        kinds: Further arguments of `make_library`.
+    """
+    library = make_library(
+        nominal_simulator(simulator, flights, limited=inputs.follows_commands),
+        with_aliases(exclude),
+        prescribed=inputs.prescribed,
         produced=inputs.produced,
         mapped=inputs.mapped,
+        **kinds,
     )
-    return make_replay(library, _step(question.simulator), inputs.measured)
+    return make_replay(library, _step(simulator), inputs.measured)
 
 
 def _voltage_known(inputs: Inputs, sets: Iterable[Sequence[FlightLog]]) -> bool:
@@ -179,7 +197,9 @@ def _scorable(inputs: Inputs, flights: FlightSet, simulator: str) -> Inputs:
     Raises:
         LogError: There is none.
     """
-    segments = _segments(inputs.flights, _step(simulator), inputs.measured, flights.vehicle.mass)
+    segments = cut_in_the_air(
+        inputs.flights, _step(simulator), inputs.measured, flights.vehicle.mass
+    )
     why = (
         f"in the air no {WINDOW:g} s without unknown commands hold {FEWEST_NODES} rows or more; "
         f"rows every {NODE_DT:g} s are expected."
@@ -190,7 +210,9 @@ def _scorable(inputs: Inputs, flights: FlightSet, simulator: str) -> Inputs:
         raise LogError(f"{flights.path}, no flight is usable:\n{error}") from None
 
 
-def _segments(logs: Sequence[FlightLog], dt: float, measured: int, mass: float) -> list[Segments]:
+def cut_in_the_air(
+    logs: Sequence[FlightLog], dt: float, measured: int, mass: float
+) -> list[Segments]:
     """Windows of flights; time on the ground does not count."""
     return cut(logs, dt, measured, functools.partial(on_ground, mass=mass, turning=measured > 0))
 
@@ -200,7 +222,7 @@ def make_likelihood(
 ) -> Likelihood:
     """The likelihood of flights."""
     mass = replay.library.simulator.spec.mass
-    segments = _segments(logs, replay.dt, replay.measured, mass)
+    segments = cut_in_the_air(logs, replay.dt, replay.measured, mass)
     return Likelihood(replay, segments, sigma, _shake(logs) if replay.prescribed else 0.0)
 
 

@@ -133,6 +133,24 @@ def choose_inputs(
     return Inputs(tuple(driven), True, kind, left_out)
 
 
+def driven_alike(
+    flights: FlightSet, reference: FlightSet, prescribe: bool = False
+) -> tuple[Inputs, Inputs]:
+    """Two sets, driven by one kind of input (`choose_inputs`).
+
+    Raises:
+        LogError: They are not, or one of them has none.
+    """
+    inputs = choose_inputs(flights, prescribe, reference)
+    before = choose_inputs(reference, prescribe, flights)
+    if inputs.kind != before.kind:
+        raise LogError(
+            f"{flights.path} is replayed by {inputs.kind}, the reference by {before.kind}; "
+            "both must log the same kind of input."
+        )
+    return inputs, before
+
+
 def _controlled(flights: FlightSet) -> tuple[FlightSet, tuple[tuple[str, str], ...]]:
     """Every flight until it loses control, and what that leaves out, by flight."""
     kept, fallen = [], []

@@ -9,11 +9,11 @@ from jaxtyping import Float
 from diagnosis.decide.prepared import Progress, silent
 from diagnosis.decision import Decision
 from diagnosis.logs.flights import FlightSet
-from diagnosis.logs.inputs import Inputs
+from diagnosis.logs.inputs import Inputs, driven_alike
 from diagnosis.twin.answer import TwinAnswer, followed
 from diagnosis.twin.channels import Channels
 from diagnosis.twin.drift import Scored, drift_shrink, score_flights
-from diagnosis.twin.flown import Fly, driven_alike, flight_of, seen, twin_replay
+from diagnosis.twin.flown import Fly, flight_of, seen, twin_replay
 from diagnosis.twin.naming import name_change
 from diagnosis.twin.twin import Twin, make_twin, standing_out
 from diagnosis.twin.units import Group, make_group

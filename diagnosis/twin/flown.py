@@ -1,38 +1,19 @@
 """Flights as channels of the nominal simulator, with the slopes by every effect."""
 
-import functools
 from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
+from diagnosis.decide.prepared import cut_in_the_air, nominal_replay
 from diagnosis.logs.flights import FlightLog, FlightSet, LogError
-from diagnosis.logs.inputs import Inputs, choose_inputs, on_ground
-from diagnosis.logs.segments import NODE_DT, WINDOW, cut
-from diagnosis.replay.believed import nominal_simulator
-from diagnosis.replay.library import make_library, with_aliases
-from diagnosis.replay.replay import Replay, make_replay
+from diagnosis.logs.inputs import Inputs
+from diagnosis.logs.segments import NODE_DT, WINDOW
+from diagnosis.replay.replay import Replay
 from diagnosis.twin.channels import ANGLES, Channels, N, make_channels
-from simulators.contract import replayable_class
 
 Fly = Callable[[Float[np.ndarray, " params"]], tuple[Channels, ...]]
 """The channels of some flights, simulated at a vector of the library."""
-
-
-def driven_alike(flights: FlightSet, reference: FlightSet) -> tuple[Inputs, Inputs]:
-    """Both sets, driven by one kind of input.
-
-    Raises:
-        LogError: They are not, or one of them has none.
-    """
-    inputs = choose_inputs(flights, beside=reference)
-    before = choose_inputs(reference, beside=flights)
-    if inputs.kind != before.kind:
-        raise LogError(
-            f"{flights.path} is replayed by {inputs.kind}, the reference by {before.kind}; "
-            "both must log the same kind of input."
-        )
-    return inputs, before
 
 
 def seen(replay: Replay) -> tuple[int, ...]:
@@ -44,17 +25,7 @@ def twin_replay(
     flights: FlightSet, inputs: Inputs, simulator: str, exclude: Collection[str] = ()
 ) -> Replay:
     """The replay of the nominal simulator with every effect that these inputs can show."""
-    nominal = nominal_simulator(simulator, flights, limited=inputs.follows_commands)
-    library = make_library(
-        nominal,
-        with_aliases(exclude),
-        prescribed=inputs.prescribed,
-        referenced=True,
-        produced=inputs.produced,
-        mapped=inputs.mapped,
-        twin=True,
-    )
-    return make_replay(library, replayable_class(simulator).replay_dt, inputs.measured)
+    return nominal_replay(flights, inputs, simulator, exclude, referenced=True, twin=True)
 
 
 def flight_of(replay: Replay, logs: Sequence[FlightLog]) -> Fly:
@@ -67,8 +38,7 @@ def flight_of(replay: Replay, logs: Sequence[FlightLog]) -> Fly:
     if several:
         raise LogError(f"flights/{several[0]}: a twin takes flights of one drone, got several.")
     mass = replay.library.simulator.spec.mass
-    ground = functools.partial(on_ground, mass=mass, turning=replay.measured > 0)
-    (segments,) = cut(logs, replay.dt, replay.measured, ground)
+    (segments,) = cut_in_the_air(logs, replay.dt, replay.measured, mass)
 
     def fly(vector: Float[np.ndarray, " params"]) -> tuple[Channels, ...]:
         made = make_channels(replay, logs, segments, vector)

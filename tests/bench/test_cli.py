@@ -44,6 +44,12 @@ def test_help_imports_neither_jax_nor_pandas():
     assert "--team-size" in done.stdout
 
 
+def test_a_terminal_of_unknown_width_shows_as_much_as_any(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "0")
+    assert main(["list"]) == 0
+    assert "hybrid" in capsys.readouterr().out
+
+
 MISSPELT = {
     "run quik": "Did you mean 'quick'?",
     "run --setting trainer": "must be KEY=VALUE",

@@ -14,6 +14,7 @@ from diagnosis.logs.inputs import (
     PRESCRIBED,
     VOLTS,
     choose_inputs,
+    driven_alike,
     on_ground,
     thrust_of_pwm,
     thrust_of_rotors,
@@ -173,3 +174,11 @@ def test_both_sets_are_replayed_by_what_both_have():
     assert choose_inputs(reference).kind == "commands"
     assert choose_inputs(reference, beside=target).kind == "rotor speeds"
     assert choose_inputs(target, beside=reference).kind == "rotor speeds"
+
+
+def test_two_sets_without_a_common_input_are_refused():
+    flown = fly(PointMass(), n_flights=1, seconds=2.0)
+    target = flight_set(rotors_only(flown, VEHICLES["cf21B_500"]))
+    reference = flight_set(thrust_only(flown))
+    with pytest.raises(LogError, match="both must log the same kind of input"):
+        driven_alike(target, reference)
