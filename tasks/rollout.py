@@ -14,7 +14,8 @@ simulator that it is deployed in, decay where it does not (`reports/tuning.md`).
 With g < 1, what still grows is limited as well: the cotangent of each number of the carried state
 is clipped to +-`COTANGENT_LIMIT`, about ten times what a well-behaved episode has (a reward slope
 of 1 per metre, felt for 1 / (1 - g) = 50 steps), for which the loss must be the plain sum of
-rewards; its scale is put right afterwards. With g = 1 nothing is decayed or clipped.
+rewards; its scale is put right afterwards. With g = 1 nothing is decayed or clipped, as in the
+paper, unless a limit is given.
 """
 
 import abc
@@ -90,28 +91,40 @@ class Record(eqx.Module):
     """Whether the drone is in contact."""
 
 
-@functools.partial(jax.custom_vjp, nondiff_argnums=(1,))
-def _pass_back(x: Array, share: float) -> Array:
-    """`x`, whose cotangent is scaled by `share` and clipped to +-`COTANGENT_LIMIT`."""
+def passed_back(cotangent: Array, decay: float, limit: float | None) -> Array:
+    """What a step passes back of a cotangent of the carried state.
+
+    Without a limit it is clipped to +-`COTANGENT_LIMIT` where it is decayed, else not at all.
+    """
+    if limit is None and decay < 1.0:
+        limit = COTANGENT_LIMIT
+    scaled = cotangent if decay == 1.0 else decay * cotangent
+    return scaled if limit is None else jnp.clip(scaled, -limit, limit)
+
+
+@functools.partial(jax.custom_vjp, nondiff_argnums=(1, 2))
+def _identity(x: Array, decay: float, limit: float | None) -> Array:
+    """`x`, of whose cotangent a step passes back a part."""
     return x
 
 
-def _pass_back_fwd(x: Array, share: float) -> tuple[Array, None]:
+def _identity_fwd(x: Array, decay: float, limit: float | None) -> tuple[Array, None]:
     return x, None
 
 
-def _pass_back_bwd(share: float, _: None, cotangent: Array) -> tuple[Array]:
-    return (jnp.clip(share * cotangent, -COTANGENT_LIMIT, COTANGENT_LIMIT),)
+def _identity_bwd(decay: float, limit: float | None, _: None, cotangent: Array) -> tuple[Array]:
+    return (passed_back(cotangent, decay, limit),)
 
 
-_pass_back.defvjp(_pass_back_fwd, _pass_back_bwd)
+_identity.defvjp(_identity_fwd, _identity_bwd)
 
 
-def _decay(tree: Any, share: float) -> Any:
-    """`tree`, whose gradient is decayed and limited; `share` 1 leaves it alone."""
-    if share == 1.0:
+def _damped(tree: Any, decay: float, limit: float | None) -> Any:
+    """`tree`, whose gradient is decayed and limited; at a decay of 1 without a limit, as it is."""
+    if decay == 1.0 and limit is None:
         return tree
-    return jax.tree.map(lambda x: _pass_back(x, share) if eqx.is_inexact_array(x) else x, tree)
+    part = lambda x: _identity(x, decay, limit) if eqx.is_inexact_array(x) else x  # noqa: E731
+    return jax.tree.map(part, tree)
 
 
 def episode(
@@ -120,13 +133,17 @@ def episode(
     controller: Controller,
     key: PRNGKeyArray,
     decay: float = 1.0,
+    limit: float | None = None,
 ) -> Episode:
-    """One episode's sums, differentiable in the controller, checkpointed per control step."""
+    """One episode's sums, differentiable in the controller, checkpointed per control step.
+
+    `decay` and `limit` say what of the gradient a step passes back (`passed_back`).
+    """
     state, goal = start(task, simulator, key)
 
     def step(carry: tuple, k: Array) -> tuple[tuple, None]:
         state, touched, sums = carry
-        state = _decay(state, decay)
+        state = _damped(state, decay, limit)
         action = controller(TaskState(simulator.sensed(state), goal, k))
         state = simulator.step(state, action)
         flight = simulator.flight(state)

@@ -29,7 +29,7 @@ from methods.training.policy import AbstractPolicy, Policy, PolicyController, is
 from simulators.contract import AbstractSimulator, Replayable
 from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState
-from tasks.rollout import COTANGENT_LIMIT, Episode, episode, start
+from tasks.rollout import Episode, episode, passed_back, start
 
 LARGEST = 128e6
 """Bytes of activations above which they are computed again; a choice."""
@@ -57,13 +57,14 @@ def gradient(
     keys: Key[Array, " worlds"],
     decay: float,
     kept: Sequence[Array] | None,
+    limit: float | None = None,
 ) -> tuple[Episode, AbstractPolicy, Sequence[Array] | None]:
     """Episodes by world, the gradient of minus the sum of their smooth returns, and `kept` filled.
 
-    `decay` is the share of the gradient that a step passes back (`tasks/rollout.py`).
+    `decay` and `limit` say what of the gradient a step passes back (`tasks/rollout.py`).
     """
     if not is_written_out(policy):
-        return *by_autodiff(task, simulator, policy, keys, decay), kept
+        return *by_autodiff(task, simulator, policy, keys, decay, limit), kept
     counted_before = billed(simulator, 0)  # a step that is repeated is no new flight
     first, goal = jax.vmap(lambda key: start(task, simulator, key))(keys)
     n_worlds, n_drones, steps = len(keys), task.n_drones, jnp.arange(task.horizon)
@@ -110,7 +111,7 @@ def gradient(
         by_obs, new = policy.pull_back(layers, by_action.reshape(-1, 3))
         _, pull_obs = jax.vjp(lambda live: observe(eqx.combine(live, fixed), k), live)
         costate = jax.tree.map(
-            lambda a, b: _passed_back(a + b, decay), by_state, pull_obs(by_obs)[0]
+            lambda a, b: passed_back(a + b, decay, limit), by_state, pull_obs(by_obs)[0]
         )
         return (costate, jax.tree.map(jnp.add, slopes, new)), None
 
@@ -131,13 +132,14 @@ def by_autodiff(
     policy: AbstractPolicy,
     keys: Key[Array, " worlds"],
     decay: float,
+    limit: float | None = None,
 ) -> tuple[Episode, AbstractPolicy]:
     """Episodes and gradient as `gradient` returns them, by `jax.grad` for any policy; slower."""
     live, fixed = eqx.partition(policy, eqx.is_inexact_array)
 
     def loss(live: Any) -> tuple[Array, Episode]:
         controller = PolicyController(task, eqx.combine(live, fixed))
-        fly = lambda key: episode(task, simulator, controller, key, decay)  # noqa: E731
+        fly = lambda key: episode(task, simulator, controller, key, decay, limit)  # noqa: E731
         episodes = jax.vmap(fly)(keys)
         return -jnp.sum(episodes.smooth_reward), episodes
 
@@ -159,9 +161,3 @@ def _scored(
     reward, smooth = task.rewards(TaskState(flight, goal, k + 1))
     contact = in_contact(flight.pos, flight.t)
     return contact, sums.with_step(reward, smooth, contact, touched)
-
-
-def _passed_back(costate: Array, share: float) -> Array:
-    if share == 1.0:
-        return costate
-    return jnp.clip(share * costate, -COTANGENT_LIMIT, COTANGENT_LIMIT)

@@ -49,6 +49,8 @@ class Rule:
     """Share of the gradient that each step passes back."""
     clip: float
     """Largest global norm of the gradient."""
+    limit: float | None
+    """Largest number that a step passes back."""
 
 
 LARGEST_SKIPPED_SHARE = 0.1
@@ -80,6 +82,9 @@ class BPTT(eqx.Module):
     """Share of the best return by which it must improve for patience to start again."""
     share: float = eqx.field(static=True, default=1.0, metadata={"neutral": True})
     """Share of the epochs that are flown: a checkpoint along the whole training, rates and all."""
+    limit: float | None = eqx.field(static=True, default=None, metadata={"neutral": True})
+    """Largest derivative of a drone's return by a number of the state that a step passes back;
+    None: 500 with a `decay` below 1, none with 1."""
 
     def __check_init__(self) -> None:
         for name in ("epochs", "n_worlds", "max_drones", "smoothing"):
@@ -93,6 +98,8 @@ class BPTT(eqx.Module):
             raise ValueError(f"`decay` must lie in (0, 1], got {self.decay}.")
         if not self.clip > 0.0:
             raise ValueError(f"`clip` must be above 0, got {self.clip}.")
+        if self.limit is not None and not self.limit > 0.0:
+            raise ValueError(f"`limit` must be above 0 or None, got {self.limit}.")
         for name in ("lr", "final_lr"):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"`{name}` must be at least 0, got {getattr(self, name)}.")
@@ -108,7 +115,7 @@ class BPTT(eqx.Module):
 
     def rule(self, n_drones: int) -> Rule:
         """The settings that the compiled epochs of a team depend on."""
-        return Rule(self.worlds(n_drones), self.decay, self.clip)
+        return Rule(self.worlds(n_drones), self.decay, self.clip, self.limit)
 
     def learning_rate(self, epoch: int) -> Float[Array, ""]:
         """Learning rate of an epoch."""
@@ -314,7 +321,7 @@ def _update(
     """
     rule, task, simulator, policy, opt_state, lr, key = given
     keys = jax.random.split(key, rule.n_worlds)
-    episodes, grads, kept = gradient(task, simulator, policy, keys, rule.decay, kept)
+    episodes, grads, kept = gradient(task, simulator, policy, keys, rule.decay, kept, rule.limit)
     grads = jax.tree.map(lambda g: g / (rule.n_worlds * task.horizon * task.n_drones), grads)
     norm = optax.tree.norm(grads)
     finite = jnp.isfinite(norm)

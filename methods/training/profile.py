@@ -150,7 +150,8 @@ def profile(task: AbstractTask, simulator: AbstractSimulator, trainer: BPTT) -> 
         return jax.lax.fori_loop(0, task.horizon, lambda _, s: simulator.step(s, own), first)
 
     def forward(policy: Policy, key: Array) -> Any:
-        return episode(task, simulator, PolicyController(task, policy), key, trainer.decay)
+        controller = PolicyController(task, policy)
+        return episode(task, simulator, controller, key, trainer.decay, trainer.limit)
 
     def epoch() -> Any:
         *found, room[0] = update(given, room[0])

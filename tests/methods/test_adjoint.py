@@ -49,19 +49,21 @@ def simulators():
     }
 
 
-def both(task, simulator, decay, keep, n_worlds=2):
+def both(task, simulator, decay, keep, n_worlds=2, limit=None):
     """Loss and gradient by `jax.grad` and by the adjoint."""
     policy = make_policy(task, simulator.spec, simulator.action_space, KEY)
     keys = jax.random.split(KEY, n_worlds)
 
     def loss(policy):
         controller = PolicyController(task, policy)
-        flown = jax.vmap(lambda key: episode(task, simulator, controller, key, decay))(keys)
+        fly = lambda key: episode(task, simulator, controller, key, decay, limit)  # noqa: E731
+        flown = jax.vmap(fly)(keys)
         return -jnp.sum(flown.smooth_reward), flown
 
     (_, flown), expected = eqx.filter_jit(eqx.filter_value_and_grad(loss, has_aux=True))(policy)
     kept = buffers(policy, task, n_worlds) if keep else None
-    found, slopes, _ = eqx.filter_jit(gradient)(task, simulator, policy, keys, decay, kept)
+    adjoint = eqx.filter_jit(gradient)
+    found, slopes, _ = adjoint(task, simulator, policy, keys, decay, kept, limit)
     return flown, expected, found, slopes
 
 
@@ -88,6 +90,15 @@ def test_it_is_the_gradient_of_an_episode(name, keep):
     assert_close(flown, found, 1e-5)
     assert jax.tree.structure(expected) == jax.tree.structure(slopes)
     assert_close(expected, slopes, 1e-5)
+
+
+def test_a_limit_without_decay_binds_in_both():
+    task, simulator = Circle(n_drones=2, horizon=30), SIMULATORS["point_mass"]()
+    _, expected, _, slopes = both(task, simulator, 1.0, True, limit=1.0)
+    assert_close(expected, slopes, 1e-5)
+    _, plain, *_ = both(task, simulator, 1.0, True)
+    norm = lambda tree: sum(float(jnp.sum(x**2)) for x in jax.tree.leaves(tree)) ** 0.5  # noqa: E731
+    assert norm(slopes) < 0.9 * norm(plain)
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,9 @@ from tasks.rollout import COTANGENT_LIMIT, episode
 KEY = jax.random.key(0)
 
 
-def gradient(task, decay):
+def gradient(task, decay, limit=None):
     def total(controller):
-        return episode(task, PointMass(), controller, KEY, decay).smooth_reward
+        return episode(task, PointMass(), controller, KEY, decay, limit).smooth_reward
 
     return np.asarray(eqx.filter_jit(eqx.filter_grad(total))(lift(task, 0.1)).actions)
 
@@ -38,6 +38,13 @@ def test_the_cotangent_of_the_carried_state_is_clipped():
     # The direct effect on the next reward, plus the bounded rest, on height and velocity.
     push = climb_gradient(dataclasses.replace(task, horizon=1), 1.0)[0] / task.weight
     assert found.max() <= push * (task.weight + COTANGENT_LIMIT) + push / 0.02 * COTANGENT_LIMIT
+
+
+@pytest.mark.parametrize(("decay", "limit"), [(1.0, 50.0), (0.99, 50.0), (0.99, 1e9)])
+def test_a_limit_that_is_given_holds_with_and_without_decay(decay, limit):
+    task = dataclasses.replace(CLIMB, weight=100.0, horizon=40)
+    found = gradient(task, decay, limit)[:, 0, 2]
+    np.testing.assert_allclose(found, climb_gradient(task, decay, limit), rtol=1e-4)
 
 
 def test_plain_back_propagation_is_not_clipped():
