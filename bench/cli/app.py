@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     Args:
         arguments: The command and its arguments; None: those of this process.
     """
-    # Some programs that start others, editors and CI among them, say 0 where they do not know.
+    # Editors and CI set a width of 0 where they know none; tables of that width would be empty.
     if os.environ.get("COLUMNS") == "0":
         del os.environ["COLUMNS"]
     try:

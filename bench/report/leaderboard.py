@@ -58,11 +58,11 @@ HOW_TO_READ = (
     "A run that diverged counts with the policy that it left; a failed one left none. The last "
     "column counts and names both. `budget`: a run that its epochs ended where patience was meant"
     " to.",
-    "Digits are those that the intervals allow. `#` is the first rank on an axis beside the "
-    "reward, by the same rule, lower is better. Costs of training "
-    "(crashes in it, fleet-minutes, time) are those of the run itself, without those of the run "
-    "that it starts from. A row that only deploys another run's policy has no rank on them. To "
-    "target: what it costs until the return of an "
+    "Numbers have as many digits as their intervals allow. `#` is the first rank on an axis other "
+    "than the reward, by the same rule; the lowest value is the best. The crashes, fleet-minutes "
+    "and time of a training are its own; those of the run that it starts from are not added. A "
+    "row that only deploys another run's policy trains nothing, and has no rank on these three. "
+    "To target: what it costs until the return of an "
     f"episode comes within {100 * TOLERANCE:.0f} % (of the return at the spawn) of the mean of "
     f"`{REFERENCE.label}`, the costs of all runs over the runs that get there. Methods are ranked "
     "on it only if all their runs get there.",

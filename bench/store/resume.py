@@ -79,8 +79,9 @@ def make_standing(
     done = {run.name for run in standing.done}
 
     def lost(run: Run) -> bool:
-        folder = sound.get(run.name, {"status": "failed"})  # so it may be from an earlier attempt
-        return run.name in done and folder["status"] == "failed"
+        # The row may be of an earlier attempt than the folder, which then holds a failure.
+        folder = sound.get(run.name)
+        return run.name in done and (folder is None or folder["status"] == "failed")
 
     again, restored = lost_parents(standing.missing, by_name, lost, kept)
     return dataclasses.replace(standing, again=again, restored=restored)

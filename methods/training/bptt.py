@@ -50,7 +50,7 @@ class Rule:
     clip: float
     """Largest global norm of the gradient."""
     limit: float | None
-    """Largest number that a step passes back."""
+    """Largest number that a step passes back; None: as `passed_back` says."""
 
 
 LARGEST_SKIPPED_SHARE = 0.1

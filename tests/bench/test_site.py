@@ -188,7 +188,7 @@ def test_the_site_opens_from_a_file_and_from_a_server(site, tmp_path, served):
         assert opened.run("location.href").startswith(f"{start}suites/paper.html#run-")
         opened.go(start + "index.html")
         opened.run("document.querySelector('a[href*=\"task=\"]').click()")
-        opened.wait_for("document.querySelector('table.board')?.tBodies[0].rows.length === 3")
+        opened.wait_for("document.querySelector('table.board')?.tBodies[0]?.rows.length === 3")
         assert opened.run("filters.elements.task.value") == "circle"
         assert opened.complaints == []
         server.shutdown()
