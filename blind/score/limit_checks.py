@@ -116,7 +116,7 @@ class Survey:
 
 def unit_of(library: Library, name: str) -> str:
     """The unit of an effect's size: that of its first parameter."""
-    return library.slots[library.indices(name)[0]].unit
+    return library.slots[library.indices[name][0]].unit
 
 
 def checks() -> list[tuple[str, int, float, int]]:

@@ -137,7 +137,7 @@ class Linear:
         self.normal = found[Set({effect.name})].normal
         library, size = self.evidence.library, size_of(effect)
         self.unit = np.zeros(len(library.slots))
-        for i in library.indices(effect.name):
+        for i in library.indices[effect.name]:
             name = library.slots[i].parameter
             if name not in SECONDARY:
                 true = effect.parameters.get(name, library.slots[i].neutral)
@@ -225,8 +225,8 @@ class _Weighed:
     def _choices(self) -> list[tuple[Set, list[int]]]:
         """Sets with their places in `H`."""
         library, true = self.linear.evidence.library, self.linear.effect.name
-        own = library.indices(true)
-        alone = [(name, library.indices(name)) for name in library.candidates if name != "gust"]
+        own = library.indices[true]
+        alone = [(name, library.indices[name]) for name in library.candidates if name != "gust"]
         alone += [("gust", onset) for onset in self.onsets]
         found = [(Set({true}), own)]
         found += [(Set({name}), at) for name, at in alone if name != true]
@@ -274,7 +274,7 @@ def _with_onsets(
     """
     normal, library = linear.normal, evidence.library
     n = len(library.slots)
-    axes = [i for i in library.indices("gust") if library.slots[i].parameter != "onset"]
+    axes = [i for i in library.indices.get("gust", []) if library.slots[i].parameter != "onset"]
     scanned = len(axes) == 3 and linear.effect.name != "gust"
     times = np.unique(normal.t)[evidence.decision.quiet_windows : -1] if scanned else np.zeros(0)
     index = np.concatenate([np.arange(n), np.tile(axes, len(times))]).astype(int)

@@ -62,7 +62,7 @@ def with_truth(fits: Fits, truth: Parameters) -> Fits:
                 f"`truth` must name effects of the library ({', '.join(library.effects)}), got "
                 f"'{effect}'."
             )
-        for i in library.indices(effect):
+        for i in library.indices[effect]:
             slot = library.slots[i]
             true = given.get(slot.parameter, slot.neutral)
             vector[i] = slot.on_top(true, evidence.base[i])

@@ -145,7 +145,7 @@ def pinned(
     excluded = set(library.withheld) - airframe
     families = {family for name in excluded for family in library.card(name).families}
     alike = {name for name in airframe if families & {*library.card(name).families}}
-    firm, at = precision.copy(), [i for n in sorted(excluded | alike) for i in library.indices(n)]
+    firm, at = precision.copy(), [i for n in sorted(excluded | alike) for i in library.indices[n]]
     firm[at, at] *= FIRM
     return firm
 

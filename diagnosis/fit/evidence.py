@@ -90,7 +90,8 @@ class Evidence:
 
     def free(self, effects: Iterable[str]) -> list[int]:
         """Entries of the vector that a set sets free."""
-        return [i for name in sorted(effects) for i in self.library.indices(name)]
+        places = self.library.indices
+        return [i for name in sorted(effects) for i in places[name]]
 
     def made(
         self,
@@ -138,7 +139,7 @@ class Evidence:
     def place(self, effect: str, parameter: str) -> int:
         """Where a parameter of an effect stands in the vector."""
         slots = self.library.slots
-        return next(i for i in self.library.indices(effect) if slots[i].parameter == parameter)
+        return next(i for i in self.library.indices[effect] if slots[i].parameter == parameter)
 
     def within(self, vector: np.ndarray, free: list[int]) -> np.ndarray:
         """`vector` with some entries taken to the nearest end of what a fit may try."""
@@ -273,8 +274,8 @@ class Evidence:
         """Normal equations by an effect's onset [s], those `before` set; what is loose, is so."""
         normal = normal.of(normal.dof > 0)
         for other, onset in before.items():
-            normal = muted(normal, self.library.indices(other), onset)
-        switched = Switched(normal, self.library.indices(name))
+            normal = muted(normal, self.library.indices[other], onset)
+        switched = Switched(normal, self.library.indices[name])
         return lambda onset: loosened(switched.at(onset), self.spread)
 
     def promised(self, near: Fit, effects: Set) -> float:
@@ -295,7 +296,7 @@ class Evidence:
 
     def worth(self, fit: Fit, name: str) -> float:
         """What leaving out an effect of `fit` would cost in log evidence [nats], to first order."""
-        gone, kept = self.library.indices(name), self.free(fit.effects - {name})
+        gone, kept = self.library.indices[name], self.free(fit.effects - {name})
         (H, _), n = self.reduced(fit.normal, fit, [*gone, *kept]), len(gone)
         own = H[:n, :n] - H[:n, n:] @ np.linalg.pinv(H[n:, n:], hermitian=True) @ H[n:, :n]
         back: Float[np.ndarray, " gone"] = (self.base + fit.shared - fit.vector)[gone]

@@ -184,7 +184,7 @@ def without(fits: Fits, best: Fit, name: str, hopeless: float | None = None) -> 
     """
     evidence = fits.evidence
     goal = fits.below_best(evidence.decision.hopeless_nats if hopeless is None else hopeless)
-    less, vector, gone = best.effects - {name}, best.vector.copy(), evidence.library.indices(name)
+    less, vector, gone = best.effects - {name}, best.vector.copy(), evidence.library.indices[name]
     vector[gone] = evidence.base[gone] + best.shared[gone]
     fit = descended(evidence, evidence.made(less, vector, best.shared), goal)
     fit = whole(evidence, fit, goal)

@@ -94,8 +94,9 @@ class Library(eqx.Module):
     @property
     def onsets(self) -> dict[str, int]:
         """Where the moments stand from which on effects act, by the effects' names."""
+        places = self.indices
         return {
-            name: next(i for i in self.indices(name) if self.slots[i].parameter == "onset")
+            name: next(i for i in places[name] if self.slots[i].parameter == "onset")
             for name, kind in self.effects.items()
             if issubclass(kind, OnsetEffect)
         }
@@ -103,7 +104,8 @@ class Library(eqx.Module):
     @property
     def local(self) -> list[int]:
         """Where the parameters stand that every window may want some of for itself."""
-        return [i for name in self.effects if self.card(name).local for i in self.indices(name)]
+        places = self.indices
+        return [i for name in self.effects if self.card(name).local for i in places[name]]
 
     def why_out(self, name: str, kind: type[AbstractEffect]) -> str:
         """Why a registered effect is no candidate, unless that was asked for."""
@@ -132,9 +134,17 @@ class Library(eqx.Module):
         """Upper bounds."""
         return np.asarray([slot.high for slot in self.slots])
 
-    def indices(self, effect: str) -> list[int]:
-        """Where an effect's parameters stand."""
-        return [i for i, slot in enumerate(self.slots) if slot.effect == effect]
+    @property
+    def indices(self) -> dict[str, list[int]]:
+        """Where the parameters of each effect stand.
+
+        No method: Equinox looks at every leaf of a module each time that one is asked for, which
+        was a tenth of the time of a search.
+        """
+        places: dict[str, list[int]] = {name: [] for name in self.effects}
+        for i, slot in enumerate(self.slots):
+            places[slot.effect].append(i)
+        return places
 
     def attach(self, vector: Float[Array, " params"]) -> Replayable:
         """The simulator with every effect of the library, at the values of `vector`."""
@@ -163,7 +173,7 @@ class Library(eqx.Module):
 
     def named(self, vector: Float[np.ndarray, " params"], effect: str) -> dict[str, float]:
         """The parameters of one effect at `vector`, in their units."""
-        return {self.slots[i].parameter: float(vector[i]) for i in self.indices(effect)}
+        return {self.slots[i].parameter: float(vector[i]) for i in self.indices[effect]}
 
 
 def _card(name: str, kind: type[AbstractEffect]) -> EffectCard:

@@ -56,7 +56,7 @@ class Hypothesis:
 
     def of(self, library: Library, effects: Sequence[str]) -> "Hypothesis":
         """Other effects, with the same scores."""
-        columns = tuple(i for e in effects for i in library.indices(e))
+        columns = tuple(i for e in effects for i in library.indices[e])
         return dataclasses.replace(self, effects=tuple(effects), columns=columns)
 
 

@@ -50,7 +50,7 @@ def name_change(
     With `refly`, candidates that may be named are taken to where they fit.
     """
     effects = [e for e in library.candidates if _free(library, e)]
-    every = [i for e in effects for i in library.indices(e)]
+    every = [i for e in effects for i in library.indices[e]]
     comparison = compare(reference, target, every)
     nothing = Hypothesis((), (), comparison, weigh(comparison, every), np.zeros(len(library.slots)))
     alone = {e: nothing.of(library, (e,)) for e in effects}
@@ -149,7 +149,7 @@ def changed(
 ) -> tuple[ChangedParameter, ...]:
     """The parameters of `effects` in their units, with intervals and limits."""
     width: Float[np.ndarray, " params"] = library.high - library.low
-    columns = [i for e in effects for i in library.indices(e)]
+    columns = [i for e in effects for i in library.indices[e]]
     half = float(student.ppf(0.975, estimate.dof))
     limit = _limit(estimate.dof, n_candidates, decision)
     made = []

@@ -257,14 +257,14 @@ def test_what_a_reference_does_not_show_is_not_shared_with_it(replay):
     flights = point_mass_set(Drag(c=0.5), seed=1).flights
     base, library = fit_reference(make_likelihood(replay, flights, SIGMA)), replay.library
     error = np.sqrt(base.phi / np.diag(base.precision)) / (library.high - library.low)
-    assert (error[library.indices("downwash")] < 1e-6).all()
-    assert (error[library.indices("wind")] > 1e-6).all()
+    assert (error[library.indices["downwash"]] < 1e-6).all()
+    assert (error[library.indices["wind"]] > 1e-6).all()
 
 
 def test_an_excluded_effect_describes_the_reference_but_no_change():
     library = make_library(PointMass(dt=0.005), with_aliases({"drag"}), referenced=True)
-    replay, at = make_replay(library, 0.005), library.indices("drag")
-    level = [*at, library.indices("rotor_drag")[1]]
+    replay, at = make_replay(library, 0.005), library.indices["drag"]
+    level = [*at, library.indices["rotor_drag"][1]]
     old = point_mass_set(Drag(c=0.5), seed=1).flights
     new = point_mass_set(Drag(c=0.9), seed=2).flights
     base, fits = beside_reference(replay, old, new)
@@ -279,7 +279,7 @@ def test_a_start_fades_with_the_drag_of_the_vector(replay):
     """v' = -(c + lateral, axial) v - k |v| v, linearised at v = (3, 0, 4)."""
     library, vector = replay.library, replay.library.neutral.copy()
     for effect, value in (("drag", [0.4]), ("rotor_drag", [0.3, 0.2]), ("quadratic_drag", [0.1])):
-        vector[library.indices(effect)] = value
+        vector[library.indices[effect]] = value
     found = library.braking(vector, np.asarray([[3.0, 0.0, 4.0]]))
     np.testing.assert_allclose(
         found, [[0.6 + 0.1 * (5.0 + 1.8), 0.6 + 0.1 * 5.0, 0.7 + 0.1 * (5.0 + 3.2)]]

@@ -150,7 +150,7 @@ class SpoiledReplay(Replay):
     """The first window of a segment has no numbers where there is any drag."""
 
     def __call__(self, group, vectors, along, turns=True):
-        (at,) = self.library.indices("drag")
+        (at,) = self.library.indices["drag"]
         for chosen, prediction in super().__call__(group, vectors, along, turns):
             value, slope, turn = (
                 np.array(x, float) for x in (prediction.value, prediction.slope, prediction.turn)
@@ -166,7 +166,7 @@ def test_a_vector_that_cannot_be_flown_spoils_no_other(replay):
     likelihood = make_likelihood(replay, flights, SIGMA)
     before = likelihood.normal(replay.library.neutral)
 
-    (at,) = replay.library.indices("drag")
+    (at,) = replay.library.indices["drag"]
     wild = replay.library.neutral.copy()
     wild[at] = 2.0
     spoiled = SpoiledReplay(library=replay.library, dt=replay.dt)
@@ -191,7 +191,7 @@ def test_a_shared_shift_to_first_order_stays_within_the_bounds(replay):
     finite = library.neutral <= library.high
     assert (fit.total >= library.low - 1e-9)[finite].all()
     assert (fit.total <= library.high + 1e-9)[finite].all()
-    (at,) = library.indices("drag")
+    (at,) = library.indices["drag"]
     assert fit.total[at] == pytest.approx(library.low[at], abs=1e-9)
 
 
@@ -216,9 +216,9 @@ def test_nothing_moves_before_the_first_row(replay):
 def test_a_replay_along_some_parameters_is_that_part_of_the_whole(replay):
     flights = point_mass_set(n_flights=1).flights
     vector = replay.library.neutral.copy()
-    (at,) = replay.library.indices("drag")[:1]
+    (at,) = replay.library.indices["drag"][:1]
     vector[at] += 0.2
-    along = [at, *replay.library.indices("mass"), *replay.library.indices("wind")]
+    along = [at, *replay.library.indices["mass"], *replay.library.indices["wind"]]
     assert len(along) <= NARROW < len(vector)
     narrow = make_likelihood(replay, flights, SIGMA).normal(vector, along)
     whole = make_likelihood(replay, flights, SIGMA).normal(vector)
@@ -306,7 +306,7 @@ def test_a_polished_set_is_worth_what_it_flies_with_its_shared_shift(replay):
     flights = point_mass_set(Drag(c=0.8), Wind(x=0.6), n_flights=3).flights
     likelihood = make_likelihood(replay, flights, SIGMA)
     library = replay.library
-    (drag,) = library.indices("drag")
+    (drag,) = library.indices["drag"]
     precision = np.diag(np.full(len(library.slots), 1e9))
     precision[drag, drag] = 1.0
     fits = Fits.of(Evidence.of(likelihood, library.neutral, precision))
@@ -328,7 +328,7 @@ def test_a_damped_step_is_shorter_and_an_undamped_one_solves_both(replay):
     precision = np.diag(np.full(len(library.slots), 1e3))
     evidence = Evidence.of(likelihood, library.neutral, precision)
     drag = frozenset({"drag"})
-    fit, (at,) = evidence.as_flown(evidence.made(drag, library.neutral)), library.indices("drag")
+    fit, (at,) = evidence.as_flown(evidence.made(drag, library.neutral)), library.indices["drag"]
     vector, shared = evidence.joint_step(fit, 0.0)
     H, g = fit.normal.H.sum(axis=0), fit.normal.g.sum(axis=0)
     assert abs((g - H @ (vector - library.neutral))[at]) < 1e-2 * abs(g[at])
@@ -365,11 +365,11 @@ def test_factors_walk_along_what_holds_their_ratio(neutral):
 def test_what_only_references_show_shifts_unless_it_acts_like_what_is_excluded(excluded, shifts):
     library = make_library(Crazyflow(), excluded, referenced=True)
     firm = np.diag(pinned(library, np.eye(len(library.slots))))
-    (arm,) = library.indices("rotor_arm")
+    (arm,) = library.indices["rotor_arm"]
     assert (firm[arm] == 1.0) == shifts
     for name in excluded:
-        assert (firm[library.indices(name)] > 1.0).all()
-    assert (firm[library.indices("gyro_compensation")] == 1.0).all()
+        assert (firm[library.indices[name]] > 1.0).all()
+    assert (firm[library.indices["gyro_compensation"]] == 1.0).all()
 
 
 def test_the_variance_of_a_factor_counts_with_what_the_reference_leaves_open(replay):

@@ -51,7 +51,7 @@ def test_the_others_are_fitted_again_without_it(replay):
     alone = without(fits, fit, "wind", hopeless=np.inf)[frozenset({"drag"})]
     assert frozenset({"drag"}) not in fits.by_set
     assert alone.objective - fit.objective < 25.0
-    (at,) = replay.library.indices("drag")
+    (at,) = replay.library.indices["drag"]
     assert alone.vector[at] == pytest.approx(0.4, abs=0.05)
 
 

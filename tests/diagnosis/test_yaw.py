@@ -65,6 +65,6 @@ def test_effects_on_the_command_see_no_jump_where_it_wraps():
         make_likelihood(replay, [log], SIGMA).normal(replay.library.neutral) for log in (flight, on)
     )
     np.testing.assert_allclose(wrapped.g, straight.g, rtol=1e-6, atol=1e-6)
-    (delay,) = replay.library.indices("delay")
+    (delay,) = replay.library.indices["delay"]
     # A jump by two pi in a command that is held for 0.02 s would be a hundred times as steep.
     assert wrapped.H[:, delay, delay].max() < 20.0 * np.median(wrapped.H[:, delay, delay])

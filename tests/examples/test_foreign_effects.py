@@ -112,7 +112,7 @@ def test_two_effects_that_set_in_are_dated_beside_each_other(replay):
 def test_what_has_no_slope_at_neutral_is_not_shared_with_a_reference(replay):
     library, precision = replay.library, _prior(replay.library)
     relative = precision * (library.high - library.low) ** 2
-    own, others = library.indices("broken_blade"), library.indices("updraft")
+    own, others = library.indices["broken_blade"], library.indices["updraft"]
     assert (relative[own] > 1e6 * relative[others]).all()
 
 
