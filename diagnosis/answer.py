@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-import diagnosis
-import simulators
 from diagnosis.decide.advice import blind_to, next_flight
 from diagnosis.decide.prepared import Prepared, Question
 from diagnosis.decide.study import Study
@@ -17,12 +15,10 @@ from diagnosis.fit import gap, shrinkage
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.outliers import standing_out
 from diagnosis.fit.search import Fits
-from diagnosis.flights_used import flights_used
 from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.noise import CHANNELS, UNITS
-from diagnosis.program import sources_digest, version
-from diagnosis.replay.library import with_aliases
+from diagnosis.recorded import flights_used, limits_of, settings_of, this_program
 from diagnosis.result import (
     Candidate,
     Details,
@@ -30,15 +26,12 @@ from diagnosis.result import (
     Doubt,
     Effect,
     Parameter,
-    Program,
     Remainder,
-    Settings,
 )
 from diagnosis.result_parts import (
     ChannelGap,
     ChannelNoise,
     DriftAlong,
-    Limit,
     Misfit,
     NotObservable,
     SetAside,
@@ -78,7 +71,7 @@ def answer(question: Question, study: Study) -> Diagnosis:
     stated = [effect.probability for effect in effects]
     seen = limits(evidence, judged.chosen.fit)
     remainder = _remainder(study)
-    withheld = tuple(sorted(with_aliases(question.exclude)))
+    settings = settings_of(question)
     return Diagnosis(
         verdict=verdict,
         probability=None
@@ -101,14 +94,9 @@ def answer(question: Question, study: Study) -> Diagnosis:
         reference=None
         if reference is None or prepared.compared is None
         else flights_used(reference, prepared.compared, lambda _: "reference"),
-        settings=Settings(
-            simulator=question.simulator,
-            exclude=tuple(question.exclude),
-            withheld=withheld,
-            decision=question.decision.values(),
-        ),
-        program=Program(version=version(), digest=sources_digest(diagnosis, simulators)),
-        details=_details(study, seen, withheld),
+        settings=settings,
+        program=this_program(),
+        details=_details(study, seen, settings.withheld),
         interface=interface_faults(question.flights.flights, question.flights.vehicle),
     )
 
@@ -270,15 +258,7 @@ def _details(study: Study, seen: Sequence[tuple[int, float]], withheld: Collecti
         noise=_channel_noise(study),
         windows=_windows(study),
         set_aside=_set_aside(study),
-        limits=tuple(
-            Limit(
-                effect=slots[i].effect,
-                parameter=slots[i].parameter,
-                unit=slots[i].unit,
-                smallest=_known(size),
-            )
-            for i, size in seen
-        ),
+        limits=limits_of(slots, seen),
         not_observable=_not_observable(study, withheld),
         shared=prepared.base.shared(evidence.library, prepared.decision) if prepared.base else (),
         before_after=_along(study.drift, scored) if len(logs) > 1 else (),

@@ -7,27 +7,21 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-import diagnosis
-import simulators
 from diagnosis.decide.advice import blind_to, next_flight
 from diagnosis.decide.prepared import Progress, Question, silent
 from diagnosis.decide.support import supported
 from diagnosis.decision import Decision
 from diagnosis.fit.shrinkage import unknown_shrink
-from diagnosis.flights_used import flights_used
 from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.inputs import Inputs
-from diagnosis.program import sources_digest, version
-from diagnosis.replay.library import with_aliases
+from diagnosis.recorded import flights_used, limits_of, settings_of, this_program
 from diagnosis.result import (
     Candidate,
     Details,
     Diagnosis,
     Effect,
     Parameter,
-    Program,
     Remainder,
-    Settings,
     Support,
 )
 from diagnosis.result_parts import (
@@ -35,7 +29,6 @@ from diagnosis.result_parts import (
     ChannelShrink,
     DriftAlong,
     Flights,
-    Limit,
     Misfit,
     NotObservable,
     NotUsed,
@@ -130,13 +123,8 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
             [score.name for score in study.twin.scores],
             found.reference_set_aside,
         ),
-        settings=Settings(
-            simulator=question.simulator,
-            exclude=tuple(question.exclude),
-            withheld=tuple(sorted(with_aliases(question.exclude))),
-            decision=decision.values(),
-        ),
-        program=Program(version=version(), digest=sources_digest(diagnosis, simulators)),
+        settings=settings_of(question),
+        program=this_program(),
         details=_details(study, seen),
         interface=interface_faults(question.flights.flights, question.flights.vehicle),
     )
@@ -332,15 +320,6 @@ def _limits(study: ChangeStudy) -> list[tuple[int, float]]:
 
 def _details(study: ChangeStudy, seen: Sequence[tuple[int, float]]) -> Details:
     found, slots = study.answer, study.twin.library.slots
-    limits = [
-        Limit(
-            effect=slots[i].effect,
-            parameter=slots[i].parameter,
-            unit=slots[i].unit,
-            smallest=size if np.isfinite(size) else None,
-        )
-        for i, size in seen
-    ]
     silent = "flights differ from each other by more than this effect could cause"
     return Details(
         misfit=Misfit(before=found.misfit[0], after=found.misfit[1]),
@@ -348,7 +327,7 @@ def _details(study: ChangeStudy, seen: Sequence[tuple[int, float]]) -> Details:
         noise=(),
         windows=None,
         set_aside=(),
-        limits=tuple(limits),
+        limits=limits_of(slots, seen),
         not_observable=tuple(NotObservable(effect=name, why=silent) for name in found.unseen),
         shared=(),
         before_after=tuple(_along(one) for one in study.scored) if found.effects else (),
