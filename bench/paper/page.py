@@ -144,7 +144,7 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
     refuse_folder(path)
     own = "" if notes is None else read_notes(notes).strip()
     path.parent.mkdir(parents=True, exist_ok=True)
-    drawn = {}
+    found, drawn = judged(tables), {}
     for name, (title, write) in FIGURES.items():
         picture = path.with_name(f"{path.stem}_{name}.png")
         if write(tables, picture):
@@ -155,14 +155,16 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
             name: [f"![{title}]({link(picture)})", f"*{title}.*"]
             for name, (title, picture) in drawn.items()
         }
-        return "\n\n".join(_document(tables, own, figures)) + "\n"
+        return "\n\n".join(_document(tables, found, own, figures)) + "\n"
 
     write_text(path, text(lambda picture: picture.name))
     write_page(text(data_uri), path.with_suffix(".html"), TITLE)
 
 
-def _document(tables: Tables, notes: str, figures: Mapping[str, list[str]]) -> list[str]:
-    found, settled = judged(tables), primary(tables) == PRIMARY
+def _document(
+    tables: Tables, found: list[Judged], notes: str, figures: Mapping[str, list[str]]
+) -> list[str]:
+    settled = primary(tables) == PRIMARY
     parts = [f"# {TITLE}", _ended(tables), *_answer(found), *_whom(tables)]
     parts += figures.get("cost", [])
     sections = list(dict.fromkeys(j.claim.section for j in found))

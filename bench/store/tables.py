@@ -13,6 +13,7 @@ shows (`python -m bench.paper.pictures`).
 """
 
 import dataclasses
+import functools
 import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -196,12 +197,20 @@ class Tables:
             except (OSError, ValueError, pa.errors.SchemaError) as error:
                 reason = str(error).splitlines()[0]
                 raise TableError(f"{path} cannot be used: {reason}") from error
-        return cls(**found)
+        return cls._checked(found)
 
     @classmethod
     def empty(cls) -> "Tables":
         """Tables without rows."""
-        return cls(**{name: table(name, []) for name in SCHEMAS})
+        return cls._checked({name: table(name, []) for name in SCHEMAS})
+
+    @classmethod
+    def _checked(cls, frames: Mapping[str, pd.DataFrame]) -> "Tables":
+        """Tables of frames that were validated already, which takes longer than to read them."""
+        made = object.__new__(cls)
+        for name, frame in frames.items():
+            object.__setattr__(made, name, frame)
+        return made
 
     def to_pandas(self) -> pd.DataFrame:
         """One row per run, failed ones too: what it is, how it ended, and a column per metric.
@@ -283,13 +292,23 @@ def _completed(name: str, frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def table(name: str, rows: list[dict] | pd.DataFrame) -> pd.DataFrame:
-    """The table `name` of `SCHEMAS`, from its rows; no rows make an empty one."""
-    return SCHEMAS[name].validate(pd.DataFrame(rows, columns=list(SCHEMAS[name].columns)))
+    """The table `name` of `SCHEMAS`, from its rows, which `Tables` checks, or without rows."""
+    return pd.DataFrame(rows, columns=list(SCHEMAS[name].columns)) if len(rows) else _empty(name)
 
 
 def stack(name: str, pieces: list[pd.DataFrame]) -> pd.DataFrame:
     """The table `name` of `SCHEMAS`, from pieces of it, one below the other."""
-    return SCHEMAS[name].validate(pd.concat([table(name, []), *pieces], ignore_index=True))
+    return pd.concat([table(name, []), *pieces], ignore_index=True)
+
+
+def _empty(name: str) -> pd.DataFrame:
+    """The table `name` without rows; a copy, so that nobody changes another's."""
+    return _made_empty(name).copy()
+
+
+@functools.cache
+def _made_empty(name: str) -> pd.DataFrame:
+    return SCHEMAS[name].validate(pd.DataFrame(columns=list(SCHEMAS[name].columns)))
 
 
 def results_rows(content: Mapping, metrics: Mapping[str, float]) -> list[dict]:

@@ -388,5 +388,5 @@ class Lucky(Honest):
         return Honest.result(self, moved, ledger)
 
 
-WHOLE = {"effect": (Push,), "task": (Circle,), "residual": (Affine,), "method": (Honest,)}
+WHOLE = {"task": (Circle,), "residual": (Affine,), "method": (Honest,)}
 """Plug-ins without a fault."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import at_once
 import pytest
+from pandera.config import config_context
 
 from bench.cli.app import main
 from simulators import registry
@@ -65,13 +66,22 @@ def write_suite(tmp_path):
 
 
 @pytest.fixture
+def in_process(plugins, monkeypatch):
+    """Sweeps start no process."""
+    at_once.do_really(monkeypatch)
+
+
+@pytest.fixture
 def trainer(plugins, monkeypatch):
     return at_once.install(monkeypatch, documents=False)
 
 
 @pytest.fixture
 def sweep(trainer, write_suite, tmp_path, capsys):
-    """A function that runs a suite and returns exit status, stdout and stderr."""
+    """A function that runs a suite and returns exit status, stdout and stderr.
+
+    Tables are not checked against their schemas, which would take most of the time.
+    """
     suite = write_suite("instant", "child", seeds=2)
 
     def run(*arguments, command="run", of=suite):
@@ -81,7 +91,8 @@ def sweep(trainer, write_suite, tmp_path, capsys):
         said = capsys.readouterr()
         return status, " ".join(said.out.split()), " ".join(said.err.split())
 
-    return run
+    with config_context(validation_enabled=False):
+        yield run
 
 
 @pytest.fixture

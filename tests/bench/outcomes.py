@@ -2,6 +2,7 @@
 
 import abc
 import errno
+import functools
 import os
 import signal
 
@@ -25,6 +26,7 @@ def plan(seeds=2):
     return expand(Suite("test", "", ("spread",), (2,), seeds, (Row("instant"),)))
 
 
+@functools.cache
 def make_template(seed=0, n_neighbors=3):
     simulator = PointMass()
     task = Spread(n_drones=2, n_neighbors=n_neighbors)

@@ -9,7 +9,6 @@ import pytest
 
 import bench
 from bench.plan.keys import SettingsError
-from bench.store.tables import TableError
 
 PAPER = Path(__file__).parents[2] / "results" / "paper"
 
@@ -36,12 +35,7 @@ def test_a_frame_has_a_row_a_run_and_a_column_a_metric():
     assert set(grey["simulator"]) == {"crazyflow"}
 
 
-def test_a_folder_without_tables_is_named(tmp_path):
-    with pytest.raises(TableError, match=r"holds no results\.parquet"):
-        bench.load(tmp_path)
-
-
-def test_run_trains_a_part_of_a_suite_and_returns_its_tables(plugins, write_suite, tmp_path):
+def test_run_trains_a_part_of_a_suite_and_returns_its_tables(in_process, write_suite, tmp_path):
     suite, out = write_suite("instant", "failing", seeds=2), tmp_path / "out"
     options = {"methods": ["instant"], "seeds": 1, "settings": {"inner.epochs": 2}, "jobs": 1}
     frame = bench.run(suite, out=out, **options).to_pandas()

@@ -17,7 +17,7 @@ import pytest
 from bench.cli.app import main
 from bench.execution.progress import _clock
 from bench.plan import listing
-from bench.plan.expansion import PlanError
+from bench.plan.expansion import Plan, PlanError
 from bench.text.pages import documents_of
 from simulators import registry
 
@@ -46,7 +46,7 @@ def test_help_imports_neither_jax_nor_pandas():
 
 def test_a_terminal_of_unknown_width_shows_as_much_as_any(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "0")
-    assert main(["list"]) == 0
+    assert main(["list", "methods"]) == 0
     assert "hybrid" in capsys.readouterr().out
 
 
@@ -215,6 +215,7 @@ def test_the_list_of_one_kind_shows_settings_with_default_and_meaning(plugins, c
 
 def test_no_name_is_broken_in_80_columns(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(listing, "expand", lambda suite: Plan([], []))
     lines = listed(capsys, "--settings")
     names = {name for kind in registry.GROUPS for name in registry.names(kind)}
     assert {*names, "paper_rotorpy", "trainer.min_improvement"} <= {*lines}

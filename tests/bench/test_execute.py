@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+import at_once
 import fake_slurm
 import numpy as np
 import pandas as pd
@@ -119,7 +120,7 @@ def check_tables(out):
     "end", [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)], ids=["Ctrl-C", "SIGTERM"]
 )
 def test_an_interruption_keeps_finished_runs_and_running_again_resumes(
-    plugins, write_suite, tmp_path, capsys, end
+    plugins, write_suite, tmp_path, capsys, monkeypatch, end
 ):
     log, gate, out = tmp_path / "trainings", tmp_path / "gate", tmp_path / "out"
     suite = write_suite(
@@ -156,6 +157,7 @@ def test_an_interruption_keeps_finished_runs_and_running_again_resumes(
     wait_until(lambda: not any(alive(pid) for pid in pids))
     assert len(list((out / "runs").glob("instant-*"))) == 1
 
+    at_once.do_really(monkeypatch)
     gate.touch()
     assert main(arguments) == 0
     assert log.read_text().count("\n") == 3
@@ -168,7 +170,9 @@ def test_an_interruption_keeps_finished_runs_and_running_again_resumes(
     pd.testing.assert_frame_equal(Tables.load(out).results, first.results)
 
 
-def test_the_first_failure_ends_a_sweep_that_fails_fast(plugins, write_suite, tmp_path, capsys):
+def test_the_first_failure_ends_a_sweep_that_fails_fast(
+    plugins, write_suite, tmp_path, capsys, monkeypatch
+):
     gate, out = tmp_path / "gate", tmp_path / "out"
     suite = write_suite("failing", f'method = "instant"\nsettings.wait_for = "{gate}"')
     arguments = ["run", str(suite), "--out", str(out), "--jobs", "2"]
@@ -177,6 +181,7 @@ def test_the_first_failure_ends_a_sweep_that_fails_fast(plugins, write_suite, tm
     assert runs_of(out).keys() == {("failing", 0)}
     assert "1 of 2 runs failed; the first: failing spread" in captured.err
     assert "Stopped at the first failure: 1 runs are still to do." in captured.err
+    at_once.do_really(monkeypatch)
     gate.touch()
     assert main([*arguments, "--fail-fast"]) == 1  # the failure is not a new one
     assert runs_of(out)["instant", 0] == ("ok", "")
@@ -315,7 +320,9 @@ def test_runs_that_differ_in_their_seed_are_given_together(plugins):
     assert len({run for group in given for run in group}) == 12
 
 
-def test_a_group_costs_nothing_but_its_own_runs(plugins, write_suite, tmp_path, capsys):
+def test_a_group_costs_nothing_but_its_own_runs(
+    plugins, write_suite, tmp_path, capsys, monkeypatch
+):
     """Seeds at once in one process: what fails is told apart, what dies takes its group along."""
     log = tmp_path / "trainings"
     suite = write_suite(f'method = "child"\nsettings.log = "{log}"', "failing", "dying", seeds=3)
@@ -329,7 +336,8 @@ def test_a_group_costs_nothing_but_its_own_runs(plugins, write_suite, tmp_path, 
         assert "ended by SIGKILL" in runs["dying", seed][1]
     assert log.read_text().count("\n") == 3
     alone = tmp_path / "alone"
-    assert main([*arguments[:3], str(alone), *arguments[4:6]]) == 1
+    at_once.do_really(monkeypatch)
+    assert main([*arguments[:3], str(alone), *arguments[4:6], "--method", "child"]) == 0
     columns = ["method", "seed", "metric", "value"]
     one, other = (Tables.load(place).results for place in (out, alone))
     timed = one["metric"] == "train_seconds"
@@ -340,7 +348,7 @@ def test_a_group_costs_nothing_but_its_own_runs(plugins, write_suite, tmp_path, 
 
 
 def test_rows_in_other_realities_are_deployed_there_and_train_nothing_anew(
-    plugins, write_suite, tmp_path
+    in_process, write_suite, tmp_path
 ):
     """What only deploys has its parent's policy, the wind of that reality, and no bill."""
     log, world = tmp_path / "trainings", "crazyflow+wind(x=2)"
@@ -368,7 +376,9 @@ def test_rows_in_other_realities_are_deployed_there_and_train_nothing_anew(
     assert "Wind(x=2, y=0, z=0)" in (out / "leaderboard.md").read_text()
 
 
-def test_a_method_that_hides_its_flight_has_the_minutes_in_its_row(plugins, write_suite, tmp_path):
+def test_a_method_that_hides_its_flight_has_the_minutes_in_its_row(
+    in_process, write_suite, tmp_path
+):
     """100 steps of 0.02 s, three worlds, two drones: 12 s."""
     out = tmp_path / "out"
     assert main(["run", str(write_suite("joyride")), "--out", str(out), "--jobs", "1"]) == 0

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 
-import at_once
 import pytest
 from clones import assert_kept, forget, lines, rows, trained_methods
 
@@ -93,14 +92,9 @@ def test_a_lost_parent_whose_worker_dies_is_trained_again_next_time(sweep, train
     assert_kept(before, lines(out))
 
 
-def test_a_real_training_reproduces_its_row(plugins, write_suite, tmp_path, monkeypatch):
+def test_a_real_training_reproduces_its_row(in_process, write_suite, tmp_path):
     """`instant` and `child` as workers do them, in this process."""
     suite, out = write_suite("instant", "child"), tmp_path / "out"
-
-    def do(slot, task):
-        return at_once.Ended(slot, task(lambda *_: None))
-
-    monkeypatch.setattr("bench.execution.sweep.make_executor", lambda *_: at_once.AtOnce(do))
     assert main(["run", str(suite), "--out", str(out), "--method", "instant"]) == 0
     before = lines(out)
     forget(out)

@@ -8,6 +8,7 @@ import pytest
 from outcomes import make_template, outcome, plan
 from rich.console import Console
 
+from bench.execution import policies
 from bench.execution.policies import deploy, keep, kept_policy
 from bench.store.kept import load_kept, path_of
 from bench.store.store import Store
@@ -27,8 +28,9 @@ def runs(plugins):
 
 
 @pytest.fixture
-def folder(tmp_path, runs):
-    """Tables of two runs, and the folders that they came from."""
+def folder(tmp_path, runs, monkeypatch):
+    """Tables of two runs, and the folders that they came from; no suite trains them again."""
+    monkeypatch.setattr(policies, "runs_to_resume", set)
     store = Store(tmp_path / "results")
     for seed, run in enumerate(runs):
         store.commit(run, outcome(run, policy=make_template(seed=seed)))

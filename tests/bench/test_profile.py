@@ -34,17 +34,6 @@ TASK = Circle(n_drones=3, horizon=20)
 SETUP = Setup(TASK, PointMass(), Crazyflow())
 
 
-@pytest.fixture(scope="module")
-def low_fidelity():
-    return profile(TASK, PointMass(), BPTT(n_worlds=2))
-
-
-def test_a_profile_says_what_was_measured(low_fidelity):
-    assert set(low_fidelity.seconds) == {"epoch", "physics", "task", "policy", "backward"}
-    assert low_fidelity.n_worlds == 2
-    assert low_fidelity.memory > 4 * TASK.horizon  # at least one number a step
-
-
 def test_parts_are_what_each_program_takes_longer_than_the_one_before(monkeypatch):
     """Physics, with the task, with the policy, an epoch; last the matrix products alone."""
     lasting, results = iter([1.0, 1.5, 2.5, 6.0, 0.5]), []
@@ -57,6 +46,8 @@ def test_parts_are_what_each_program_takes_longer_than_the_one_before(monkeypatc
     found = profile(TASK, PointMass(), BPTT(n_worlds=2))
     parts = {"physics": 1.0, "task": 0.5, "policy": 1.0, "backward": 3.5}
     assert found.seconds == parts | {"epoch": 6.0}
+    assert found.n_worlds == 2
+    assert found.memory > 4 * TASK.horizon  # at least one number a step
     assert found.ratio == 2.4
     assert found.rate == found.flops / 0.5
     assert found.share == pytest.approx(0.5 / 6.0)

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +14,7 @@ from simulators import registry
 
 
 def test_a_stored_residual_comes_back_as_the_model_it_was(tmp_path, plugins):
-    """Of every class: fitted, stored, and loaded into a blank one."""
+    """Of every class: stored, and loaded into a blank one."""
     rng = np.random.default_rng(0)
     rows = Transitions(
         features=jnp.asarray(rng.normal(size=(80, 12)), jnp.float32),
@@ -22,9 +23,10 @@ def test_a_stored_residual_comes_back_as_the_model_it_was(tmp_path, plugins):
         history=jnp.asarray(rng.normal(size=(80, HISTORY, 4)), jnp.float32),
     )
     for name, kind in registry.load_all("residual").items():
-        model = kind().fit(rows, jax.random.key(1))
+        template = blank(kind())
+        model = jax.tree.map(lambda x: 1.5 * x if eqx.is_inexact_array(x) else x, template)
         path, left = tmp_path / f"{name}.npz", outcome(plan().runs[0])
         trained = dataclasses.replace(left.trained, residual=model)
         path.write_bytes(run_files(dataclasses.replace(left, trained=trained))["residual.npz"])
-        restored = load_arrays(path, blank(kind()))
+        restored = load_arrays(path, template)
         np.testing.assert_array_equal(restored(inputs(model, rows)), model(inputs(model, rows)))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from outcomes import make_template, outcome, plan
 
+from bench.execution import policies
 from bench.execution.policies import keep, kept_policy
 from bench.store.record import STRUCTURE, load_policy, policy_bytes
 from bench.store.store import Store, UnreadableRunError
@@ -106,7 +107,10 @@ def test_a_structure_that_does_not_fit_is_refused():
         rebuild(text.replace("broken_plugins", "not_installed_here"), found)
 
 
-def test_a_run_and_what_is_kept_of_it_hold_the_policy_of_its_own_architecture(plugins, tmp_path):
+def test_a_run_and_what_is_kept_of_it_hold_the_policy_of_its_own_architecture(
+    plugins, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(policies, "runs_to_resume", set)
     run, store, policy = plan().runs[0], Store(tmp_path), own.linear(TASK, 4)
     store.commit(run, outcome(run, policy=policy))
     assert eqx.tree_equal(store.trained(run.name, make_template()).policy, policy)

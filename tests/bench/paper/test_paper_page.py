@@ -5,12 +5,13 @@ from pathlib import Path
 
 import pytest
 from browser import needs_chromium, tab
+from matplotlib.figure import Figure
 from paper_tables import add_off_spec
 from tables_for_tests import Sheet, empty, typical
 
 from bench.paper import claims
 from bench.paper.claims import CLAIMS
-from bench.paper.page import HOW, TITLE, WHOLE, variants, write_claims
+from bench.paper.page import HOW, TITLE, WHOLE, _document, judged, variants, write_claims
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 
@@ -38,10 +39,9 @@ def html(full):
     return (full / "paper.html").read_text(encoding="utf-8")
 
 
-def written(tables, tmp_path):
-    """The Markdown of a page."""
-    write_claims(tables, tmp_path / "page.md")
-    return (tmp_path / "page.md").read_text(encoding="utf-8")
+def written(tables):
+    """The Markdown of a page whose figures nobody draws."""
+    return "\n\n".join(_document(tables, judged(tables), "", {})) + "\n"
 
 
 def lines_of(text, start):
@@ -132,47 +132,47 @@ def test_the_upper_reference_is_nowhere_among_the_methods(text):
     assert "-90.0" not in text
 
 
-def test_ties_are_listed_beside_the_choice(tmp_path):
+def test_ties_are_listed_beside_the_choice():
     sheet = Sheet().add_upper().add(rewards=(-50.0, -51.0, -52.0))
     sheet.add("hf_scratch", rewards=(-50.9, -50.2, -52.8))
-    assert "| **LF baseline** | " in (found := written(sheet.tables(), tmp_path))
+    assert "| **LF baseline** | " in (found := written(sheet.tables()))
     assert lines_of(found, "| N = 3 | spread | from 0 |")[0].endswith(
         "| HF scratch: 0.987 (-0.002 to 0.003) |"
     )
 
 
-def test_refuted_is_bold_and_settled_before_whole(tmp_path):
+def test_refuted_is_bold_and_settled_before_whole():
     sheet = Sheet()
     for seed, hybrid in enumerate((-50.0, -51.0, -52.5)):
         sheet.add("hybrid", "mlp", rewards=(hybrid,), first_seed=seed, reward=hybrid - 90.0)
         sheet.add(rewards=(-60.0,), first_seed=seed)
-    found = written(sheet.tables(), tmp_path)
+    found = written(sheet.tables())
     (line,) = lines_of(found, f"| {CLAIMS[0].title} |")
     assert line.endswith(" (run: 1 of 24) | undecided | **refuted** |")
     assert "| claim | paper | ours, settled reward | verdict | by the whole return |" in found
     assert f"\n{HOW}\n" in found
 
 
-def test_a_claim_that_every_cell_run_so_far_supports_is_listed_apart(tmp_path):
+def test_a_claim_that_every_cell_run_so_far_supports_is_listed_apart():
     sheet = Sheet()
     for method, residual, reward in (("lf_baseline", "", -9.0), ("hybrid", "mlp", -5.0)):
         rewards = tuple(reward - 0.01 * seed for seed in range(5))
         sheet.add(method, residual, task="spread", team_size=3, rewards=rewards)
-    (line,) = lines_of(written(sheet.tables(), tmp_path), "- **Supported so far")
+    (line,) = lines_of(written(sheet.tables()), "- **Supported so far")
     assert "Hybrid deploys above the LF baseline in every cell" in line
 
 
-def test_tables_of_the_first_protocol_say_that_they_have_the_whole_return_only(tmp_path):
+def test_tables_of_the_first_protocol_say_that_they_have_the_whole_return_only():
     sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0)).add(rewards=(-60.0, -60.5))
     sheet.results = [row for row in sheet.results if row["metric"] != "settled_reward"]
-    found = written(sheet.tables(), tmp_path)
+    found = written(sheet.tables())
     assert "| claim | paper | ours, whole return | verdict | by the whole return |" in found
     assert f"{HOW} {WHOLE}" in found
 
 
-def test_sections_without_anything_tested_are_left_out(tmp_path):
+def test_sections_without_anything_tested_are_left_out():
     sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
-    found = written(sheet.tables(), tmp_path)
+    found = written(sheet.tables())
     assert [line.removeprefix("## ") for line in lines_of(found, "## ")] == [
         "What holds",
         claims.PAPER,
@@ -183,7 +183,8 @@ def test_sections_without_anything_tested_are_left_out(tmp_path):
 
 
 def test_a_page_of_no_rows_is_complete_and_has_no_figure_of_rows(tmp_path):
-    found = written(empty(), tmp_path)
+    write_claims(empty(), tmp_path / "page.md")
+    found = (tmp_path / "page.md").read_text(encoding="utf-8")
     assert found.startswith(f"# {TITLE}\n\n0 runs.\n\n## What holds\n\n- **Not tested** (")
     n_paper = sum(claim.section == claims.PAPER for claim in CLAIMS)
     assert found.count("| - | not tested | not tested |") == n_paper
@@ -205,13 +206,13 @@ def test_the_same_tables_make_the_same_bytes(tmp_path):
     assert first == second
 
 
-def test_rows_in_another_order_make_the_same_page(tmp_path):
+def test_rows_in_another_order_make_the_same_page():
     tables = typical()
     turned = {
         name: getattr(tables, name).iloc[::-1].reset_index(drop=True)
         for name in ("results", "curves", "trajectories", "runs")
     }
-    assert written(Tables(**turned), tmp_path) == written(tables, tmp_path)
+    assert written(Tables(**turned)) == written(tables)
 
 
 @pytest.fixture(scope="module")
@@ -320,7 +321,8 @@ def test_a_variant_without_default_is_shown_alone_unless_it_was_made_for_another
     assert line[1:] == ("hybrid (mlp), y=2", "-", "-40.0 (n = 1)", "-", "-", "one seed: no order")
 
 
-def test_the_committed_pages_are_those_of_the_committed_tables(tmp_path):
+def test_the_committed_pages_are_those_of_the_committed_tables(tmp_path, monkeypatch):
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: Path(path).write_bytes(b""))
     found = [
         path
         for path in sorted((ROOT / "reports").glob("*.md"))

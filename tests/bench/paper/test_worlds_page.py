@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from tables_for_tests import SPAWN_SETTLED, Sheet
 
 from bench.paper.world_views import AS_IS, TO_PERFECT, TO_UPPER, World, matrix, views, ways
@@ -258,7 +259,10 @@ def test_a_sweep_in_one_world_shows_none(tmp_path, capsys):
         ("contact.md", ("paper", "contact"), "contact_notes.md"),
     ],
 )
-def test_the_committed_pages_are_those_of_the_committed_tables(tmp_path, page, suites, notes):
+def test_the_committed_pages_are_those_of_the_committed_tables(
+    tmp_path, monkeypatch, page, suites, notes
+):
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: Path(path).write_bytes(b""))
     reports = ROOT / "reports"
     tables = [Tables.load(ROOT / "results" / suite) for suite in suites]
     write_worlds_page(tables, tmp_path / page, reports / notes)
