@@ -97,6 +97,11 @@ def attached(simulator, **parameters):
     return with_effects(simulator, [EFFECTS[name](**p) for name, p in parameters.items()])
 
 
+def assert_near(a, b, **tolerance):
+    """Fails unless two trees, such as flights, are alike within the tolerance of NumPy."""
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, **tolerance), a, b)
+
+
 @contextlib.contextmanager
 def x64():
     """Double precision for arrays that are made inside."""

@@ -1,6 +1,7 @@
 """Tiny cells that several test modules share: one toy task, methods with a few epochs."""
 
 import dataclasses
+import io
 from typing import ClassVar
 
 import equinox as eqx
@@ -11,6 +12,7 @@ import numpy as np
 from methods.contract import Ledger, Setup, Trained
 from methods.residuals.contract import AbstractResidualModel
 from methods.training.bptt import BPTT
+from methods.training.checkpoint import AbstractKeeper
 from methods.training.context import Context
 from methods.training.policy import Policy, make_policy
 from simulators import registry
@@ -78,6 +80,30 @@ class Braking(AbstractResidualModel):
 
 FLOWN = Ledger(hf_fleet_seconds=70.0, calibration_flights=7, calibration_crashes=2)
 """What a Hybrid that is a parent has cost."""
+
+
+class Memory(AbstractKeeper):
+    """Keeps files in memory, of every epoch or of none before the end."""
+
+    def __init__(self, always=True):
+        self.files = {}
+        self.saves = 0
+        self.always = always
+
+    def load(self, stage, fingerprint):
+        if (stage, fingerprint) not in self.files:
+            return None
+        with np.load(io.BytesIO(self.files[stage, fingerprint]), allow_pickle=False) as stored:
+            return dict(stored)
+
+    def save(self, stage, fingerprint, arrays):
+        file = io.BytesIO()
+        np.savez(file, allow_pickle=False, **arrays)
+        self.files[stage, fingerprint] = file.getvalue()
+        self.saves += 1
+
+    def due(self):
+        return self.always
 
 
 class OpenLoop(eqx.Module):

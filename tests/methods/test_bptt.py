@@ -312,12 +312,6 @@ def test_training_ends_when_patience_runs_out():
     assert trained.ledger.hf_fleet_seconds == pytest.approx(training.epochs * 40 * H * 2)
 
 
-def test_a_training_that_learns_nothing_is_flown_to_its_end_without_patience():
-    training = train(HOLD, dataclasses.replace(STILL, patience=None))
-    assert training.epochs == STILL.epochs
-    assert not training.out_of_budget
-
-
 def test_small_improvements_do_not_keep_a_run_alive_and_large_ones_do():
     """A slow, steady run: it improves at every epoch, but never by 100 % of what it has."""
     steady = BPTT(epochs=20, lr=1e-4, n_worlds=1, smoothing=3, patience=5, min_improvement=0.0)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cells import SPEC, Hold, fresh, leaning
+from scipy.spatial.transform import Rotation
 
 from methods.calibration.pool import (
     DITHER_STEPS,
@@ -113,18 +114,6 @@ def nominal_acceleration(rpy, action):
     return thrust[..., None] / SPEC.mass * up - np.array([0.0, 0.0, GRAVITY])
 
 
-def quat_to_rpy(quat):
-    x, y, z, w = np.moveaxis(np.asarray(quat, float), -1, 0)
-    return np.stack(
-        [
-            np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-            np.arcsin(2 * (w * y - z * x)),
-            np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-        ],
-        axis=-1,
-    )
-
-
 def lag(rpy, action):
     """One nominal step of the attitude towards what an action asks for."""
     wanted = np.concatenate([0.5 * action[..., :2], np.zeros_like(action[..., :1])], axis=-1)
@@ -145,7 +134,8 @@ def test_the_nominal_step_is_that_of_the_chosen_attitude(cell, pool, flown):
     _, flight = flown
     x, action = by_flight(pool.transitions.features), flight.action[:, :, 0].astype(float)
     if cell[1] == "measured":
-        rpy = lag(quat_to_rpy(flight.before.quat[:, :, 0]), action)
+        quat = flight.before.quat[:, :, 0].astype(float)
+        rpy = lag(Rotation.from_quat(quat).as_euler("xyz"), action)
     else:
         rpy = np.zeros((FLIGHTS, TASK.horizon + 1, 3))
         for k in range(TASK.horizon):

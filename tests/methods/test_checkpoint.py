@@ -1,17 +1,15 @@
 """Trainings that are killed and go on: equal to those that were not, bit for bit."""
 
 import dataclasses
-import io
 
 import jax
 import numpy as np
 import pytest
-from cells import Hold, fresh, same, setup
+from cells import Hold, Memory, fresh, same, setup
 
 from methods.hf_hotstart import HFHotStart
 from methods.training import bptt
 from methods.training.bptt import BPTT
-from methods.training.checkpoint import AbstractKeeper
 from methods.training.context import Context
 from methods.training.meter import train_metered
 from simulators.point_mass import PointMass
@@ -25,30 +23,6 @@ improved enough would go on for longer."""
 
 class Killed(BaseException):
     """Ends a training from outside."""
-
-
-class Memory(AbstractKeeper):
-    """Keeps files in memory, of every epoch or of none before the end."""
-
-    def __init__(self, always=True):
-        self.files = {}
-        self.saves = 0
-        self.always = always
-
-    def load(self, stage, fingerprint):
-        if (stage, fingerprint) not in self.files:
-            return None
-        with np.load(io.BytesIO(self.files[stage, fingerprint]), allow_pickle=False) as stored:
-            return dict(stored)
-
-    def save(self, stage, fingerprint, arrays):
-        file = io.BytesIO()
-        np.savez(file, allow_pickle=False, **arrays)
-        self.files[stage, fingerprint] = file.getvalue()
-        self.saves += 1
-
-    def due(self):
-        return self.always
 
 
 def train(keeper, policy=None, key=KEY, die_at=0, epochs=None):

@@ -8,10 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cells import METHODS, TINY, Hold, fresh, setup, small
+from cells import METHODS, TINY, Hold, fresh, same, setup, small
 
 from diagnosis.replay.library import make_library
-from methods.calibration.pool import calibrate
 from methods.contract import AbstractMethod, Ledger, Trained
 from methods.training.adjoint import by_autodiff, gradient
 from methods.training.evaluate import evaluate
@@ -125,12 +124,6 @@ def test_flight_that_is_known_beforehand_is_billed_once(metered):
     assert billed(metered.inner, 10) == metered.inner
 
 
-def test_calibration_flights_are_billed(metered):
-    settings = {"n_flights": 3, "attitude": "filtered", "hover_weight": 0.0, "excitation": 0.2}
-    calibrate(TASK, PointMass(), metered, fresh(TASK), KEY, **settings)
-    assert metered.meter.fleet_seconds == pytest.approx(3 * TASK.horizon * 0.02)
-
-
 class Secretive(AbstractMethod):
     """Flies the reality in a loop of its own, and says nothing of it, or something else."""
 
@@ -171,12 +164,7 @@ def test_a_method_of_ours_compiles_the_program_of_the_bare_reality():
     plain = METHODS["hf_hotstart"](trainer=TINY).train(cell, KEY)
     counted = train_metered(small("hf_hotstart"), cell, KEY)
     assert counted.ledger.hf_fleet_seconds == pytest.approx(TINY.epochs * TASK.horizon * STEP)
-    for one, other in zip(
-        jax.tree.leaves(eqx.filter(plain.policy, eqx.is_array)),
-        jax.tree.leaves(eqx.filter(counted.policy, eqx.is_array)),
-        strict=True,
-    ):
-        np.testing.assert_array_equal(one, other)
+    assert same(plain.policy, counted.policy)
 
 
 def test_logs_are_not_replayed_in_a_metered_simulator(metered):

@@ -7,10 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cells import Hold, fresh, lift, same, setup
+from cells import Hold, Memory, fresh, lift, same, setup
 
 from methods.ppo import PPO, Learner, Steps, fly, loss, prepared
-from methods.training.checkpoint import AbstractKeeper
 from methods.training.context import Context
 from methods.training.meter import train_metered
 from methods.training.policy import PolicyController
@@ -125,33 +124,22 @@ def test_the_same_key_gives_the_same_policy_and_another_key_another(trained):
     assert not same(trained.policy, train_metered(TINY, CELL, jax.random.key(4)).policy)
 
 
-class Kept(AbstractKeeper):
-    """Keeps in memory; the process ends after `most` epochs."""
+def test_a_training_that_is_killed_goes_on_where_it_was(trained):
+    keeper, flown = Memory(), []
 
-    def __init__(self, most):
-        self.saved, self.most = None, most
-
-    def load(self, stage, fingerprint):
-        return self.saved
-
-    def save(self, stage, fingerprint, arrays):
-        self.saved = dict(arrays)
-
-    def due(self):
-        return True
-
-    def progress(self, stage, epoch, epochs, reward):
-        if epoch == self.most:
+    def progress(stage, epoch, epochs, reward):
+        flown.append(epoch)
+        if flown == [1, 2]:
             raise KeyboardInterrupt
 
+    def train():
+        context = Context(progress, keeper=keeper)
+        return train_metered(TINY, dataclasses.replace(CELL, context=context), KEY)
 
-def test_a_training_that_is_killed_goes_on_where_it_was(trained):
-    keeper = Kept(most=2)
-    killed = dataclasses.replace(CELL, context=Context(keeper.progress, None, keeper))
     with pytest.raises(KeyboardInterrupt):
-        train_metered(TINY, killed, KEY)
-    again = dataclasses.replace(CELL, context=Context(keeper=keeper))
-    resumed = train_metered(TINY, again, KEY)
+        train()
+    resumed = train()
+    assert flown == [1, 2, 3]  # none twice
     assert same(resumed.policy, trained.policy)
     assert resumed.ledger.hf_fleet_seconds == trained.ledger.hf_fleet_seconds
     np.testing.assert_allclose(resumed.curves["reward"], trained.curves["reward"], rtol=1e-6)

@@ -88,7 +88,8 @@ def test_hybrid_on_a_grey_boxs_flights_is_billed_for_them(calibration, monkeypat
     monkeypatch.setattr(hybrid, "calibrate_as_grey_box", calibrate)
     monkeypatch.setattr(hybrid, "calibrate", None)
     cell = setup(HOLD, Crazyflow(), fresh(HOLD))
-    trained = train_metered(METHODS["hybrid"](trainer=TINY, flown="grey_box"), cell, KEY)
+    hybrid_of_few_rows = METHODS["hybrid"](trainer=TINY, flown="grey_box", rows=10)
+    trained = train_metered(hybrid_of_few_rows, cell, KEY)
     assert asked == [(3, 0.2)]
     assert trained.ledger.hf_fleet_seconds == pytest.approx(30.0)
     assert trained.ledger.calibration_flights == 3

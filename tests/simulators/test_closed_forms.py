@@ -7,10 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from flying import (
+    DT,
     HOVER,
+    OWN_DRAG,
     SIMULATORS,
     SPEC,
     attached,
+    both,
     fly,
     fly_from_rest,
     hold,
@@ -21,15 +24,18 @@ from flying import (
 
 N, STEPS, H = 3, 50, 0.02
 T = H * np.arange(1, STEPS + 1)
-OWN_DRAG = {"point_mass": 0.0, "crazyflow": SPEC.drag[0] / SPEC.mass}
-"""Decay rate of horizontal speed [1/s] without any effect."""
 LEVEL = hold([0.0, 0.0, 0.0, HOVER], STEPS, N)
-both = pytest.mark.parametrize("name", SIMULATORS)
 
 
 def hovering_flight(simulator, speed=0.0, cmds=LEVEL):
     vel = jnp.zeros((N, 3)).at[:, 0].set(speed)
     return fly(simulator, hovering(simulator, positions(N), vel), cmds)
+
+
+def pushed_flight(name, speed=0.0, **effects):
+    """A hover under some of the effects; all are attached, so that a simulator is one program."""
+    neutral = {key: {} for key in ("wind", "drag", "mass")}
+    return hovering_flight(attached(SIMULATORS[name](), **neutral | effects), speed)
 
 
 def test_free_fall_matches_closed_form():
@@ -98,19 +104,19 @@ def pitched_position(dt):
 def test_crazyflow_coasts_to_a_stop_as_its_own_drag_says():
     """v = exp(-c0 t); explicit Euler at 2 ms errs by c0^2 h t / 2, 0.03 %."""
     vel = hovering_flight(SIMULATORS["crazyflow"](), speed=1.0).vel[:, 0, 0]
-    np.testing.assert_allclose(vel, np.exp(-OWN_DRAG["crazyflow"] * T), rtol=5e-4)
+    np.testing.assert_allclose(vel, np.exp(-OWN_DRAG["crazyflow"][0] * T), rtol=5e-4)
 
 
 def test_crazyflow_in_wind_approaches_its_terminal_speed():
     """v = (a / c0) (1 - exp(-c0 t)) with the wind's a = 1.5 m/s^2 of the paper."""
-    vel = hovering_flight(attached(SIMULATORS["crazyflow"](), wind={"x": 1.5})).vel[:, 0, 0]
-    c0 = OWN_DRAG["crazyflow"]
+    vel = pushed_flight("crazyflow", wind={"x": 1.5}).vel[:, 0, 0]
+    c0 = OWN_DRAG["crazyflow"][0]
     np.testing.assert_allclose(vel, 1.5 / c0 * (1 - np.exp(-c0 * T)), rtol=2e-3)
 
 
 def test_wind_is_a_constant_acceleration_of_the_point_mass():
     wind = {"x": 1.5, "y": -0.5, "z": 0.2}
-    vel = hovering_flight(attached(SIMULATORS["point_mass"](), wind=wind)).vel[:, 0]
+    vel = pushed_flight("point_mass", wind=wind).vel[:, 0]
     np.testing.assert_allclose(vel, T[:, None] * np.asarray([1.5, -0.5, 0.2]), atol=1e-5)
 
 
@@ -118,9 +124,9 @@ def test_wind_is_a_constant_acceleration_of_the_point_mass():
 @pytest.mark.parametrize("c", [-0.3, 2.0])
 def test_excess_drag_adds_to_the_vehicles_own(name, c):
     """v = exp(-(c + c0) t); Euler at step h errs by (c + c0)^2 h t / 2."""
-    vel = hovering_flight(attached(SIMULATORS[name](), drag={"c": c}), speed=1.0).vel[:, 0, 0]
-    rate = c + OWN_DRAG[name]
-    error = 0.6 * rate**2 * (H if name == "point_mass" else 0.002) * T[-1]
+    vel = pushed_flight(name, speed=1.0, drag={"c": c}).vel[:, 0, 0]
+    rate = c + OWN_DRAG[name][0]
+    error = 0.6 * rate**2 * DT[name] * T[-1]
     np.testing.assert_allclose(vel, np.exp(-rate * T), rtol=error + 1e-4)
 
 
@@ -128,9 +134,9 @@ def test_excess_drag_adds_to_the_vehicles_own(name, c):
 @pytest.mark.parametrize("e", [-0.2, 0.2])
 def test_excess_mass_changes_the_acceleration_at_hover_thrust(name, e):
     """dv/dt = g / (1 + e) - g - c0 / (1 + e) v; the controller's thrust stays nominal."""
-    vel = hovering_flight(attached(SIMULATORS[name](), mass={"e": e})).vel[:, 0, 2]
+    vel = pushed_flight(name, mass={"e": e}).vel[:, 0, 2]
     pull = 9.81 / (1 + e) - 9.81
-    drag = 0.0 if name == "point_mass" else SPEC.drag[2] / SPEC.mass / (1 + e)
+    drag = OWN_DRAG[name][2] / (1 + e)
     expected = pull * T if drag == 0 else pull / drag * (1 - np.exp(-drag * T))
     np.testing.assert_allclose(vel, expected, rtol=2e-3)
 

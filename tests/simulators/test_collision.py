@@ -1,14 +1,15 @@
 """Drones that touch in a simulator: what its integrator makes of the contact."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flying import EFFECTS, HOVER, KEY, fly, hold, x64
+from flying import EFFECTS, HOVER, fly, hold, restore, x64
 
 from simulators import registry
 from simulators.contract import with_effects
-from simulators.effects import chain
 from simulators.effects.contract import StiffEffect, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import GRAVITY
@@ -32,8 +33,9 @@ def approach(simulator, pos, vel, seconds=0.4):
     zeros = jnp.zeros((n, 3))
     flight = Flight(jnp.asarray(0.0), pos, vel, level, zeros, jnp.full(n, thrust), zeros)
     cmd = [0.0, 0.0, 0.0, thrust]
-    state = simulator.restore(flight, hold(cmd, 50, n), KEY)
-    return fly(simulator, state, hold(cmd, round(seconds / 0.02), n))
+    state = restore(simulator, flight, hold(cmd, 50, n))
+    flight = fly(simulator, state, hold(cmd, 20, n))  # as long always, which is one program
+    return jax.tree.map(lambda x: x[: round(seconds / 0.02)], flight)
 
 
 HEAD_ON = [[0.0, 0.0, 3.0], [0.36, 0.0, 3.0]], [[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]]
@@ -41,14 +43,6 @@ HEAD_ON = [[0.0, 0.0, 3.0], [0.36, 0.0, 3.0]], [[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0
 
 def rate(flight):
     return np.asarray(flight.vel[:, 1, 0] - flight.vel[:, 0, 0])
-
-
-@every
-def test_an_elastic_impact_turns_the_rate_round(name):
-    """As if the drones had passed through each other: drag takes the same of both."""
-    apart = rate(approach(simulator_of(name), *HEAD_ON))[-1]
-    bounced = rate(approach(simulator_of(name, radius=0.15, restitution=1.0), *HEAD_ON))[-1]
-    assert bounced == pytest.approx(-apart, rel=0.02)
 
 
 def test_a_point_mass_of_long_steps_loses_part_of_an_elastic_impact():
@@ -62,26 +56,44 @@ def test_a_point_mass_of_long_steps_loses_part_of_an_elastic_impact():
     assert 0.5 < min(left) < max(left) < 1.02
 
 
+class Unaligned(WrenchEffect):
+    """A contact that is no `StiffEffect`: it sees the positions that the integrator keeps."""
+
+    contact: StiffEffect
+
+    parameters: ClassVar[dict] = {}
+    door: ClassVar[str] = "wrench"
+    needs: ClassVar[tuple] = ()
+    order: ClassVar[int] = 6
+    version: ClassVar[str] = "1"
+
+    def init(self, n_drones, dt):
+        return self.contact.init(n_drones, dt)
+
+    def wrench(self, memory, flight, vehicle, dt):
+        return self.contact.wrench(memory, flight, vehicle, dt)
+
+
 @pytest.mark.parametrize("name", ["point_mass", "crazyflow"])
-def test_positions_of_another_instant_would_feed_energy(name, monkeypatch):
+def test_positions_of_another_instant_would_feed_energy(name):
     """Why the contact is a `StiffEffect`."""
     assert issubclass(EFFECTS["collision"], StiffEffect)
     apart = rate(approach(simulator_of(name), *HEAD_ON))[-1]
-    monkeypatch.setattr(chain, "StiffEffect", type("Nobody", (WrenchEffect,), {}))
-    jax.clear_caches()
-    bounced = rate(approach(simulator_of(name, radius=0.15, restitution=1.0), *HEAD_ON))[-1]
-    jax.clear_caches()
+    contact = EFFECTS["collision"](radius=0.15, restitution=1.0)
+    made = with_effects(simulator_of(name), [Unaligned(contact)])
+    bounced = rate(approach(made, *HEAD_ON))[-1]
     assert abs(bounced / apart + 1.0) > 0.05
 
 
 @every
-@pytest.mark.parametrize("restitution", [0.2, 0.6])
-def test_an_impact_of_one_metre_a_second_keeps_its_restitution(name, restitution):
+@pytest.mark.parametrize(("restitution", "tolerance"), [(0.2, 0.04), (0.6, 0.04), (1.0, 0.02)])
+def test_an_impact_of_one_metre_a_second_keeps_its_restitution(name, restitution, tolerance):
+    """Of the rate of drones that pass through each other: drag takes the same of both."""
     apart = rate(approach(simulator_of(name), *HEAD_ON))[-1]
     made = simulator_of(name, radius=0.15, restitution=restitution)
     left = rate(approach(made, *HEAD_ON))[-1] / -apart
     # Drag slows the drones before they meet, and slower impacts keep more.
-    assert left == pytest.approx(restitution, abs=0.04)
+    assert left == pytest.approx(restitution, abs=tolerance)
 
 
 @every
@@ -101,7 +113,7 @@ def test_a_drone_dropped_on_its_clearance_bounces_and_comes_to_rest():
     pos, zero = jnp.asarray([[0.0, 0.0, 0.4]]), jnp.zeros((1, 3))
     level = jnp.zeros((1, 4)).at[:, 3].set(1.0)
     flight = Flight(jnp.asarray(0.0), pos, zero, level, zero, jnp.zeros(1), zero)
-    state = made.restore(flight, hold([0, 0, 0, 0], 5), KEY)
+    state = restore(made, flight, hold([0, 0, 0, 0], 5))
     z = np.asarray(fly(made, state, hold([0, 0, 0, 0], 300)).pos[:, 0, 2])
     assert z.min() > 0.05
     assert z[13:40].max() > z[-1] + 0.01
@@ -127,13 +139,16 @@ def test_derivatives_through_an_impact_equal_finite_differences(name):
         made = simulator_of(name, radius=0.15, restitution=0.5, friction=0.3)
         pos, vel = jnp.asarray([[0.0, 0.0, 3.0], [0.32, 0.08, 3.05]]), jnp.asarray(HEAD_ON[1])
 
+        @jax.jit
+        @jax.value_and_grad
         def end(change):
             flown = approach(made, pos + change, vel, 0.1)
             return jnp.sum(jnp.cos(jnp.arange(6.0)).reshape(2, 3) * flown.pos[-1])
 
         unit = jnp.asarray([[0.3, -0.2, 0.1], [0.5, 0.4, -0.6]])
-        exact = float(jnp.sum(jax.grad(end)(jnp.zeros((2, 3))) * unit))
+        _, slope = end(jnp.zeros((2, 3)))
+        exact = float(jnp.sum(slope * unit))
         h = 1e-6
-        numeric = float((end(h * unit) - end(-h * unit)) / (2.0 * h))
+        numeric = float((end(h * unit)[0] - end(-h * unit)[0]) / (2.0 * h))
         assert exact == pytest.approx(numeric, rel=1e-5)
         assert abs(exact - float(jnp.sum(jnp.cos(jnp.arange(6.0)).reshape(2, 3) * unit))) > 0.1

@@ -6,6 +6,7 @@ and benchmarks, which set scenes. Docstrings may name effects.
 
 import ast
 import dataclasses
+import functools
 import re
 from pathlib import Path
 
@@ -75,6 +76,15 @@ def snake(identifier):
     return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", identifier).lower()
 
 
+@functools.cache
+def parts_of(identifier):
+    """Effects that an identifier names."""
+    words = snake(identifier)
+    if words in PLAIN:
+        return set()
+    return {n for n in KINDS if re.search(rf"(^|_){n}(_|$)", words)} - PLAIN
+
+
 def names_in(source):
     """Effects that a module names: in identifiers, in texts, or by importing them."""
     tree = ast.parse(source)
@@ -87,14 +97,12 @@ def names_in(source):
             found |= {modules[name] for name in imported if name in modules}
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             text = "" if id(node) in docstrings else node.value
-            said = {name for name in KINDS if re.search(rf"\b{name}\b", text)}
+            said = KINDS.keys() & {*re.findall(r"\w+", text)}
             found |= {name for name in said if name not in PLAIN or name == text}
         for field in ("id", "attr", "arg", "name"):
             identifier = getattr(node, field, None)
-            if not isinstance(identifier, str) or snake(identifier) in PLAIN:
-                continue
-            parts = {n for n in KINDS if re.search(rf"(^|_){n}(_|$)", snake(identifier))}
-            found |= parts - PLAIN
+            if isinstance(identifier, str):
+                found |= parts_of(identifier)
     return found
 
 

@@ -12,6 +12,7 @@ from flying import (
     OWN_DRAG,
     SIMULATORS,
     SPEC,
+    assert_near,
     attached,
     both,
     fly,
@@ -34,8 +35,15 @@ T = H * np.arange(1, STEPS + 1)
 LEVEL = hold([0.0, 0.0, 0.0, HOVER], STEPS)
 
 
+def disturbed(name, **effects):
+    """A simulator with some of these effects; all are attached, so that it is one program."""
+    neutral = {key: {} for key in ("thrust_gain", "battery", "quadratic_drag", "gust")}
+    return attached(SIMULATORS[name](), **neutral | effects)
+
+
 def hovering_flight(simulator, cmds=LEVEL, pos=None, vel=None):
     pos = positions(cmds.shape[1]) if pos is None else jnp.asarray(pos)
+    vel = jnp.zeros_like(pos) if vel is None else vel
     return fly(simulator, hovering(simulator, pos, vel), cmds)
 
 
@@ -54,7 +62,7 @@ def coasting(rate, time):
 @both
 def test_thrust_gain_scales_thrust_and_lifts_a_hovering_drone(name):
     """dv/dt = e g - c0 v at the thrust that would carry the nominal drone."""
-    flight = hovering_flight(attached(SIMULATORS[name](), thrust_gain={"e": 0.1}))
+    flight = hovering_flight(disturbed(name, thrust_gain={"e": 0.1}))
     np.testing.assert_allclose(flight.thrust, 1.1 * HOVER, rtol=1e-4)
     expected = 0.1 * G * coasting(OWN_DRAG[name][2], T)
     np.testing.assert_allclose(flight.vel[:, 0, 2], expected, rtol=2e-3)
@@ -64,7 +72,7 @@ def test_thrust_gain_scales_thrust_and_lifts_a_hovering_drone(name):
 def test_a_battery_runs_down_linearly(name):
     """Thrust (1 - rate t) of hover; dv/dt = -rate g t - c0 v, Euler errs by g rate h t / 2."""
     rate, c0 = 0.008, OWN_DRAG[name][2]
-    flight = hovering_flight(attached(SIMULATORS[name](), battery={"rate": rate}))
+    flight = hovering_flight(disturbed(name, battery={"rate": rate}))
     np.testing.assert_allclose(flight.thrust[:, 0] / HOVER, 1 - rate * T, atol=rate * H + 1e-5)
     fall = T**2 / 2 if c0 == 0 else (T - coasting(c0, T)) / c0
     error = G * rate * DT[name] * T / 2
@@ -130,13 +138,17 @@ def test_motor_lag_stretches_the_rotors_response_in_time(scale, target):
     assert ratio == pytest.approx(scale, rel=0.03)
 
 
+@eqx.filter_jit
+def stepped(simulator, state, cmd):
+    return simulator.step_cmd(state, cmd, 0.002)
+
+
 @pytest.mark.parametrize(("target", "coef"), [(0.8, 2), (1.2, 0)])
 def test_rotors_without_a_quadratic_part_follow_exponentially(target, coef):
     """Explicit Euler of W' = (W_cmd - W) / tau, tau twice that of hover where they slow down."""
     made = attached(SIMULATORS["crazyflow"](), rotor_response={"slowing": 2.0, "quadratic": 0.0})
     state = hovering(made, positions(1))
     cmd = jnp.asarray([[0.0, 0.0, 0.0, target * HOVER]])
-    step = eqx.filter_jit(lambda s: made.step_cmd(s, cmd, 0.002))
     data, _ = _template(SPEC.name, made.freq)
     start = state.rotor_vel[0, 0]
     end = hover_rotor_vel(data, jnp.asarray([[target * HOVER]]))[0, 0, 0]
@@ -144,7 +156,7 @@ def test_rotors_without_a_quadratic_part_follow_exponentially(target, coef):
     rate = linear + 2.0 * square * start
     rate = rate / 2.0 if coef else rate
     for n in range(1, 60):
-        state = step(state)
+        state = stepped(made, state, cmd)
         left = (1.0 - 0.002 * rate) ** n
         np.testing.assert_allclose(state.rotor_vel[0], end + left * (start - end), rtol=2e-5)
 
@@ -169,8 +181,7 @@ def test_quadratic_drag_slows_a_coasting_drone(name):
     """v' = -c0 v - k v^2, solved by 1 / v = (1 / v0 + k / c0) exp(c0 t) - k / c0."""
     k, speed, c0 = 0.6, 2.0, OWN_DRAG[name][0]
     vel = jnp.zeros((1, 3)).at[:, 0].set(speed)
-    made = attached(SIMULATORS[name](), quadratic_drag={"k": k})
-    flown = hovering_flight(made, vel=vel).vel[:, 0, 0]
+    flown = hovering_flight(disturbed(name, quadratic_drag={"k": k}), vel=vel).vel[:, 0, 0]
     slope = T if c0 == 0 else (np.exp(c0 * T) - 1) / c0
     expected = 1 / (np.exp(c0 * T) / speed + k * slope)
     np.testing.assert_allclose(flown, expected, rtol=1.2 * DT[name] + 1e-3)
@@ -189,16 +200,16 @@ def test_quadratic_drag_limits_a_fall():
 @pytest.mark.parametrize("onset", [0.0, 0.4, 0.4133, 0.6])
 def test_a_gust_starts_at_its_onset_to_a_fraction_of_a_step(onset):
     """In the point mass v = a (t - onset), exactly, at every multiple of the step."""
-    acc = np.asarray([1.2, -0.8, 0.3])
-    gust = {"x": acc[0], "y": acc[1], "z": acc[2], "onset": onset}
-    vel = hovering_flight(attached(SIMULATORS["point_mass"](), gust=gust)).vel[:, 0]
+    acc = {"x": 1.2, "y": -0.8, "z": 0.3}
+    vel = hovering_flight(disturbed("point_mass", gust=acc | {"onset": onset})).vel[:, 0]
+    acc = np.asarray([*acc.values()])
     np.testing.assert_allclose(vel, acc * np.clip(T - onset, 0, None)[:, None], atol=2e-5)
 
 
 def test_a_gust_hits_crazyflow_at_its_onset():
     """v = a / c0 (1 - exp(-c0 (t - onset))), the onset between two physics steps."""
     onset, c0 = 0.4133, OWN_DRAG["crazyflow"][0]
-    made = attached(SIMULATORS["crazyflow"](), gust={"x": 1.5, "onset": onset})
+    made = disturbed("crazyflow", gust={"x": 1.5, "onset": onset})
     expected = 1.5 * coasting(c0, np.clip(T - onset, 0, None))
     np.testing.assert_allclose(hovering_flight(made).vel[:, 0, 0], expected, rtol=2e-3, atol=1e-5)
 
@@ -269,7 +280,7 @@ def test_the_downwash_of_two_drones_adds_up_and_one_alone_feels_none(name):
     acc = first_acceleration(made, [[0.0, 0.0, 3.0], [0.0, 0.0, 2.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(acc[:, 2], [0.0, -2.0, -4.0], atol=5e-3)
     alone, free = hovering_flight(made), hovering_flight(nominal)
-    jax.tree.map(np.testing.assert_array_equal, alone, free)
+    assert_near(alone, free, rtol=0)
 
 
 @pytest.mark.parametrize("tau", [0.05, 0.2])
@@ -307,6 +318,9 @@ def test_attitude_lag_is_warmed_up_by_the_commands_before():
 TURN = jnp.asarray([[jnp.cos(0.3), jnp.sin(0.3)], [-jnp.sin(0.3), jnp.cos(0.3)]])
 """Roll and pitch, as a row, turned by 0.3 rad."""
 
+ON_COMMANDS = ("attitude_gain", "trim", "frame_misalignment", "yaw_misalignment")
+"""Effects that change the angles of a command."""
+
 
 @both
 @pytest.mark.parametrize(
@@ -329,7 +343,7 @@ TURN = jnp.asarray([[jnp.cos(0.3), jnp.sin(0.3)], [-jnp.sin(0.3), jnp.cos(0.3)]]
 def test_an_effect_on_the_command_flies_as_the_changed_command(name, effect, parameters, change):
     nominal = SIMULATORS[name]()
     cmds, state = random_cmds(1, STEPS, 2, yaw=0.3), hovering(nominal, positions(2))
-    made = attached(nominal, **{effect: parameters})
+    made = attached(nominal, **{e: {} for e in ON_COMMANDS} | {effect: parameters})
     flown = fly(made, hovering(made, positions(2)), cmds)
     # Rotors warmed up by a hover do not depend on the angles.
     expected = fly(nominal, state, change(cmds))
@@ -354,40 +368,43 @@ def test_thrust_lag_starts_with_standing_rotors_after_a_reset():
     np.testing.assert_allclose(thrust, done, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("effect", "values"),
-    [
-        ("drag", {"c": 1.0}),
-        ("quadratic_drag", {"k": 1.0}),
-        ("rotor_drag", {"axial": 1.0, "lateral": 0.5}),
-        ("translational_lift", {"k": 0.2}),
-        ("wind", {"x": 1.0}),
-        ("gust", {"x": 1.0, "onset": 0.0}),
-    ],
-)
-def test_a_payload_does_not_change_the_force_of_the_air(effect, values):
+AIR = {
+    "drag": {"c": 1.0},
+    "quadratic_drag": {"k": 1.0},
+    "rotor_drag": {"axial": 1.0, "lateral": 0.5},
+    "translational_lift": {"k": 0.2},
+    "wind": {"x": 1.0},
+    "gust": {"x": 1.0, "onset": 0.0},
+}
+"""Effects of the air, and values at which each acts."""
+
+
+@pytest.mark.parametrize("effect", AIR)
+def test_a_payload_does_not_change_the_force_of_the_air(effect):
     """The acceleration that the air adds falls as 1 / (1 + e) with the mass."""
     vel = jnp.asarray([[2.0, 0.5, 0.7]])
 
-    def pushed(**payload):
-        plain, airy = (
-            hovering_flight(attached(SIMULATORS["crazyflow"](), **effects, **payload), vel=vel)
-            for effects in ({}, {effect: values})
-        )
-        return np.asarray(airy.vel - plain.vel)[0, 0]
+    def flown(e, **effects):
+        effects = {name: {} for name in AIR} | effects | {"mass": {"e": e}}
+        return hovering_flight(attached(SIMULATORS["crazyflow"](), **effects), vel=vel).vel[0, 0]
 
-    np.testing.assert_allclose(pushed(mass={"e": 0.5}), pushed() / 1.5, rtol=0.1, atol=1e-5)
+    def pushed(e):
+        return np.asarray(flown(e, **{effect: AIR[effect]}) - flown(e))
+
+    np.testing.assert_allclose(pushed(0.5), pushed(0.0) / 1.5, rtol=0.1, atol=1e-5)
 
 
 def test_a_payload_does_not_change_the_force_of_a_downwash():
     pos = np.asarray([[0.0, 0.0, 1.0], [0.0, 0.0, 1.5]])
 
-    def pushed(**payload):
+    def pushed(e):
         plain, below = (
-            first_acceleration(attached(SIMULATORS["crazyflow"](), **effects, **payload), pos)
-            for effects in ({}, {"downwash": {"strength": 2.0, "width": 0.1}})
+            first_acceleration(
+                attached(SIMULATORS["crazyflow"](), downwash=downwash, mass={"e": e}), pos
+            )
+            for downwash in ({}, {"strength": 2.0, "width": 0.1})
         )
         return float((below - plain)[0, 2])
 
-    assert pushed() < -1.0
-    assert pushed(mass={"e": 0.5}) == pytest.approx(pushed() / 1.5, rel=1e-3)
+    assert pushed(0.0) < -1.0
+    assert pushed(0.5) == pytest.approx(pushed(0.0) / 1.5, rel=1e-3)

@@ -5,7 +5,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flying import HOVER, SIMULATORS, attached, fly, hold, hovering, positions, random_cmds, restore
+from flying import (
+    HOVER,
+    SIMULATORS,
+    assert_near,
+    attached,
+    fly,
+    hold,
+    hovering,
+    positions,
+    random_cmds,
+    restore,
+)
 
 N, STEPS, CUT = 3, 50, 25
 
@@ -23,7 +34,7 @@ def test_the_point_mass_continues_to_the_rounding(delay):
     """Its only hidden state is the delay's buffer, which the command history fills."""
     simulator = attached(SIMULATORS["point_mass"](), delay={"seconds": delay})
     whole, rest = continued(simulator, random_cmds(3, STEPS, N, yaw=0.3))
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-5), whole, rest)
+    assert_near(whole, rest, atol=1e-5)
 
 
 def test_crazyflow_continues_to_the_rounding_without_turning():

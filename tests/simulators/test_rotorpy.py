@@ -1,10 +1,12 @@
 """RotorPy as a simulator: it is the package's own vehicle, and keeps our contract."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flying import KEY, x64
+from flying import KEY, fly, hold, x64
 from rotorpy.vehicles.crazyfliebrushless_params import quad_params
 from rotorpy.vehicles.multirotor import Multirotor
 
@@ -48,15 +50,6 @@ def standing(pos=(0.0, 0.0, 0.0)):
     return Rotorpy().reset(jnp.asarray([pos]), KEY)
 
 
-def held(simulator, state, cmd, steps):
-    """The state after `cmd` was held for so many control steps."""
-
-    def step(state, _):
-        return simulator.step_cmd(state, jnp.asarray([cmd]), CONTROL_DT), None
-
-    return jax.jit(lambda s: jax.lax.scan(step, s, None, length=steps)[0])(state)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_derivative_is_the_packages_own(seed):
     body, still = random_body(seed), np.zeros(3)
@@ -96,10 +89,9 @@ def test_a_control_step_is_the_packages_own_integrator(seed):
     for _ in range(4):
         state = own.step(state, control, CONTROL_DT / 4)
     with jax.enable_x64(True):
-        cmd = jnp.asarray([[0.0, 0.0, 0.0, 0.45]])
-        found = Rotorpy().step_cmd(state_of(body), cmd, CONTROL_DT)
+        found = fly(Rotorpy(), state_of(body), hold([0.0, 0.0, 0.0, 0.45], 1))
     for name, key in (("pos", "x"), ("vel", "v"), ("quat", "q"), ("ang_vel", "w")):
-        np.testing.assert_allclose(getattr(found, name)[0], state[key], atol=2e-5, err_msg=name)
+        np.testing.assert_allclose(getattr(found, name)[0, 0], state[key], atol=2e-5, err_msg=name)
 
 
 def test_the_nominal_airframe_is_the_file():
@@ -115,10 +107,12 @@ def test_the_nominal_airframe_is_the_file():
 
 
 def test_drones_stand_on_the_floor_until_the_rotors_carry_them():
-    low = held(Rotorpy(), standing(), [0.0, 0.0, 0.0, 0.5 * HOVER], 50)
-    np.testing.assert_array_equal(np.asarray(low.pos), 0.0)
-    high = held(Rotorpy(), standing(), [0.0, 0.0, 0.0, 1.5 * HOVER], 50)
-    assert float(high.pos[0, 2]) > 0.5
+    low, high = (
+        fly(Rotorpy(), standing(), hold([0.0, 0.0, 0.0, share * HOVER], 50)).pos[-1]
+        for share in (0.5, 1.5)
+    )
+    np.testing.assert_array_equal(low, 0.0)
+    assert float(high[0, 2]) > 0.5
 
 
 def test_a_drone_that_slides_on_the_floor_is_level_and_slows():
@@ -155,16 +149,24 @@ def test_a_heavier_drone_sinks_and_slow_motors_follow_late():
         (None,),
     )
     heavy = with_effects(Rotorpy(), [Mass(e=0.1)])
-    fallen = held(heavy, start, hover, 5).vel[0, 2]
+    fallen = fly(heavy, start, hold(hover, 5)).vel[-1, 0, 2]
     damped = 4.0 * HOVER_SPEED * AIRFRAME["k_z"] / (1.1 * SPEC.mass)  # by the rotors' inflow [1/s]
     expected = -GRAVITY * (1.0 - 1.0 / 1.1) * (1.0 - np.exp(-0.1 * damped)) / damped
     np.testing.assert_allclose(fallen, expected, rtol=0.01)
     more = [0.0, 0.0, 0.0, 1.2 * HOVER]
-    slow = with_effects(Rotorpy(), [MotorLag(scale=3.0)])
-    normal = with_effects(Rotorpy(), [MotorLag(scale=1.0)])
-    assert float(held(slow, start, more, 3).vel[0, 2]) < float(
-        held(normal, start, more, 3).vel[0, 2]
+    slow, normal = (
+        fly(with_effects(Rotorpy(), [MotorLag(scale=s)]), start, hold(more, 3)).vel[-1, 0, 2]
+        for s in (3.0, 1.0)
     )
+    assert float(slow) < float(normal)
+
+
+@jax.jit
+@functools.partial(jax.value_and_grad, argnums=1)
+def far(start, cmds):
+    """A number that depends on where commands lead to, and its gradient in the commands."""
+    flight = fly(Rotorpy(), start, cmds)
+    return jnp.sum(flight.pos[-1] ** 2) + jnp.sum(flight.vel[-1])
 
 
 @pytest.mark.parametrize("steps", [2, 25])
@@ -174,30 +176,17 @@ def test_gradients_equal_finite_differences(steps):
         rng = np.random.default_rng(2)
         cmds = jnp.asarray(rng.normal(size=(steps, 1, 4)) * [0.2, 0.2, 0.1, 0.02])
         cmds = cmds + jnp.asarray([0.0, 0.0, 0.0, HOVER])
-
-        @jax.jit
-        def far(cmds):
-            def step(state, cmd):
-                return Rotorpy().step_cmd(state, cmd, CONTROL_DT), None
-
-            last = jax.lax.scan(step, start, cmds)[0]
-            return jnp.sum(last.pos**2) + jnp.sum(last.vel)
-
-        slope = np.asarray(jax.grad(far)(cmds))
+        slope = np.asarray(far(start, cmds)[1])
         assert np.isfinite(slope).all()
         for place in [(0, 0, 0), (0, 0, 1), (0, 0, 3), (steps - 1, 0, 3)]:
             h = np.zeros(cmds.shape)
             h[place] = 1e-6
-            rough = (far(cmds + h) - far(cmds - h)) / 2e-6
+            rough = (far(start, cmds + h)[0] - far(start, cmds - h)[0]) / 2e-6
             np.testing.assert_allclose(slope[place], rough, rtol=1e-5, atol=1e-9)
 
 
 def test_no_thrust_at_all_has_a_finite_gradient():
     """The root of a rotor's squared speed has no finite slope at zero."""
-    start = standing((0.0, 0.0, 1.0))
-
-    def height(thrust):
-        cmd = jnp.zeros((1, 4)).at[:, 3].set(thrust)
-        return Rotorpy().step_cmd(start, cmd, CONTROL_DT).pos[0, 2]
-
-    assert np.isfinite(jax.jit(jax.grad(height))(0.0))
+    with x64():
+        _, slope = far(standing((0.0, 0.0, 3.0)), hold([0.0, 0.0, 0.0, 0.0], 25))
+        assert np.isfinite(slope).all()

@@ -10,6 +10,7 @@ from flying import (
     KEY,
     SIMULATORS,
     SPEC,
+    assert_near,
     fly,
     fly_from_rest,
     hold,
@@ -28,10 +29,6 @@ ROUNDING = {"rtol": 1e-4, "atol": 2e-5}
 
 def nominal_flight(name, seed=0):
     return fly_from_rest(SIMULATORS[name](), positions(N), random_cmds(seed, STEPS, N))
-
-
-def assert_same(a, b, **tolerance):
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, **tolerance), a, b)
 
 
 @pytest.mark.parametrize("n_drones", [1, 2, 5])
@@ -66,7 +63,7 @@ def test_a_step_keeps_the_structure_and_types_of_the_state(name):
 def test_reset_puts_the_team_at_rest_and_level(name):
     simulator = SIMULATORS[name]()
     flight = simulator.flight(simulator.reset(positions(N), KEY))
-    assert_same(flight.pos, positions(N))
+    assert_near(flight.pos, positions(N))
     assert float(flight.t) == 0.0
     for rest in (flight.vel, flight.ang_vel, flight.thrust, flight.quat[:, :3]):
         assert not rest.any()
@@ -80,7 +77,7 @@ def test_jit_equals_eager(name):
     jitted = fly(simulator, state, cmds)
     for k in range(2):
         state = simulator.step_cmd(state, cmds[k], 0.02)
-    assert_same(jax.tree.map(lambda x: x[-1], jitted), simulator.flight(state), **ROUNDING)
+    assert_near(jax.tree.map(lambda x: x[-1], jitted), simulator.flight(state), **ROUNDING)
 
 
 def test_vmap_over_worlds_equals_a_loop_of_single_worlds(name):
@@ -90,11 +87,11 @@ def test_vmap_over_worlds_equals_a_loop_of_single_worlds(name):
     batched = eqx.filter_jit(jax.vmap(lambda c: fly(simulator, state, c)))(cmds)
     for seed in range(3):
         world = jax.tree.map(lambda x, seed=seed: x[seed], batched)
-        assert_same(world, nominal_flight(name, seed), **ROUNDING)
+        assert_near(world, nominal_flight(name, seed), **ROUNDING)
 
 
 def test_the_same_key_gives_the_same_flight(name):
-    assert_same(nominal_flight(name), nominal_flight(name), rtol=0)
+    assert_near(nominal_flight(name), nominal_flight(name), rtol=0)
 
 
 def test_renumbering_the_drones_renumbers_the_flight(name):
@@ -123,7 +120,7 @@ def test_a_step_is_the_command_of_its_action_held_for_20_ms(name):
         [0.5 * action[:, 0], 0.5 * action[:, 1], jnp.zeros(N), 0.4 * action[:, 2] + 0.4]
     )
     held = fly(simulator, state, cmd.T[None])
-    assert_same(simulator.flight(stepped), jax.tree.map(lambda x: x[0], held), **ROUNDING)
+    assert_near(simulator.flight(stepped), jax.tree.map(lambda x: x[0], held), **ROUNDING)
 
 
 def test_time_counts_what_was_flown(name):

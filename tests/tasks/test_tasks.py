@@ -53,7 +53,7 @@ def assert_close(a, b):
 @pytest.mark.parametrize("observe_attitude", [False, True])
 def test_every_quantity_has_one_row_per_drone(name, n_drones, observe_attitude):
     task = TASKS[name](n_drones=n_drones, observe_attitude=observe_attitude)
-    state = random_state(task)
+    state = eqx.filter_eval_shape(random_state, task)
     shape = lambda fn: jax.tree.map(lambda x: x.shape, jax.eval_shape(fn, state))  # noqa: E731
     assert shape(task.observe) == (n_drones, task.obs_size)
     target = shape(lambda s: jax.tree.map(jnp.asarray, vars(task.target(s))))
