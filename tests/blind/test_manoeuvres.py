@@ -69,18 +69,23 @@ def test_speeds_heights_and_turns_are_as_advised():
     assert np.abs(swing).max() == pytest.approx(0.5, abs=0.1)
 
 
-def test_fast_lines_tell_mass_from_thrust_where_hover_does_not():
-    others = set(registry.load_all("effect")) - {"mass", "thrust_gain"}
-    found = Range(exclude=others).margins("mass", "thrust_gain")
+@pytest.fixture(scope="module")
+def few():
+    """A range with the effects of these tests alone."""
+    tried = {"mass", "thrust_gain", "drag", "rotor_drag"}
+    return Range(exclude=set(registry.names("effect")) - tried)
+
+
+def test_fast_lines_tell_mass_from_thrust_where_hover_does_not(few):
+    found = few.margins("mass", "thrust_gain")
     assert found.bland < Decision().decidable_chi2 < found.advised
     assert found.separated
     assert found.seconds == 10.0
 
 
 @pytest.mark.parametrize(("truth", "rival"), [("rotor_drag", "drag"), ("drag", "rotor_drag")])
-def test_tumbling_tells_drag_of_the_rotors_from_drag_of_the_body(truth, rival):
-    others = set(registry.load_all("effect")) - {truth, rival}
-    found = Range(exclude=others).margins(truth, rival)
+def test_tumbling_tells_drag_of_the_rotors_from_drag_of_the_body(few, truth, rival):
+    found = few.margins(truth, rival)
     assert found.bland < Decision().decidable_chi2 < found.advised
     assert found.separated
 

@@ -24,6 +24,8 @@ from simulators.vehicle import CONTROL_DT, GRAVITY
 
 SIGMA = np.repeat([1e-3, 1e-2, 3e-3], 3)
 """Noise of the flights: m, m/s, rad."""
+COMMON = ("wind", "mass", "drag", "trim", "voltage_sag")
+"""Candidates of tests that are not about which of all is named: they share one program."""
 
 
 def fly(simulator, n_flights=6, seconds=6.0, seed=0, noise=1.0, rotors_of=None, rows=1):
@@ -121,17 +123,43 @@ def flight_set(flights, mass=0.0434, drone="cf21B_500"):
     return FlightSet(Path("flown"), VehicleFile("test", drone, mass), tuple(flights), ())
 
 
+def some_rows(log, rows):
+    """A drone's log with some of its rows: a slice or indices."""
+    columns = {f.name: getattr(log, f.name) for f in dataclasses.fields(log)}
+    kept = {name: values[rows] for name, values in columns.items() if values is not None}
+    return dataclasses.replace(log, **kept)
+
+
+def thinned(flight, rows):
+    """The flight of one drone with some of its rows."""
+    (drone,) = flight.drones
+    return dataclasses.replace(flight, drones=(some_rows(drone, rows),))
+
+
+def sizes(simulator):
+    """Attached effects with their parameters."""
+    return {
+        type(effect).__name__: {p: float(getattr(effect, p)) for p in effect.parameters}
+        for effect in simulator.effects
+    }
+
+
+def all_but(*names):
+    """What to exclude so that these effects, and those that look like them, are candidates."""
+    return [n for n in registry.names("effect") if not with_aliases([n]) & {*names}]
+
+
 def few_or_all(*names, others=()):
     """Cases of what to exclude: all effects but these and those that look like them, or `others`.
 
-    A program with all candidates takes half a minute to compile, and is another one for each
-    airframe, simulator and number of drones; cases with all are therefore exhaustive.
+    Without names, all but `COMMON`. A program with all candidates takes half a minute to compile,
+    and is another one for each airframe, simulator and number of drones; cases with all are
+    therefore exhaustive.
     """
-    rest = [n for n in registry.names("effect") if not with_aliases([n]) & {*names}]
     return pytest.mark.parametrize(
         "exclude",
         [
-            pytest.param(rest, id="few candidates"),
+            pytest.param(all_but(*(names or COMMON)), id="few candidates"),
             pytest.param(others, id="all candidates", marks=pytest.mark.exhaustive),
         ],
     )
@@ -143,6 +171,10 @@ def point_mass_replay():
     return make_replay(make_library(PointMass(dt=0.005)), 0.005)
 
 
-def point_mass_set(*effects, dt=0.005, **settings):
-    """Flights of a point mass with effects, at the step in which it is replayed."""
-    return flight_set(fly(with_effects(PointMass(dt=dt), effects), **settings))
+def point_mass_set(*effects, dt=0.005, n_flights=4, seconds=9.0, **settings):
+    """Flights of a point mass with effects, at the step in which it is replayed.
+
+    Each is one segment, and a replay flies four of 10 s at once, however short they are.
+    """
+    simulator = with_effects(PointMass(dt=dt), effects)
+    return flight_set(fly(simulator, n_flights, seconds, **settings))

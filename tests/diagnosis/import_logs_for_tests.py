@@ -1,14 +1,28 @@
 """A flight in closed form for the tests of imports: a circle, 250 rows a second."""
 
 from log_tables import table
+from log_writers import write_bag, write_cflib, write_dataflash, write_ulog, write_usd
 
-from diagnosis.importing.reader import Request, Stream
+from diagnosis.importing.reader import Stream
 from diagnosis.logs.columns import GROUPS
 from diagnosis.logs.flights import DroneLog
 
 VEHICLE = 'name = "x"\ndrone = "cf2x_L250"\nmass = 0.032\n'
 WEIGHT = 0.032 * 9.81
-REQUEST = Request(mass=0.032, thrust_max=0.48)
+FLOWN = 'name = "x"\ndrone = "cf21B_500"\nmass = 0.0434\n'
+"""The vehicle of `flights_for_tests`."""
+FORMATS = {
+    "ulog": lambda folder, log, weight, _: write_ulog(folder / "a.ulg", log, weight),
+    "ardupilot": lambda folder, log, weight, _: write_dataflash(folder / "a.bin", log, weight),
+    "ros1": lambda folder, log, weight, _: write_bag(folder / "a.bag", log, 2.0 * weight, "ros1"),
+    "ros2": lambda folder, log, weight, _: write_bag(folder / "a", log, 2.0 * weight, "ros2"),
+    "mcap": lambda folder, log, weight, _: write_bag(folder / "a", log, 2.0 * weight, "mcap"),
+    "usd": lambda folder, log, _, most: write_usd(folder / "log00", log, most),
+    "usd version 1": lambda folder, log, _, most: write_usd(folder / "l", log, most, version=1),
+    "cflib": lambda folder, log, _, most: write_cflib(folder / "session", log, most),
+}
+"""What writes a log as each format has it: for a weight and a largest thrust [N]. A bag's thrust of
+1 is twice the weight: `log_writers.HOVER` is a half."""
 
 
 def circle(seconds=3.0, freq=250.0):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+from hypothesis import HealthCheck, settings
 
 from diagnosis.logs.columns import GROUPS
 from diagnosis.logs.flights import load_flights
@@ -9,6 +10,12 @@ from simulators.vehicle import GRAVITY
 
 MASS = 0.032
 """Mass in vehicle.toml [kg]."""
+
+
+def examples(n):
+    """Settings of a test that makes a folder for each of `n` examples."""
+    shared = [HealthCheck.function_scoped_fixture]
+    return settings(max_examples=n, deadline=None, suppress_health_check=shared)
 
 
 def table(rows=400, freq=100.0, amplitude=0.5, yaw=0.0):

@@ -3,17 +3,15 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from log_tables import changed, folder, put, save, scaled, table, why_left_out
+from log_tables import changed, examples, folder, put, save, scaled, table, why_left_out
 
 from diagnosis.logs.columns import GROUPS, KNOWN
 from diagnosis.logs.flights import load_flights
 from simulators.vehicle import GRAVITY
 
-MANY = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+MANY = examples(10)
 
 
 @MANY

@@ -1,55 +1,15 @@
-"""The simulator that a diagnosis makes, beside one that has the effects by construction."""
+"""The simulator that a diagnosis makes; `test_diagnose.py` flies one beside the truth."""
 
 import dataclasses
-import json
 
 import diagnoses_for_tests as made
-import jax
-import jax.numpy as jnp
-import numpy as np
 import pytest
-from flights_for_tests import point_mass_set
+from flights_for_tests import sizes
 
 import diagnosis
 from diagnosis.result_parts import SharedParameter
-from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects.mass import Mass
-from simulators.effects.wind import Wind
-from simulators.point_mass import PointMass
-
-HOVER = jnp.asarray([[0.0, 0.0, 0.0, 0.44]])
-
-
-def flown(simulator, steps=50):
-    """Position after one second at a constant command."""
-    state = simulator.reset(jnp.asarray([[0.0, 0.0, 1.0]]), jax.random.key(0))
-    for _ in range(steps):
-        state = simulator.step_cmd(state, HOVER, 0.02)
-    return np.asarray(simulator.flight(state).pos)
-
-
-def sizes(simulator):
-    """Attached effects with their parameters."""
-    return {
-        type(effect).__name__: {p: float(getattr(effect, p)) for p in effect.parameters}
-        for effect in simulator.effects
-    }
-
-
-@pytest.fixture(scope="module")
-def windy():
-    return diagnosis.diagnose(point_mass_set(Wind(x=0.5), n_flights=6), simulator="point_mass")
-
-
-def test_a_diagnosed_wind_blows_in_the_corrected_simulator(windy, tmp_path):
-    path = tmp_path / "diagnosis.json"
-    path.write_text(json.dumps(windy.to_json()))
-    simulator = diagnosis.corrected(path)
-    truth = with_effects(PointMass(dt=simulator.dt), [Wind(x=0.5)])
-    off = np.abs(flown(simulator) - flown(truth)).max()
-    assert off < 0.05 * np.abs(flown(PointMass(dt=simulator.dt)) - flown(truth)).max()
-    assert sizes(diagnosis.corrected(str(path))) == sizes(diagnosis.corrected(windy))
 
 
 def effect():

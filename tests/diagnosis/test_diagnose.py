@@ -4,17 +4,29 @@ import dataclasses
 import json
 from pathlib import Path
 
+import flying
+import jax.numpy as jnp
 import jsonschema
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, few_or_all, flight_set, fly, point_mass_replay, point_mass_set
+from flights_for_tests import (
+    SIGMA,
+    few_or_all,
+    flight_set,
+    fly,
+    point_mass_set,
+    sizes,
+    thinned,
+)
 
-from diagnosis.decide.prepared import make_likelihood
+import diagnosis
+from diagnosis.decide.prepared import Question, make_likelihood, prepare
 from diagnosis.decision import Decision
 from diagnosis.engine import diagnose, stated
 from diagnosis.fit import gap, shrinkage
 from diagnosis.interface.fault import InterfaceFault
 from diagnosis.logs.flights import LeftOut, LogError
+from diagnosis.recorded import flights_used
 from diagnosis.result import Diagnosis
 from diagnosis.result_parts import NotUsed
 from diagnosis.statements import judged_of
@@ -25,6 +37,7 @@ from simulators.effects.gust import Gust
 from simulators.effects.mass import Mass
 from simulators.effects.motor_lag import MotorLag
 from simulators.effects.wind import Wind
+from simulators.point_mass import PointMass
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "diagnosis.schema.json"
 
@@ -32,7 +45,7 @@ PUBLISHED = Path(__file__).parents[2] / "docs" / "diagnosis.schema.json"
 @pytest.fixture(scope="module")
 def windy():
     stages = []
-    flights = point_mass_set(Wind(x=0.5), n_flights=6)
+    flights = point_mass_set(Wind(x=0.5))
     found = diagnose(flights, simulator="point_mass", progress=lambda s, x: stages.append((s, x)))
     return found, stages
 
@@ -48,7 +61,7 @@ def test_the_json_is_of_the_published_schema_and_reads_back(windy, tmp_path):
 def test_inputs_settings_and_program_are_recorded(windy):
     found, _ = windy
     digests = {flight.digest for flight in found.flights.used}
-    assert len(digests) == len(found.flights.used) == 6
+    assert len(digests) == len(found.flights.used) == 4
     assert all(len(digest) == 64 for digest in (*digests, found.program.digest))
     assert found.settings.simulator == "point_mass"
     assert found.settings.decision == Decision().values()
@@ -62,6 +75,7 @@ def test_the_effect_is_named_with_its_value(windy):
     assert x.value == pytest.approx(0.5, abs=0.02)
     assert (x.unit, x.use, x.at_bound) == ("m/s^2", "measured", "no")
     assert windy[0].verdict == "effect"
+    assert windy[0].support == ()  # the simulator follows, so that no flight is left out in turn
     assert 0.9 < windy[0].probability <= effect.probability
 
 
@@ -84,22 +98,41 @@ def test_the_gap_shrinks_to_the_noise(windy):
     assert shrink.low < shrink.percent < shrink.high
 
 
+def flown(simulator):
+    """Position after one second at a constant command."""
+    cmds = flying.hold([0.0, 0.0, 0.0, 0.44], 50)
+    return np.asarray(flying.fly_from_rest(simulator, jnp.asarray([[0.0, 0.0, 1.0]]), cmds).pos[-1])
+
+
+def test_a_diagnosed_wind_blows_in_the_corrected_simulator(windy, tmp_path):
+    found, path = windy[0], tmp_path / "diagnosis.json"
+    path.write_text(json.dumps(found.to_json()))
+    simulator = diagnosis.corrected(path)
+    truth = with_effects(PointMass(dt=simulator.dt), [Wind(x=0.5)])
+    off = np.abs(flown(simulator) - flown(truth)).max()
+    assert off < 0.05 * np.abs(flown(PointMass(dt=simulator.dt)) - flown(truth)).max()
+    assert sizes(diagnosis.corrected(str(path))) == sizes(diagnosis.corrected(found))
+
+
 def test_progress_moves_forward_to_the_end(windy):
     shares = [share for _, share in windy[1]]
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
 
-def test_two_flights_are_diagnosed_but_their_shrinkage_is_not_stated():
-    content = diagnose(point_mass_set(Wind(x=0.5), n_flights=2), simulator="point_mass")
+@few_or_all()
+def test_two_flights_are_diagnosed_but_their_shrinkage_is_not_stated(exclude):
+    flights = point_mass_set(Wind(x=0.5), n_flights=2)
+    content = diagnose(flights, simulator="point_mass", exclude=exclude)
     assert content.verdict == "effect"
     assert content.shrink.percent is None
     assert "at least 3" in content.shrink.reason
 
 
-def test_with_many_flights_a_third_is_never_fitted():
+@few_or_all()
+def test_with_many_flights_a_third_is_never_fitted(exclude):
     flights = point_mass_set(Wind(x=0.5), n_flights=12, seconds=3.0)
-    content = diagnose(flights, simulator="point_mass")
+    content = diagnose(flights, simulator="point_mass", exclude=exclude)
     held = set(content.flights.held_out)
     fit = {flight.name for flight in content.flights.used if flight.use == "fit"}
     assert not fit & held
@@ -132,57 +165,66 @@ def test_flights_of_different_team_sizes_are_diagnosed_together(exclude):
         assert len(line.t) == len(line.before) == len(line.after) > 5
 
 
-def test_of_a_single_flight_nothing_is_called_held_out():
-    content = diagnose(point_mass_set(Wind(x=0.5), n_flights=1), simulator="point_mass")
+@few_or_all()
+def test_of_a_single_flight_nothing_is_called_held_out(exclude):
+    flights = point_mass_set(Wind(x=0.5), n_flights=1)
+    content = diagnose(flights, simulator="point_mass", exclude=exclude)
     assert content.flights.held_out == []
     assert content.details.before_after == ()
     assert {line.evidence for line in content.candidates} == {None}
 
 
-def test_a_gust_has_an_onset_in_its_channel():
-    replay = point_mass_replay()
-    flights = point_mass_set(Gust(y=1.0, onset=3.1), n_flights=4).flights
-    likelihood = make_likelihood(replay, flights, SIGMA)
-    where = gap.where(likelihood.tracks(replay.library.neutral), SIGMA)
+def tracks_of(replay, flights):
+    """The flights as they were measured and as the simulator alone predicts them."""
+    return make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
+
+
+@pytest.fixture(scope="module")
+def gusty(replay):
+    """Tracks of flights in which a gust sets in."""
+    return tracks_of(replay, point_mass_set(Gust(y=1.0, onset=3.1)).flights)
+
+
+@pytest.fixture(scope="module")
+def heavy(replay):
+    """Tracks of flights of a heavier vehicle."""
+    return tracks_of(replay, point_mass_set(Mass(e=0.2)).flights)
+
+
+def test_a_gust_has_an_onset_in_its_channel(gusty):
+    where = gap.where(gusty, SIGMA)
     found = {line.channel: line.onset_s for line in where}
     assert found["specific force y"] == pytest.approx(3.1, abs=0.5)
     assert found["specific force x"] is None
 
 
-def test_a_gap_that_is_there_from_the_start_sets_in_nowhere():
+def test_a_gap_that_is_there_from_the_start_sets_in_nowhere(gusty):
     """Large in the first flight seconds and then small, as of a loop that swings in."""
-    replay = point_mass_replay()
-    flights = point_mass_set(Gust(y=1.0, onset=3.1), n_flights=4).flights
-    tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
-    (side,) = (c for c in gap.channels(tracks, SIGMA) if c.name == "specific force y")
-    turned = dataclasses.replace(tracks, t=tracks.t.max() - tracks.t)
-    assert gap.onset(side, tracks) == pytest.approx(3.1, abs=0.5)
+    (side,) = (c for c in gap.channels(gusty, SIGMA) if c.name == "specific force y")
+    turned = dataclasses.replace(gusty, t=gusty.t.max() - gusty.t)
+    assert gap.onset(side, gusty) == pytest.approx(3.1, abs=0.5)
     assert gap.onset(side, turned) is None
 
 
-def test_a_gap_that_grows_with_thrust_shows_in_that_regime():
-    replay = point_mass_replay()
-    flights = point_mass_set(Mass(e=0.2), n_flights=4).flights
-    tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
-    (line,) = [x for x in gap.where(tracks, SIGMA) if x.channel == "specific force z"]
+def test_a_gap_that_grows_with_thrust_shows_in_that_regime(heavy):
+    (line,) = [x for x in gap.where(heavy, SIGMA) if x.channel == "specific force z"]
     (thrust,) = [r for r in line.regimes if r.variable == "thrust"]
     assert thrust.gap[-1] > 1.05 * thrust.gap[0]
     assert np.all(np.diff(thrust.edges) > 0)
 
 
-def test_a_gap_in_one_half_of_the_voltages_shows_in_that_regime():
+def test_a_gap_in_one_half_of_the_voltages_shows_in_that_regime(replay):
     """Flights of which two logged their battery, one of them with a gap."""
-    replay = point_mass_replay()
     heavy, plain = (point_mass_set(Mass(e=e), n_flights=2).flights for e in (0.2, 0.0))
     flights = [with_battery(heavy[0], 3.6), with_battery(plain[0], 4.1), plain[1]]
-    tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
-    (line,) = [x for x in gap.where(tracks, SIGMA) if x.channel == "specific force z"]
+    (line,) = [
+        x for x in gap.where(tracks_of(replay, flights), SIGMA) if x.channel == "specific force z"
+    ]
     (battery,) = [r for r in line.regimes if r.variable == "battery"]
     assert battery.unit == "V"
     assert (battery.edges[0], battery.edges[-1]) == pytest.approx((3.5, 4.1), abs=0.02)
     assert battery.gap[0] > 4.0 * battery.gap[-1]
-    alone = make_likelihood(replay, plain, SIGMA).tracks(replay.library.neutral)
-    assert "battery" not in gap.regimes(alone)
+    assert "battery" not in gap.regimes(tracks_of(replay, plain))
 
 
 def with_battery(flight, full):
@@ -192,44 +234,34 @@ def with_battery(flight, full):
     return dataclasses.replace(flight, drones=(dataclasses.replace(drone, battery=battery),))
 
 
-def test_the_gap_in_time_is_that_of_all_windows_which_start_then():
-    replay = point_mass_replay()
-    flights = point_mass_set(Mass(e=0.2), n_flights=3).flights
-    tracks = make_likelihood(replay, flights, SIGMA).tracks(replay.library.neutral)
-    for line, channel in zip(gap.in_time(tracks, SIGMA), gap.channels(tracks, SIGMA), strict=True):
+def test_the_gap_in_time_is_that_of_all_windows_which_start_then(heavy):
+    for line, channel in zip(gap.in_time(heavy, SIGMA), gap.channels(heavy, SIGMA), strict=True):
         for t, rms, low, high in zip(line.t, line.gap, line.low, line.high, strict=True):
-            then = np.abs(channel.value[(tracks.t == t) & np.isfinite(channel.value)])
+            then = np.abs(channel.value[(heavy.t == t) & np.isfinite(channel.value)])
             assert rms == pytest.approx(np.sqrt(np.mean(then**2)))
             assert (low, high) == (then.min(), then.max())
 
 
-def thinned(flight, every):
-    """The flight with one row of `every`."""
-    (drone,) = flight.drones
-    rows = {
-        f.name: getattr(drone, f.name)[::every]
-        for f in dataclasses.fields(drone)
-        if getattr(drone, f.name) is not None
-    }
-    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, **rows),))
+SPARSE = slice(None, None, 8)
+"""One row of eight: no window holds enough of them."""
 
 
 def test_a_flight_with_nothing_to_compare_is_left_out_by_name():
     good = point_mass_set(Wind(x=0.5), n_flights=4)
-    mixed = dataclasses.replace(good, flights=(*good.flights[:3], thinned(good.flights[3], 8)))
-    content = diagnose(mixed, simulator="point_mass")
-    assert len(content.flights.used) == 3
-    (left_out,) = content.flights.left_out
+    mixed = dataclasses.replace(good, flights=(*good.flights[:3], thinned(good.flights[3], SPARSE)))
+    inputs = prepare(Question(mixed, "point_mass")).inputs
+    content = flights_used(mixed, inputs, lambda i: "fit")
+    assert len(content.used) == 3
+    (left_out,) = content.left_out
     assert left_out.name == "flight_3"
     assert (
         "flights/flight_3: in the air no 0.5 s without unknown commands hold 5 rows"
         in left_out.reason
     )
-    assert [effect.name for effect in content.effects] == ["wind"]
 
 
 def test_flights_without_anything_to_compare_are_refused_with_a_line_each():
-    flights = tuple(thinned(f, 8) for f in point_mass_set(n_flights=2).flights)
+    flights = tuple(thinned(f, SPARSE) for f in point_mass_set(n_flights=2).flights)
     with pytest.raises(LogError, match=r"flight_0.*\n.*flight_1"):
         diagnose(flight_set(flights), simulator="point_mass")
 

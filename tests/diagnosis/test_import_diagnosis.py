@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, point_mass_set
+from flights_for_tests import SIGMA, few_or_all, point_mass_set
+from import_logs_for_tests import FLOWN
 from log_writers import write_ulog
 
 from diagnosis.engine import diagnose
@@ -15,7 +16,6 @@ from diagnosis.logs.segments import cut
 from simulators.effects.mass import Mass
 from simulators.vehicle import GRAVITY
 
-VEHICLE = 'name = "x"\ndrone = "cf21B_500"\nmass = 0.0434\n'
 EVERY = {"pos": 1, "quat": 1, "cmd": 1}
 SLOW = {"pos": 5, "quat": 1, "cmd": 1}
 """Position at 10 Hz, attitude and commands at 50 Hz."""
@@ -29,18 +29,25 @@ def heavy():
 
 def through_ulog(flights, folder, rates):
     """The flights, written to ULog files and imported."""
-    folder.mkdir()
     logs = [
         write_ulog(folder / f"{flight.name}.ulg", flight.drones[0], 0.0434 * GRAVITY, rates)
         for flight in flights.flights
     ]
-    import_logs(logs, folder / "out", VEHICLE)
+    import_logs(logs, folder / "out", FLOWN)
     return load_flights(folder / "out")
 
 
-def test_the_diagnosis_is_the_same(heavy, tmp_path):
-    direct = diagnose(heavy, simulator="point_mass")
-    read = diagnose(through_ulog(heavy, tmp_path / "a", EVERY), simulator="point_mass")
+@pytest.fixture(scope="module")
+def slow(heavy, tmp_path_factory):
+    """The same flights, out of logs with slow positions."""
+    return through_ulog(heavy, tmp_path_factory.mktemp("slow"), SLOW)
+
+
+@few_or_all()
+def test_the_diagnosis_is_the_same(heavy, tmp_path, exclude):
+    asked = {"simulator": "point_mass", "exclude": exclude}
+    direct = diagnose(heavy, **asked)
+    read = diagnose(through_ulog(heavy, tmp_path, EVERY), **asked)
     assert direct.verdict == read.verdict == "effect"
     assert [e.name for e in direct.blamed] == [e.name for e in read.blamed] == ["mass"]
     for name in ("value", "low", "high"):
@@ -49,28 +56,27 @@ def test_the_diagnosis_is_the_same(heavy, tmp_path):
     assert read.probability == pytest.approx(direct.probability, abs=0.01)
 
 
-def test_slow_positions_are_diagnosed_with_a_wider_interval(heavy, tmp_path):
-    read = diagnose(through_ulog(heavy, tmp_path / "a", SLOW), simulator="point_mass")
+@few_or_all()
+def test_slow_positions_are_diagnosed_with_a_wider_interval(slow, exclude):
+    read = diagnose(slow, simulator="point_mass", exclude=exclude)
     assert "mass" in [effect.name for effect in read.blamed]
     e = next(effect for effect in read.blamed if effect.name == "mass").parameter("e")
     assert e.low < 0.1 < e.high
     assert 0.001 < e.high - e.low < 0.05
 
 
-def test_rows_between_positions_are_compared_with_nothing(heavy, tmp_path):
-    flights = through_ulog(heavy, tmp_path / "a", SLOW).flights
-    (every,), (slow,) = cut(heavy.flights, 0.02), cut(flights, 0.02)
-    assert slow.valid.sum() == pytest.approx(every.valid.sum() / 5, rel=0.05)
+def test_rows_between_positions_are_compared_with_nothing(heavy, slow):
+    (every,), (some,) = cut(heavy.flights, 0.02), cut(slow.flights, 0.02)
+    assert some.valid.sum() == pytest.approx(every.valid.sum() / 5, rel=0.05)
 
 
-def test_noise_is_not_smoothed_away_by_interpolation(heavy, tmp_path):
+def test_noise_is_not_smoothed_away_by_interpolation(slow):
     """Rows between positions lie on a smooth curve; taken as measured they would show no noise."""
-    read = through_ulog(heavy, tmp_path / "a", SLOW)
-    got = estimate_noise(read.flights)
+    got = estimate_noise(slow.flights)
     assert (got[:6] > 0.9 * SIGMA[:6]).all()
     np.testing.assert_allclose(got[6:], SIGMA[6:], rtol=0.2)
     blind = [
         dataclasses.replace(f, drones=(dataclasses.replace(f.drones[0], interpolated=None),))
-        for f in read.flights
+        for f in slow.flights
     ]
     assert (estimate_noise(blind)[:6] < 0.3 * SIGMA[:6]).all()

@@ -1,18 +1,13 @@
 """A simulated flight written in every format and read back has the same columns."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
 from flights_for_tests import fly
-from log_writers import (
-    RATES,
-    write_bag,
-    write_cflib,
-    write_dataflash,
-    write_ulog,
-    write_usd,
-)
+from import_logs_for_tests import FLOWN, FORMATS
+from log_writers import RATES, write_bag
 from scipy.spatial.transform import Rotation
 
 from diagnosis.importing.convert import import_logs
@@ -20,11 +15,10 @@ from diagnosis.importing.crazyflie import Variable, crazyflie_streams, unpacked
 from diagnosis.importing.reader import Request
 from diagnosis.importing.report import import_report
 from diagnosis.logs.flights import load_flights
-from simulators.crazyflow import Crazyflow
+from simulators.point_mass import PointMass
 from simulators.vehicle import GRAVITY, VEHICLES
 
 SPEC = VEHICLES["cf21B_500"]
-VEHICLE = 'name = "x"\ndrone = "cf21B_500"\nmass = 0.0434\n'
 HOVER_THRUST = 0.0434 * GRAVITY
 FULL = 2.0 * HOVER_THRUST
 """What a bag's thrust of 1 means [N]: `log_writers.HOVER` is a half."""
@@ -32,8 +26,8 @@ FULL = 2.0 * HOVER_THRUST
 
 @pytest.fixture(scope="module")
 def log():
-    """One flight in crazyflow, 250 rows a second, a new command every fifth row; turned in yaw."""
-    (flight,) = fly(Crazyflow(), n_flights=1, seconds=3.0, noise=0.0, rows=5)
+    """One flight, 250 rows a second, a new command every fifth row; turned in yaw."""
+    (flight,) = fly(PointMass(dt=0.004), n_flights=1, seconds=3.0, noise=0.0, rows=5)
     (drone,) = flight.drones
     turn = Rotation.from_euler("z", 0.8)
     return dataclasses.replace(
@@ -45,37 +39,31 @@ def log():
     )
 
 
-FORMATS = {
-    "ulog": lambda folder, log: write_ulog(folder / "a.ulg", log, HOVER_THRUST),
-    "ardupilot": lambda folder, log: write_dataflash(folder / "a.bin", log, HOVER_THRUST),
-    "ros1": lambda folder, log: write_bag(folder / "a.bag", log, FULL, "ros1"),
-    "ros2": lambda folder, log: write_bag(folder / "a", log, FULL, "ros2"),
-    "mcap": lambda folder, log: write_bag(folder / "a", log, FULL, "mcap"),
-    "usd": lambda folder, log: write_usd(folder / "log00", log, SPEC.thrust_max),
-    "usd version 1": lambda folder, log: write_usd(folder / "l", log, SPEC.thrust_max, version=1),
-    "cflib": lambda folder, log: write_cflib(folder / "session", log, SPEC.thrust_max),
-}
+@pytest.fixture(scope="module")
+def written(log, tmp_path_factory):
+    """What writes the log in a format, once; skips where its package is missing."""
 
+    @functools.cache
+    def write(kind):
+        if kind == "ardupilot":
+            pytest.importorskip("pymavlink", reason="pymavlink is not installed")
+        return FORMATS[kind](tmp_path_factory.mktemp("log"), log, HOVER_THRUST, SPEC.thrust_max)
 
-def written(folder, log, kind):
-    """The source in a format; skips where its package is missing."""
-    if kind == "ardupilot":
-        pytest.importorskip("pymavlink", reason="pymavlink is not installed")
-    return FORMATS[kind](folder, log)
+    return write
 
 
 def imported(source, folder, **options):
     """The drones of the one flight that a source holds, and the report."""
     full = FULL if source.suffix in (".bag", ".mcap") or source.is_dir() else None
     full = SPEC.thrust_max if source.name == "session" else full
-    found = import_logs([source], folder, VEHICLE, **{"full_thrust": full, **options})
+    found = import_logs([source], folder, FLOWN, **{"full_thrust": full, **options})
     (flight,) = load_flights(folder).flights
     return flight.drones, found
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-def test_columns_are_the_same_to_resolution(log, tmp_path, kind):
-    ((drone,), found) = imported(written(tmp_path, log, kind), tmp_path / "out")
+def test_columns_are_the_same_to_resolution(log, written, tmp_path, kind):
+    ((drone,), found) = imported(written(kind), tmp_path / "out")
     at = np.searchsorted(log.t, drone.t - 1e-6)
     np.testing.assert_allclose(drone.t, log.t[at], atol=1e-9)  # counted from the first message
     assert len(at) >= len(log.t) // max(RATES.values())
@@ -92,8 +80,8 @@ def test_columns_are_the_same_to_resolution(log, tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["ulog", "ardupilot"])
-def test_the_thrust_is_what_the_logged_hover_share_says(log, tmp_path, kind):
-    source = written(tmp_path, log, kind)
+def test_the_thrust_is_what_the_logged_hover_share_says(written, tmp_path, kind):
+    source = written(kind)
     (believed,), _ = imported(source, tmp_path / "a")
     (known,), _ = imported(source, tmp_path / "b", full_thrust=1.3 * FULL)
     np.testing.assert_allclose(known.cmd[:, 3], 1.3 * believed.cmd[:, 3])
@@ -106,17 +94,15 @@ def test_two_drones_of_one_bag_stay_two(log, tmp_path):
     np.testing.assert_array_equal(drones[0].pos, drones[1].pos)
 
 
-def test_a_bag_without_a_thrust_scale_says_what_to_give(log, tmp_path):
-    source = write_bag(tmp_path / "a.bag", log, FULL, "ros1")
+def test_a_bag_without_a_thrust_scale_says_what_to_give(written, tmp_path):
     with pytest.raises(ValueError, match=r"a\.bag: thrust is logged as a share.*--full-thrust N"):
-        imported(source, tmp_path / "out", full_thrust=None)
+        imported(written("ros1"), tmp_path / "out", full_thrust=None)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_topic_that_is_not_there_is_named(log, tmp_path):
-    source = write_bag(tmp_path / "a.bag", log, FULL, "ros1")
+def test_a_topic_that_is_not_there_is_named(written, tmp_path):
     with pytest.raises(ValueError, match=r"--topic vel=/speed: there is no such topic; found: /tw"):
-        imported(source, tmp_path / "out", topics={"vel": "/speed"})
+        imported(written("ros1"), tmp_path / "out", topics={"vel": "/speed"})
 
 
 def test_mellingers_axis_of_thrust_becomes_roll_and_pitch(log):

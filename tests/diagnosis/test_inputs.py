@@ -7,7 +7,6 @@ import pytest
 from flights_for_tests import SIGMA, flight_set, fly, rotor_speeds
 
 from diagnosis.decide.prepared import make_likelihood, noise_of
-from diagnosis.engine import diagnose
 from diagnosis.fit.gap import drifts, rms
 from diagnosis.logs.flights import LogError, load_flights, write_flights
 from diagnosis.logs.inputs import (
@@ -21,6 +20,7 @@ from diagnosis.logs.inputs import (
 )
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import make_replay
+from simulators import registry
 from simulators.contract import replayable_class
 from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
@@ -50,20 +50,20 @@ def test_more_voltage_than_the_parabola_knows_holds_its_top():
 
 def rotors_only(flights, spec):
     """The flights with rotor speeds in the place of their commands."""
-    found = []
-    for flight in flights:
-        (drone,) = flight.drones
-        bare = dataclasses.replace(drone, cmd=None, rotor_vel=rotor_speeds(drone.cmd[:, 3], spec))
-        found.append(dataclasses.replace(flight, drones=(bare,)))
-    return tuple(found)
+    return _instead(flights, "rotor_vel", lambda thrust: rotor_speeds(thrust, spec))
 
 
 def thrust_only(flights):
     """The flights with the commanded thrust alone."""
+    return _instead(flights, "thrust", lambda thrust: thrust)
+
+
+def _instead(flights, column, of_thrust):
+    """The flights without commands, with a column that is made of the commanded thrust."""
     found = []
     for flight in flights:
         (drone,) = flight.drones
-        bare = dataclasses.replace(drone, cmd=None, thrust=drone.cmd[:, 3])
+        bare = dataclasses.replace(drone, cmd=None, **{column: of_thrust(drone.cmd[:, 3])})
         found.append(dataclasses.replace(flight, drones=(bare,)))
     return tuple(found)
 
@@ -143,24 +143,14 @@ def test_measured_rotors_of_an_unchanged_vehicle_leave_no_gap():
     flights = flight_set(flown)
     inputs = choose_inputs(flights)
     assert inputs.produced
-    library = make_library(simulator, prescribed=True, produced=True)
-    assert not {"motor_lag", "rotor_response"} & set(library.effects)
+    driven = {"prescribed": True, "produced": True}
+    assert not {"motor_lag", "rotor_response"} & set(make_library(simulator, **driven).effects)
+    library = make_library(simulator, registry.names("effect"), **driven)  # flown without effects
     replay = make_replay(library, replayable_class("crazyflow").replay_dt, inputs.measured)
     tracks = make_likelihood(replay, inputs.flights, noise_of(replay, inputs.flights)).tracks(
         library.neutral
     )
     assert rms(drifts(tracks)[:, 5]) < 1.5 * np.hypot(SIGMA[3], 0.4 * SIGMA[3])
-
-
-def test_effects_on_the_attitude_are_not_observable_without_its_command():
-    spec = VEHICLES["cf21B_500"]
-    flights = flight_set(rotors_only(fly(PointMass(dt=0.005), n_flights=3, noise=0.3), spec))
-    found = diagnose(flights, simulator="point_mass")
-    hidden = {line.effect: line.why for line in found.details.not_observable}
-    assert {"trim", "delay", "attitude_gain"} <= set(hidden)
-    assert "prescribed" in hidden["trim"]
-    assert found.flights.driven_by == "rotor speeds"
-    assert found.blamed == ()
 
 
 def test_both_sets_are_replayed_by_what_both_have():

@@ -219,14 +219,20 @@ def test_the_jackknife_of_a_mean_is_students_interval():
 
 
 @pytest.mark.parametrize(
-    ("name", "expected"),
-    [("crazyflie_plain", []), ("crazyflie_changed", []), ("nanobench", ["thrust"])],
+    ("name", "count", "expected"),
+    [
+        ("crazyflie_plain", 18, []),
+        ("crazyflie_changed", 4, []),
+        ("nanobench", 25, ["thrust"]),
+    ],
 )
-def test_real_flights_have_the_faults_that_they_have(name, expected):
+def test_real_flights_load_as_they_are_and_have_the_faults_that_they_have(name, count, expected):
     """The map from duty to thrust is that of other motors: thrust comes out twice too large."""
     if not (REAL / name).is_dir():
         pytest.skip("The real flights are not beside the repository")
     flights = load_flights(REAL / name)
+    assert flights.left_out == ()
+    assert len(flights.flights) == count
     faults = interface_faults(flights.flights[:8], flights.vehicle)
     assert [fault.part for fault in faults] == expected
     for fault in faults:

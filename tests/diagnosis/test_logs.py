@@ -2,14 +2,13 @@
 
 import dataclasses
 import os
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from log_tables import changed, folder, put, table
+from log_tables import changed, examples, folder, put, table
 
 from diagnosis.logs.columns import GROUPS, KNOWN
 from diagnosis.logs.flights import (
@@ -22,10 +21,7 @@ from diagnosis.logs.flights import (
 )
 
 VEHICLE = VehicleFile('A "plain" Crazyflie \\ ö', "cf2x_L250", 0.032)
-REAL = Path(__file__).parents[2].parent / "shared" / "flights"
-MANY = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+MANY = examples(10)
 
 
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
@@ -270,19 +266,9 @@ def test_a_bad_vehicle_file_gives_one_line_for_each_fault(tmp_path, text, lines)
         assert line.startswith(f"{path}/vehicle.toml: {expected}")
 
 
+@pytest.mark.exhaustive  # 1.8 million rows, through the lines that every other table goes
 def test_an_hour_at_500_hz_loads(tmp_path):
     path = folder(tmp_path, "long.parquet", table(rows=1_800_000, freq=500.0))
     loaded = load_flights(path)
     assert loaded.left_out == ()
     assert loaded.flights[1].seconds == pytest.approx(3600.0, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("name", "flights"), [("crazyflie_plain", 18), ("crazyflie_changed", 4), ("nanobench", 25)]
-)
-def test_real_flights_load_as_they_are(name, flights):
-    if not REAL.is_dir():
-        pytest.skip(f"The real flights are not beside the repository, in {REAL}.")
-    loaded = load_flights(REAL / name)
-    assert loaded.left_out == ()
-    assert len(loaded.flights) == flights

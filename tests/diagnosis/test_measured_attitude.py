@@ -120,6 +120,9 @@ def test_the_noise_of_measured_attitudes_is_no_effect():
     content = diagnose(spun_set(), simulator="point_mass")
     assert content.verdict == "none"
     assert content.remainder.share == 0.0
+    hidden = {line.effect: line.why for line in content.details.not_observable}
+    assert {"trim", "delay", "attitude_gain"} <= set(hidden)
+    assert "prescribed" in hidden["trim"]
     assert content.remainder.structure_before == pytest.approx(1.0, abs=0.15)
     assert content.details.misfit.before == pytest.approx(1.0, abs=0.1)
     where = {line.channel: line for line in content.where}
@@ -138,5 +141,5 @@ def test_a_prescribed_reference_without_a_gap_enlarges_no_noise():
         nominal_simulator("point_mass", logged), prescribed=True, referenced=True
     )
     replay = make_replay(library, 0.005, measured=4)
-    found = reference_of(replay, choose_inputs(logged).flights)
+    found = reference_of(replay, choose_inputs(logged).flights, narrow=False)
     assert found.enlarged.max() < 1.15

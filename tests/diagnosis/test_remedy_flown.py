@@ -5,7 +5,7 @@ What the mended vehicle still has of its fault is the true size less the one tha
 
 import numpy as np
 import pytest
-from flights_for_tests import point_mass_set
+from flights_for_tests import COMMON, all_but, point_mass_set
 
 from diagnosis.engine import diagnose
 from simulators import registry
@@ -39,20 +39,24 @@ def remaining(name, true, found):
     return registry.load("effect", name)(**left)
 
 
-@pytest.mark.parametrize("name", FAULTS)
-def test_after_the_remedy_the_drift_is_as_said_and_the_next_diagnosis_finds_nothing(name):
+@pytest.mark.parametrize(
+    ("name", "exclude"),
+    [
+        pytest.param("trim", all_but(*COMMON), id="trim-few candidates"),
+        *(pytest.param(name, (), id=name, marks=pytest.mark.exhaustive) for name in FAULTS),
+    ],
+)
+def test_after_the_remedy_the_drift_is_as_said_and_the_next_diagnosis_finds_nothing(name, exclude):
     fault = registry.load("effect", name)(**FAULTS[name])
-    flown = point_mass_set(fault, n_flights=6, seconds=6.0)
-    found = diagnose(flown, simulator="point_mass")
+    asked = {"simulator": "point_mass", "exclude": exclude}
+    found = diagnose(point_mass_set(fault), **asked)
     assert found.verdict == "effect"
     blamed = {effect.name: effect for effect in found.blamed}
     assert set(blamed) == {name}
 
     sizes = {parameter.name: parameter.value for parameter in blamed[name].parameters}
     left = remaining(name, FAULTS[name], sizes)
-    healed = diagnose(
-        point_mass_set(left, n_flights=6, seconds=6.0, seed=2), simulator="point_mass"
-    )
+    healed = diagnose(point_mass_set(left, seed=2), **asked)
     assert healed.verdict == "none"
     assert drift(found) == pytest.approx(found.shrink.before, rel=0.3)
     assert drift(healed) == pytest.approx(found.shrink.after, rel=0.3)

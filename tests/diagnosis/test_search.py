@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, point_mass_replay, point_mass_set
+from flights_for_tests import SIGMA, point_mass_set
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -27,11 +27,6 @@ from simulators.crazyflow import Crazyflow
 from simulators.effects.drag import Drag
 from simulators.effects.gust import Gust
 from simulators.effects.wind import Wind
-
-
-@pytest.fixture(scope="module")
-def replay():
-    return point_mass_replay()
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -117,11 +112,11 @@ def test_structure_counts_only_beyond_what_so_few_numbers_show_by_chance():
 
 def test_short_clean_logs_raise_no_alarm(replay):
     """Single flights of 6 s: the threshold for long logs would be passed by some of them."""
-    found = []
-    for seed in range(16):
-        flights = point_mass_set(n_flights=1, seed=100 + seed).flights
-        fits = Fits.of(Evidence.of(make_likelihood(replay, flights, SIGMA)))
-        found.append(structure(replay.library, fits.nominal.normal))
+    settings = {"n_flights": 1, "seconds": 6.0}
+    flights = [point_mass_set(**settings, seed=100 + seed).flights[0] for seed in range(16)]
+    normal = make_likelihood(replay, flights, SIGMA).normal(replay.library.neutral)
+    found = [structure(replay.library, one) for one in normal.by_flight()]
+    assert len(found) == 16
     assert any(one.value > Decision().slight_structure for one in found)
     assert sum(one.exceeds(Decision().slight_structure, Floor()) for one in found) <= 1
 

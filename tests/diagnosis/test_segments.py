@@ -1,10 +1,8 @@
 """How flights are cut into windows, and what a hole in a log does to them."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, point_mass_set
+from flights_for_tests import SIGMA, point_mass_set, some_rows, thinned
 
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.noise import estimate_noise
@@ -14,16 +12,12 @@ from simulators.effects.wind import Wind
 
 @pytest.fixture(scope="module")
 def flights():
-    return point_mass_set(Wind(x=0.3), n_flights=2).flights
+    return point_mass_set(Wind(x=0.3), n_flights=2, seconds=6.0).flights
 
 
 def without(flight, rows):
     """The flight with some rows of its log lost."""
-    (drone,) = flight.drones
-    keep = np.setdiff1d(np.arange(len(drone.t)), rows)
-    names = ("t", "pos", "vel", "quat", "cmd")
-    lost = dataclasses.replace(drone, **{n: getattr(drone, n)[keep] for n in names})
-    return FlightLog(flight.name, (lost,))
+    return thinned(flight, np.setdiff1d(np.arange(len(flight.drones[0].t)), rows))
 
 
 def test_every_row_is_a_node_of_one_window_at_most(flights):
@@ -98,17 +92,15 @@ def test_noise_is_recovered_from_the_logs(flights):
 
 def test_noise_is_recovered_when_time_is_not_uniform(flights):
     rng = np.random.default_rng(0)
-    thinned = [without(f, rng.choice(300, 30, replace=False)) for f in flights]
-    np.testing.assert_allclose(estimate_noise(thinned), SIGMA, rtol=0.2)
+    lost = [without(f, rng.choice(300, 30, replace=False)) for f in flights]
+    np.testing.assert_allclose(estimate_noise(lost), SIGMA, rtol=0.2)
 
 
 def test_a_drone_that_logs_later_is_not_flown_before(flights):
     """Nothing of it counts until its attitude was measured and its rotors have followed."""
     early, late = (flight.drones[0] for flight in flights)
     keep = late.t >= 1.8
-    names = ("t", "pos", "vel", "quat", "cmd")
-    late = dataclasses.replace(late, **{n: getattr(late, n)[keep] for n in names})
-    (group,) = cut([FlightLog("both", (early, late))], 0.005)
+    (group,) = cut([FlightLog("both", (early, some_rows(late, keep)))], 0.005)
     edges = group.start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
     at = edges[:, :, None] + 0.005 * group.place[:, :, 1]
     assert at[group.valid[:, :, 1]].min() >= 2.0 + FORGET - 1e-6
@@ -121,9 +113,8 @@ def test_a_drone_that_has_landed_does_not_fly_away(flights):
     """After its last row it stays where it was seen last, for what others feel of it."""
     early, late = (flight.drones[0] for flight in flights)
     keep = late.t < 2.0
-    names = ("t", "pos", "vel", "quat", "cmd")
-    late = dataclasses.replace(late, **{n: getattr(late, n)[keep] for n in names})
-    (group,) = cut([FlightLog("both", (early, late))], 0.005)
+    (group,) = cut([FlightLog("both", (early, some_rows(late, keep)))], 0.005)
     edges = group.start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
     after = group.pos[edges > 2.0][:, 1]
-    np.testing.assert_allclose(after, np.broadcast_to(late.pos[-1], after.shape), atol=0.01)
+    last = late.pos[keep][-1]
+    np.testing.assert_allclose(after, np.broadcast_to(last, after.shape), atol=0.01)

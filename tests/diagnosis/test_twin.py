@@ -1,6 +1,7 @@
 """The twin of reference flights: what its memory learns, and what it says of changed flights."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -52,6 +53,12 @@ def flight(seed, change=(), response=(0.3, 0.15, 0.05), noise=0.02):
     valid = np.ones(n, bool)
     valid[100:110] = False
     return Channels(f"flight {seed}", measured, simulated, slopes, np.zeros((n, 3)), valid)
+
+
+@functools.cache
+def plain_twin():
+    """The twin of eight flights in which nothing changed."""
+    return make_twin([flight(i) for i in range(8)], LIBRARY, EVERY)
 
 
 def test_lagged_holds_the_past_of_each_sample():
@@ -112,7 +119,7 @@ def test_whitened_errors_of_a_coloured_noise_are_white():
 
 
 def test_a_change_is_named_with_an_interval_that_holds_it():
-    twin = make_twin([flight(i) for i in range(8)], LIBRARY, EVERY)
+    twin = plain_twin()
     at, size = column("attitude_gain", "g"), 0.06
     found, scored = answer_change(twin, [flight(100 + i, [(at, size)]) for i in range(8)])
     assert found.change == "effect"
@@ -128,7 +135,7 @@ def test_a_change_is_named_with_an_interval_that_holds_it():
 
 @pytest.mark.parametrize(("n", "change"), [(8, "none"), (2, "too_few")])
 def test_undisturbed_flights_name_nothing(n, change):
-    twin = make_twin([flight(i) for i in range(8)], LIBRARY, EVERY)
+    twin = plain_twin()
     found, _ = answer_change(twin, [flight(200 + i) for i in range(n)])
     assert found.change == change
     assert found.effects == ()
@@ -209,7 +216,7 @@ def test_a_large_change_is_found_in_its_right_size_where_the_flights_can_be_flow
 def test_effects_that_fit_the_flights_but_not_each_other_are_not_named():
     """Every flight wants another size and sign: the scatter between flights is the yardstick."""
     at = column("attitude_gain", "g")
-    twin = make_twin([flight(i) for i in range(8)], LIBRARY, EVERY)
+    twin = plain_twin()
     sizes = (0.3, -0.3, 0.25, -0.25, 0.28, -0.28, 0.31, -0.31)
     found, _ = answer_change(twin, [flight(100 + i, [(at, x)]) for i, x in enumerate(sizes)])
     assert "attitude_gain" not in found.effects

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_twin import EVERY, LIBRARY, column, flight
+from test_twin import column, flight, plain_twin
 
 from diagnosis.decide.prepared import Question
 from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile
@@ -13,7 +13,6 @@ from diagnosis.logs.inputs import Inputs
 from diagnosis.result import Diagnosis
 from diagnosis.twin.as_diagnosis import alone, as_diagnosis, weighed_anew
 from diagnosis.twin.diagnose_change import ChangeStudy, answer_change
-from diagnosis.twin.twin import make_twin
 
 T = np.arange(0.0, 6.0, 0.01)
 
@@ -33,16 +32,14 @@ def flown(names, mass=0.032, drones=1):
 
 def study(change=(), n=8, odd=False):
     """The question and the study of flights whose channels are made, not flown."""
-    before = [flight(i) for i in range(8)]
     targets = [flight(100 + i, change) for i in range(n)]
     if odd:
         targets[0] = dataclasses.replace(targets[0], measured=targets[0].measured * 2.0)
-    twin = make_twin(before, LIBRARY, EVERY)
-    answer, scored = answer_change(twin, targets)
-    sets = flown([f.name for f in targets]), flown([f.name for f in before])
+    answer, scored = answer_change(plain_twin(), targets)
+    sets = flown([f.name for f in targets]), flown([f"flight {i}" for i in range(8)])
     driven = [Inputs(one.flights, False, "commands", ()) for one in sets]
     question = Question(sets[0], reference=sets[1])
-    return question, ChangeStudy(driven[0], driven[1], twin, answer, scored)
+    return question, ChangeStudy(driven[0], driven[1], plain_twin(), answer, scored)
 
 
 def diagnosis_of(*args, **settings):

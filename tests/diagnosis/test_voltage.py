@@ -4,9 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import flight_set, fly
+from flights_for_tests import few_or_all, flight_set, fly
 
+from diagnosis.decide.prepared import Question, prepare
 from diagnosis.engine import diagnose
+from simulators import registry
 from simulators.point_mass import PointMass
 
 K = 0.3
@@ -30,15 +32,18 @@ def weakened(flight, full, weak):
 
 @pytest.fixture(scope="module")
 def flown():
-    return fly(PointMass(dt=0.005))
+    return fly(PointMass(dt=0.005), n_flights=4, seconds=9.0)
 
 
-def diagnosed(flights):
-    return diagnose(flight_set(flights), simulator="point_mass")
+def diagnosed(flown, weak, exclude):
+    """The diagnosis of flights with batteries that are less and less full."""
+    flights = flight_set([weakened(f, 4.15 - 0.05 * i, weak) for i, f in enumerate(flown)])
+    return diagnose(flights, simulator="point_mass", exclude=exclude)
 
 
-def test_thrust_that_follows_the_voltage_is_named_and_measured(flown):
-    found = diagnosed([weakened(f, 4.15 - 0.05 * i, True) for i, f in enumerate(flown)])
+@few_or_all()
+def test_thrust_that_follows_the_voltage_is_named_and_measured(flown, exclude):
+    found = diagnosed(flown, True, exclude)
     assert [effect.name for effect in found.effects] == ["voltage_sag"]
     k = found.effects[0].parameter("k")
     assert k.low < K < k.high
@@ -46,12 +51,14 @@ def test_thrust_that_follows_the_voltage_is_named_and_measured(flown):
     assert found.verdict == "effect"
 
 
-def test_a_voltage_that_is_compensated_for_is_not_blamed(flown):
-    found = diagnosed([weakened(f, 4.15 - 0.05 * i, False) for i, f in enumerate(flown)])
-    assert found.verdict == "none"
+@few_or_all()
+def test_a_voltage_that_is_compensated_for_is_not_blamed(flown, exclude):
+    assert diagnosed(flown, False, exclude).verdict == "none"
 
 
 def test_a_voltage_that_was_not_logged_everywhere_is_no_candidate(flown):
-    found = diagnosed([weakened(flown[0], 4.1, True), *flown[1:]])
-    (why,) = [x.why for x in found.details.not_observable if x.effect == "voltage_sag"]
-    assert "voltage" in why
+    flights = flight_set([weakened(flown[0], 4.1, True), *flown[1:]])
+    library = prepare(Question(flights, "point_mass")).every.library
+    assert "voltage_sag" not in library.candidates
+    kind = registry.load("effect", "voltage_sag")
+    assert "voltage" in library.why_out("voltage_sag", kind)

@@ -24,6 +24,7 @@ from methods.training.bptt import BPTT
 from simulators import registry
 from simulators.point_mass import PointMass
 from tasks.circle import Circle
+from tests.docs.blocks import blocks
 
 HOUSE = Path(__file__).parents[2]
 README = HOUSE / "README.md"
@@ -41,12 +42,6 @@ from simulators.effects.delay import Delay
 from simulators.effects.drag import Drag
 """
 """What the README's method needs; the page leaves it out."""
-
-
-def blocks(page, language):
-    return re.findall(
-        rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
-    )
 
 
 def commands():

@@ -1,6 +1,5 @@
 """The tutorials: their files and commands are executed, their numbers are those of the tables."""
 
-import os
 import re
 import shlex
 import subprocess
@@ -15,6 +14,8 @@ from bench.report.leaderboard import leaderboard_rows, split
 from bench.stats.scores import scored
 from bench.stats.statistics import Cell, Entry, seed_values
 from bench.store.tables import Tables
+from simulators import registry
+from tests.docs.blocks import blocks
 
 HOUSE = Path(__file__).parents[2]
 METHOD, BOARD = (HOUSE / "docs" / f"tutorial_{name}.md" for name in ("method", "leaderboard"))
@@ -23,12 +24,6 @@ CELL = Cell("circle", 12)
 """The example of the page on leaderboards."""
 SMALL = ["--seeds", "1", "--setting", "trainer.epochs=2", "--setting", "trainer.n_worlds=1"]
 """What makes a training of the tutorial take seconds."""
-
-
-def blocks(page, language):
-    return re.findall(
-        rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
-    )
 
 
 @pytest.fixture(scope="module")
@@ -49,37 +44,39 @@ def workplace(tmp_path):
     return tmp_path
 
 
-def call(place, programs, program, *arguments):
-    """Exit status and all that a program of ours, or pip, says; what it installs is on its path.
+@pytest.fixture
+def call(workplace, monkeypatch, capsys):
+    """Exit status and all that is said by pip, or by a program that then finds it."""
+    site = str(workplace / "site")
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
 
-    What JAX compiles is kept in the folder `programs`.
-    """
-    site = place / "site"
-    if program == "pip":
-        start = ["-m", "pip", "--disable-pip-version-check"]
+    def called(program, *arguments):
+        if program != "pip":
+            return main([*arguments]), "".join(capsys.readouterr())
         # As the page says, but into a folder of this test, and from what is on this machine.
-        arguments = [x for x in arguments if x != "-e"] + ["--no-index", "--target", str(site)]
-    else:
-        start = ["-c", "import sys; from bench.cli.app import main; sys.exit(main())"]
-    variables = {
-        "PYTHONPATH": os.pathsep.join((str(site), str(HOUSE))),
-        "COLUMNS": "200",
-        "JAX_COMPILATION_CACHE_DIR": str(programs),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
-    }
-    done = subprocess.run(
-        [sys.executable, *start, *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=1200,
-        cwd=place,
-        env=os.environ | variables,
-    )
-    return done.returncode, done.stdout + done.stderr
+        given = [x for x in arguments if x != "-e"] + ["--no-index", "--target", site]
+        done = subprocess.run(
+            [*pip, *given], capture_output=True, text=True, check=False, timeout=600
+        )
+        monkeypatch.syspath_prepend(site)
+        forget_plugins()
+        return done.returncode, done.stdout + done.stderr
+
+    monkeypatch.chdir(workplace)
+    monkeypatch.setenv("COLUMNS", "200")
+    yield called
+    monkeypatch.undo()
+    sys.modules.pop("guessed_drag", None)
+    forget_plugins()
 
 
-def test_the_method_gets_from_an_empty_folder_to_a_row_that_is_verified(workplace, program_cache):
+def forget_plugins():
+    """Entry points are looked for anew."""
+    registry._entry_points.cache_clear()
+    registry.load.cache_clear()
+
+
+def test_the_method_gets_from_an_empty_folder_to_a_row_that_is_verified(workplace, call):
     commands = [
         shlex.split(line.removeprefix("$ "))
         for line in "\n".join(blocks(METHOD, "console")).splitlines()
@@ -92,7 +89,7 @@ def test_the_method_gets_from_an_empty_folder_to_a_row_that_is_verified(workplac
             arguments = [*arguments[:seeds], *arguments[seeds + 2 :], *SMALL, "--jobs", "1"]
         if arguments[0] == "compare":
             continue  # one seed compares with nothing; the command is parsed like all others
-        status, text = call(workplace, program_cache, program, *arguments)
+        status, text = call(program, *arguments)
         statuses[arguments[0]], said[arguments[0]] = status, text
     assert [*statuses] == ["install", "list", "check", "run", "submit", "verify"]
     assert {*statuses.values()} == {0}, said
