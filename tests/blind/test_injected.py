@@ -210,6 +210,7 @@ def test_a_run_scores_what_was_answered_and_resumes(tmp_path, folder, stub, caps
     (folders.answers / one / STATUS).unlink()
     assert run_injected(folder, **asked) == 0
     assert f"{len(labels) - 1} of {len(labels)} cases have an answer" in capsys.readouterr().out
+    text = (out / "injected.md").read_text()  # with the time of the answer that was made again
     (out / "injected.md").unlink()
     assert main(["blind", "--report", "--out", str(out)]) == 0
     assert (out / "injected.md").read_text() == text

@@ -202,8 +202,8 @@ def test_a_gust_starts_at_its_onset_to_a_fraction_of_a_step(onset):
     """In the point mass v = a (t - onset), exactly, at every multiple of the step."""
     acc = {"x": 1.2, "y": -0.8, "z": 0.3}
     vel = hovering_flight(disturbed("point_mass", gust=acc | {"onset": onset})).vel[:, 0]
-    acc = np.asarray([*acc.values()])
-    np.testing.assert_allclose(vel, acc * np.clip(T - onset, 0, None)[:, None], atol=2e-5)
+    after = np.clip(T - onset, 0, None)[:, None]
+    np.testing.assert_allclose(vel, after * [*acc.values()], atol=2e-5)
 
 
 def test_a_gust_hits_crazyflow_at_its_onset():
@@ -315,38 +315,28 @@ def test_attitude_lag_is_warmed_up_by_the_commands_before():
     np.testing.assert_allclose(rest.pos, whole.pos[cut:], atol=5e-5)
 
 
-TURN = jnp.asarray([[jnp.cos(0.3), jnp.sin(0.3)], [-jnp.sin(0.3), jnp.cos(0.3)]])
-"""Roll and pitch, as a row, turned by 0.3 rad."""
+TURN = jax.scipy.linalg.block_diag(
+    jnp.asarray([[jnp.cos(0.3), jnp.sin(0.3)], [-jnp.sin(0.3), jnp.cos(0.3)]]), jnp.eye(2)
+)
+"""Turns roll and pitch of a command, as a row, by 0.3 rad."""
 
-ON_COMMANDS = ("attitude_gain", "trim", "frame_misalignment", "yaw_misalignment")
-"""Effects that change the angles of a command."""
+ON_COMMANDS = {
+    "attitude_gain": ({"g": -0.1}, lambda cmd: cmd * jnp.asarray([0.9, 0.9, 1.0, 1.0])),
+    "trim": ({"roll": 0.03, "pitch": -0.02}, lambda cmd: cmd + jnp.asarray([0.03, -0.02, 0, 0])),
+    "frame_misalignment": ({"angle": 0.3}, lambda cmd: cmd @ TURN),
+    "yaw_misalignment": ({"angle": 0.2}, lambda cmd: cmd + jnp.asarray([0, 0, 0.2, 0])),
+}
+"""Effects that change the angles of a command, and what each makes of it."""
 
 
 @both
-@pytest.mark.parametrize(
-    ("effect", "parameters", "change"),
-    [
-        ("attitude_gain", {"g": -0.1}, lambda cmd: cmd * jnp.asarray([0.9, 0.9, 1.0, 1.0])),
-        (
-            "trim",
-            {"roll": 0.03, "pitch": -0.02},
-            lambda cmd: cmd + jnp.asarray([0.03, -0.02, 0, 0]),
-        ),
-        (
-            "frame_misalignment",
-            {"angle": 0.3},
-            lambda cmd: cmd @ jax.scipy.linalg.block_diag(TURN, jnp.eye(2)),
-        ),
-        ("yaw_misalignment", {"angle": 0.2}, lambda cmd: cmd + jnp.asarray([0, 0, 0.2, 0])),
-    ],
-)
-def test_an_effect_on_the_command_flies_as_the_changed_command(name, effect, parameters, change):
-    nominal = SIMULATORS[name]()
+@pytest.mark.parametrize("effect", ON_COMMANDS)
+def test_an_effect_on_the_command_flies_as_the_changed_command(name, effect):
+    nominal, (parameters, change) = SIMULATORS[name](), ON_COMMANDS[effect]
     cmds, state = random_cmds(1, STEPS, 2, yaw=0.3), hovering(nominal, positions(2))
     made = attached(nominal, **{e: {} for e in ON_COMMANDS} | {effect: parameters})
     flown = fly(made, hovering(made, positions(2)), cmds)
-    # Rotors warmed up by a hover do not depend on the angles.
-    expected = fly(nominal, state, change(cmds))
+    expected = fly(nominal, state, change(cmds))  # rotors warmed up by a hover know no angles
     np.testing.assert_allclose(flown.pos, expected.pos, atol=2e-5)
     assert jnp.abs(flown.pos - fly(nominal, state, cmds).pos).max() > 0.002
 
