@@ -31,7 +31,7 @@ from bench.plan.settings import build
 from bench.store.record import Outcome
 from bench.store.store import Store
 from bench.store.structure import describe
-from bench.store.tables import SCHEMAS, STATUSES, UNITS
+from bench.store.tables import SCHEMAS, STATUSES, UNITS, table
 from methods.calibration.reference_paths import Followers
 from methods.contract import Ledger, Setup, Trained
 from methods.training.context import Context, Progress
@@ -252,8 +252,7 @@ def _curves(run: Run, trained: Trained) -> pd.DataFrame:
     """Rows of the table `curves`; what a method does not record is empty."""
     frame = pd.DataFrame({name: np.asarray(v) for name, v in trained.curves.items()})
     frame = frame.assign(run=run.name, epoch=np.arange(len(frame)))
-    schema = SCHEMAS["curves"]
-    return schema.validate(frame.reindex(columns=list(schema.columns)))
+    return SCHEMAS["curves"].validate(table("curves", frame))
 
 
 def _trajectory(run: Run, deployed: Evaluation) -> pd.DataFrame:
@@ -267,7 +266,7 @@ def _trajectory(run: Run, deployed: Evaluation) -> pd.DataFrame:
         "t": np.repeat(t, n_drones),
     }
     columns |= {f"pos_{axis}": pos[..., i].reshape(-1) for i, axis in enumerate("xyz")}
-    return SCHEMAS["trajectories"].validate(pd.DataFrame(columns))
+    return SCHEMAS["trajectories"].validate(table("trajectories", pd.DataFrame(columns)))
 
 
 def _progress(report: Report) -> Progress:

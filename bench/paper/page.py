@@ -155,15 +155,23 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
             name: [f"![{title}]({link(picture)})", f"*{title}.*"]
             for name, (title, picture) in drawn.items()
         }
-        return "\n\n".join(_document(tables, found, own, figures)) + "\n"
+        return document(tables, found, own, figures)
 
     write_text(path, text(lambda picture: picture.name))
     write_page(text(data_uri), path.with_suffix(".html"), TITLE)
 
 
-def _document(
+def document(
     tables: Tables, found: list[Judged], notes: str, figures: Mapping[str, list[str]]
-) -> list[str]:
+) -> str:
+    """The page as Markdown.
+
+    Args:
+        tables: What the sweep found.
+        found: All claims, judged by these tables.
+        notes: Markdown that is appended.
+        figures: Paragraphs of each figure, by its name in `FIGURES`.
+    """
     settled = primary(tables) == PRIMARY
     parts = [f"# {TITLE}", _ended(tables), *_answer(found), *_whom(tables)]
     parts += figures.get("cost", [])
@@ -202,7 +210,7 @@ def _document(
         parts += [markdown.table(headings, lines, (0, 1))]
     if made := made_by_text(tables):
         parts += ["## Where the rows come from", markdown.escape(made)]
-    return [*parts, notes] if notes else parts
+    return "\n\n".join([*parts, notes] if notes else parts) + "\n"
 
 
 def _answer(found: Sequence[Judged]) -> list[str]:

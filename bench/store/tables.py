@@ -206,7 +206,7 @@ class Tables:
 
     @classmethod
     def _checked(cls, frames: Mapping[str, pd.DataFrame]) -> "Tables":
-        """Tables of frames that were validated already, which takes longer than to read them."""
+        """Tables of frames that were validated already; they are not validated again."""
         made = object.__new__(cls)
         for name, frame in frames.items():
             object.__setattr__(made, name, frame)
@@ -292,8 +292,12 @@ def _completed(name: str, frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def table(name: str, rows: list[dict] | pd.DataFrame) -> pd.DataFrame:
-    """The table `name` of `SCHEMAS`, from its rows, which `Tables` checks, or without rows."""
-    return pd.DataFrame(rows, columns=list(SCHEMAS[name].columns)) if len(rows) else _empty(name)
+    """The table `name` of `SCHEMAS` from its rows, which are checked where `Tables` are made."""
+    return (
+        pd.DataFrame(rows, columns=list(SCHEMAS[name].columns))
+        if len(rows)
+        else _empty(name).copy()
+    )
 
 
 def stack(name: str, pieces: list[pd.DataFrame]) -> pd.DataFrame:
@@ -301,13 +305,9 @@ def stack(name: str, pieces: list[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat([table(name, []), *pieces], ignore_index=True)
 
 
-def _empty(name: str) -> pd.DataFrame:
-    """The table `name` without rows; a copy, so that nobody changes another's."""
-    return _made_empty(name).copy()
-
-
 @functools.cache
-def _made_empty(name: str) -> pd.DataFrame:
+def _empty(name: str) -> pd.DataFrame:
+    """The table `name` without rows, with the types of its columns."""
     return SCHEMAS[name].validate(pd.DataFrame(columns=list(SCHEMAS[name].columns)))
 
 

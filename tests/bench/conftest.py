@@ -6,7 +6,6 @@ from pathlib import Path
 
 import at_once
 import pytest
-from pandera.config import config_context
 
 from bench.cli.app import main
 from simulators import registry
@@ -78,10 +77,7 @@ def trainer(plugins, monkeypatch):
 
 @pytest.fixture
 def sweep(trainer, write_suite, tmp_path, capsys):
-    """A function that runs a suite and returns exit status, stdout and stderr.
-
-    Tables are not checked against their schemas, which would take most of the time.
-    """
+    """A function that runs a suite and returns exit status, stdout and stderr."""
     suite = write_suite("instant", "child", seeds=2)
 
     def run(*arguments, command="run", of=suite):
@@ -91,8 +87,7 @@ def sweep(trainer, write_suite, tmp_path, capsys):
         said = capsys.readouterr()
         return status, " ".join(said.out.split()), " ".join(said.err.split())
 
-    with config_context(validation_enabled=False):
-        yield run
+    return run
 
 
 @pytest.fixture

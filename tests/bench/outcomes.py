@@ -9,6 +9,7 @@ import signal
 import jax
 import numpy as np
 import pandas as pd
+from hypothesis import HealthCheck, settings
 
 from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
@@ -19,6 +20,15 @@ from methods.contract import Ledger, Trained
 from methods.training.policy import make_policy
 from simulators.point_mass import PointMass
 from tasks.spread import Spread
+
+MACHINE = settings(
+    max_examples=20,
+    stateful_step_count=15,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=list(HealthCheck),
+)
+"""How many ways through a machine of states are tried, always the same ones."""
 
 
 def plan(seeds=2):

@@ -215,7 +215,7 @@ def test_the_list_of_one_kind_shows_settings_with_default_and_meaning(plugins, c
 
 def test_no_name_is_broken_in_80_columns(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr(listing, "expand", lambda suite: Plan([], []))
+    monkeypatch.setattr(listing, "expand", lambda suite: Plan([None] * 9999, []))
     lines = listed(capsys, "--settings")
     names = {name for kind in registry.GROUPS for name in registry.names(kind)}
     assert {*names, "paper_rotorpy", "trainer.min_improvement"} <= {*lines}

@@ -5,7 +5,6 @@ import os
 import tempfile
 
 import pytest
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -14,8 +13,7 @@ from hypothesis.stateful import (
     rule,
     run_state_machine_as_test,
 )
-from outcomes import FailingDisk, MortalDisk, make_template, outcome, plan
-from pandera.config import config_context
+from outcomes import MACHINE, FailingDisk, MortalDisk, make_template, outcome, plan
 
 from bench.store.record import FILES, Outcome
 from bench.store.resume import make_standing
@@ -154,14 +152,7 @@ class StoreMachine(RuleBasedStateMachine):
 
 def test_a_store_agrees_with_a_dictionary(plugins):
     planned, policy = plan(seeds=N_RUNS), make_template(seed=1)
-    with config_context(validation_enabled=False):  # which takes longer than all the rest
-        run_state_machine_as_test(
-            lambda: StoreMachine(planned, policy),
-            settings=settings(
-                max_examples=20,
-                stateful_step_count=15,
-                deadline=None,
-                derandomize=True,
-                suppress_health_check=list(HealthCheck),
-            ),
-        )
+    run_state_machine_as_test(
+        lambda: StoreMachine(planned, policy),
+        settings=MACHINE,
+    )

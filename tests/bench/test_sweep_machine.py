@@ -16,7 +16,6 @@ from typing import NamedTuple
 import at_once
 import fakes
 import pytest
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -24,6 +23,7 @@ from hypothesis.stateful import (
     rule,
     run_state_machine_as_test,
 )
+from outcomes import MACHINE
 from pandera.config import config_context
 
 import bench.plan.expansion
@@ -247,13 +247,7 @@ def make_machine(plugins, monkeypatch):
 def test_no_row_of_a_finished_run_goes_or_changes_unless_it_is_replaced(make_machine):
     run_state_machine_as_test(
         make_machine,
-        settings=settings(
-            max_examples=20,
-            stateful_step_count=15,
-            deadline=None,
-            derandomize=True,
-            suppress_health_check=list(HealthCheck),
-        ),
+        settings=MACHINE,
     )
 
 

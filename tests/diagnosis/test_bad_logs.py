@@ -11,7 +11,7 @@ from diagnosis.logs.columns import GROUPS, KNOWN
 from diagnosis.logs.flights import load_flights
 from simulators.vehicle import GRAVITY
 
-MANY = examples(10)
+MANY = examples(25)
 
 
 @MANY

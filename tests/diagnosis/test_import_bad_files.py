@@ -22,7 +22,7 @@ INSIDE = {"mcap": "*.mcap", "ros2": "*.db3"}
 
 @pytest.fixture(scope="module", autouse=True)
 def _others_are_no_garbage():
-    """Each file that cannot be read collects garbage: of this module's objects alone."""
+    """A bad file makes its reader collect all garbage; what was there before is left out."""
     gc.freeze()
     yield
     gc.unfreeze()

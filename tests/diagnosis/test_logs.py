@@ -21,7 +21,7 @@ from diagnosis.logs.flights import (
 )
 
 VEHICLE = VehicleFile('A "plain" Crazyflie \\ ö', "cf2x_L250", 0.032)
-MANY = examples(10)
+MANY = examples(25)
 
 
 @pytest.mark.parametrize("ending", ["parquet", "csv"])

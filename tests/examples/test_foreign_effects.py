@@ -39,7 +39,7 @@ updraft = foreign_effects:Updraft
 broken_blade = foreign_effects:BrokenBlade
 """
 CANDIDATES = {"updraft", "broken_blade", "wind", "gust", "mass", "thrust_gain", "drag"}
-"""Both, those of ours that look like them, and a drag."""
+"""The two foreign effects, the effects of ours that look like them, and a drag."""
 
 
 @pytest.fixture(scope="module", autouse=True)

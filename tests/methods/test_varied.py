@@ -1,5 +1,6 @@
 """Simulators that are drawn anew in every episode: how numbers are drawn, and that they act."""
 
+import functools
 import itertools
 
 import equinox as eqx
@@ -7,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flying import HOVER, fly, hold, hover_flight, positions, random_cmds
+from flying import HOVER, assert_near, fly, hold, hover_flight, positions, random_cmds
 from scipy.stats import kstest
 
 from methods.domain_randomization import RANGES, randomized
@@ -49,8 +50,7 @@ def flown(simulator, key, cmds=None):
     return fly(simulator, simulator.reset(POS, key), cmds)
 
 
-def assert_alike(one, other, rtol=1e-5, atol=1e-6):
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=rtol, atol=atol), one, other)
+assert_alike = functools.partial(assert_near, rtol=1e-5, atol=1e-6)
 
 
 RANGED = {"up": (0.03, 0.15), "c": (0.0, 0.6), "e": (-0.14, 0.03)}

@@ -1,11 +1,23 @@
 """The contract of every registered task."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flying import KEY, SIMULATORS, TASKS, fly, hovering, positions, random_cmds, restore
+from flying import (
+    KEY,
+    SIMULATORS,
+    TASKS,
+    assert_near,
+    fly,
+    hovering,
+    positions,
+    random_cmds,
+    restore,
+)
 
 from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
 from simulators.flight import Flight
@@ -44,8 +56,7 @@ def everything(task, state):
     return task.observe(state), task.rewards(state), task.error(state)
 
 
-def assert_close(a, b):
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-4, atol=1e-5), a, b)
+assert_close = functools.partial(assert_near, rtol=1e-4, atol=1e-5)
 
 
 @every_task

@@ -11,7 +11,7 @@ from tables_for_tests import Sheet, empty, typical
 
 from bench.paper import claims
 from bench.paper.claims import CLAIMS
-from bench.paper.page import HOW, TITLE, WHOLE, _document, judged, variants, write_claims
+from bench.paper.page import HOW, TITLE, WHOLE, document, judged, variants, write_claims
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 
@@ -41,7 +41,7 @@ def html(full):
 
 def written(tables):
     """The Markdown of a page whose figures nobody draws."""
-    return "\n\n".join(_document(tables, judged(tables), "", {})) + "\n"
+    return document(tables, judged(tables), "", {})
 
 
 def lines_of(text, start):
