@@ -97,7 +97,7 @@ def answer(question: Question, study: Study) -> Diagnosis:
         settings=settings,
         program=this_program(),
         details=_details(study, seen, settings.withheld),
-        interface=interface_faults(question.flights.flights, question.flights.vehicle),
+        interface=interface_faults(question.flights, question.reference),
     )
 
 

@@ -37,6 +37,11 @@ def verdict(diagnosis: Diagnosis) -> str:
     """The answer, as one sentence."""
     beside = diagnosis.reference is not None
     against = "the reference flights" if beside else "the simulator"
+    if diagnosis.verdict == "none" and diagnosis.interface:
+        return (
+            f"Nothing in the vehicle separates these flights from {against} beyond noise "
+            f"({_extent(diagnosis)}), but check the logs: {_parts(diagnosis)}."
+        )
     if diagnosis.verdict == "none":
         return f"Nothing separates these flights from {against} beyond noise: {_extent(diagnosis)}."
     if diagnosis.verdict == "too_few":
@@ -75,10 +80,9 @@ def _partly(diagnosis: Diagnosis, against: str) -> str:
 def _unexplained(diagnosis: Diagnosis, against: str) -> str:
     share, where = diagnosis.remainder.share, _where_left(diagnosis)
     if logs_first(diagnosis) and diagnosis.effects:
-        parts = join(fault.part for fault in diagnosis.interface)
         return (
             f"These flights differ from {against}, but their logs do not say what the format asks "
-            f"for ({parts}); mend that first: until then no cause in the vehicle can be named."
+            f"for ({_parts(diagnosis)}); mend that first: until then no cause in the vehicle can be named."
         )
     tail = f"; the remainder lies mostly in {where}" if where else ""
     if diagnosis.remainder.mostly_explained and diagnosis.effects:
@@ -92,9 +96,13 @@ def _unexplained(diagnosis: Diagnosis, against: str) -> str:
     return f"These flights differ from {against}, and no known effect explains how{tail}."
 
 
+def _parts(diagnosis: Diagnosis) -> str:
+    return join(fault.part for fault in diagnosis.interface)
+
+
 def logs_first(diagnosis: Diagnosis) -> bool:
     """Whether the logs must be mended before anything can be said of the vehicle."""
-    return diagnosis.verdict == "unexplained" and bool(diagnosis.interface)
+    return diagnosis.verdict in ("unexplained", "none") and bool(diagnosis.interface)
 
 
 def kind_label(diagnosis: Diagnosis) -> str:

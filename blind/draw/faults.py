@@ -37,6 +37,8 @@ class Fault:
     """Columns of which a log must hold at least one; none stands for any log."""
     answers: Callable[[Parameters], Truths] = _nothing
     """Effects that describe it, each with its true numbers."""
+    parts: tuple[str, ...] = ()
+    """Parts of the interface (`diagnosis.interface.fault.PARTS`) whose fault is its true name."""
     sizes: tuple[str, ...] = SIZES
     """Names of the sizes."""
     believed_mass: Callable[[float, Parameters], float] | None = None
@@ -94,9 +96,15 @@ def _mass(p: Parameters) -> Truths:
     return {"mass": {"e": p["e"]}, "thrust_gain": {"e": 1.0 / (1.0 + p["e"]) - 1.0}}
 
 
-def _whole(change: Callable[[DroneLog], DroneLog], *needs: str) -> Fault:
+def _whole(change: Callable[[DroneLog], DroneLog], part: str, *needs: str) -> Fault:
     """A fault that has no size."""
-    return Fault(lambda size, rng: {}, lambda log, p, v: change(log), needs, sizes=ONE_SIZE)
+    return Fault(
+        lambda size, rng: {},
+        lambda log, p, v: change(log),
+        needs,
+        parts=(part,),
+        sizes=ONE_SIZE,
+    )
 
 
 FAULTS: Mapping[str, Fault] = {
@@ -138,9 +146,13 @@ FAULTS: Mapping[str, Fault] = {
         _angle(2.5, 5.0, 10.0),
         lambda log, p, v: made.turned_tilt(log, p["angle"]),
         answers=lambda p: {"frame_misalignment": {"angle": p["angle"]}},
+        parts=("frame of the commands",),
     ),
     "path_turned_in_yaw": Fault(
-        _angle(2.5, 5.0, 10.0), lambda log, p, v: made.turned_path(log, p["angle"]), ()
+        _angle(2.5, 5.0, 10.0),
+        lambda log, p, v: made.turned_path(log, p["angle"]),
+        (),
+        parts=("frame of the path", "frame of the path since the reference"),
     ),
     "clock_offset": Fault(
         _fixed("seconds", 0.02, 0.04, 0.08),
@@ -148,11 +160,13 @@ FAULTS: Mapping[str, Fault] = {
         made.INPUTS,
         # Nothing in a log tells a clock from commands that act earlier.
         lambda p: {"delay": {"seconds": -p["seconds"]}},
+        parts=("command clock",),
     ),
     "clock_drift": Fault(
         _signed("rate", 0.005, 0.01, 0.02),
         lambda log, p, v: made.shifted(log, 0.0, p["rate"]),
         made.INPUTS,
+        parts=("command clock",),
     ),
     "pwm_scale": Fault(
         _fixed("scale", 0.05, 0.1, 0.2),
@@ -161,20 +175,20 @@ FAULTS: Mapping[str, Fault] = {
         # Thrust is nearly a square of the duty, so that the effects have no single true number.
         lambda p: {"thrust_gain": {}, "mass": {}},
     ),
-    "body_velocity": _whole(made.body_velocity),
-    "degrees": _whole(made.degrees, "cmd"),
-    "grams": _whole(made.grams, "cmd"),
+    "body_velocity": _whole(made.body_velocity, "velocity"),
+    "degrees": _whole(made.degrees, "attitude command", "cmd"),
+    "grams": _whole(made.grams, "thrust", "cmd"),
 }
 """Faults that are drawn; a log holds what a fault changes, or the fault is not drawn for it."""
 
 ORDERS: Mapping[str, Fault] = {
-    "swapped_tilt": _whole(made.swapped_tilt, "cmd"),
-    "flipped_pitch": _whole(made.flipped_pitch, "cmd"),
-    "flipped_axis": _whole(made.flipped_axis),
-    "swapped_axes": _whole(made.swapped_axes),
-    "inverse_attitude": _whole(made.inverse_attitude),
-    "scalar_first": _whole(made.scalar_first),
-    "mirrored_motors": _whole(made.mirrored_motors, "pwm", "rotor_vel"),
+    "swapped_tilt": _whole(made.swapped_tilt, "attitude command", "cmd"),
+    "flipped_pitch": _whole(made.flipped_pitch, "attitude command", "cmd"),
+    "flipped_axis": _whole(made.flipped_axis, "attitude"),
+    "swapped_axes": _whole(made.swapped_axes, "attitude"),
+    "inverse_attitude": _whole(made.inverse_attitude, "attitude"),
+    "scalar_first": _whole(made.scalar_first, "attitude"),
+    "mirrored_motors": _whole(made.mirrored_motors, "motor order", "pwm", "rotor_vel"),
 }
 """Faults of order and sign, drawn too: a diagnosis that knows interfaces names them."""
 

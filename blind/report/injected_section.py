@@ -27,10 +27,11 @@ METHOD = (
     "from these flights, not of other vehicles."
 )
 WORDS = (
-    "*Found*: any verdict but `none` and `too_few`, or logs refused with a reason. *Named*: an "
-    "effect is blamed that describes the fault, or one that these flights cannot tell from it; "
-    "faults that no effect describes cannot be named. *Wrong effect*: an effect is blamed, and "
-    "none that describes the fault. Intervals are 95 %, Clopper and Pearson's."
+    "*Found*: any verdict but `none` and `too_few`, a fault of the interface, or logs refused with "
+    "a reason. *Named*: an effect is blamed that describes the fault, or one that these flights "
+    "cannot tell from it; or the part of the interface is named that has the fault. *Wrong "
+    "effect*: an effect is blamed, and none that describes the fault. Intervals are 95 %, Clopper "
+    "and Pearson's."
 )
 
 
@@ -137,7 +138,7 @@ def _power(tables: InjectedTables) -> str:
             f"{row['size']} ({_sizes(tables.cases, row)})" if row["size"] != "whole" else "whole",
             str(row["n"]),
             _share(row, "found"),
-            _share(row, "named") if row["fault"] in described else "no effect describes it",
+            _share(row, "named") if row["fault"] in described else "nothing describes it",
             str(row["misled"]),
             str(row["refused"]),
         )
@@ -182,14 +183,14 @@ def _wrong(tables: InjectedTables) -> str:
             markdown.escape(row["fault"]),
             markdown.escape(_parameters(row["parameters"])),
             row["verdict"],
-            markdown.escape(row["answer"] or row["cause"] or "—"),
+            markdown.escape(row["answer"] or row["interface"] or row["cause"] or "—"),
         )
         for row in records(tables.cases)
         if _is_wrong(row, described)
     ]
     if not rows:
         return "None."
-    headings = ("case", "fault", "its numbers [SI]", "verdict", "blamed, or why there is no answer")
+    headings = ("case", "fault", "its numbers [SI]", "verdict", "said")
     return markdown.table(headings, rows, (0, 1, 2, 3, 4))
 
 

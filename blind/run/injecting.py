@@ -175,7 +175,8 @@ def _finish(
     answers, statuses = read_documents(folders, labels)
     cases, numbers = injected_rows(labels, answers, statuses)
     sources = sorted({status["sources"] for status in statuses.values()})
-    described = sorted({c.fault for c in labels.values() if c.answers and c.fault in ALL})
+    faulty = [case for case in labels.values() if case.fault in ALL]
+    described = sorted({c.fault for c in faulty if c.answers or ALL[c.fault].parts})
     run = {**state, "sources": sources, "described": described}
     tables = report.InjectedTables(cases, numbers, run)
     tables.save(folders.out)

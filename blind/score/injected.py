@@ -7,6 +7,9 @@
 | misled | blames an effect, and none that describes the fault |
 | refused | could not be given, because the program said what is wrong with the logs |
 
+An answer that says what is wrong with the interface has found something; it has named the fault if
+that part of the interface has it.
+
 Each share has the interval of Clopper and Pearson (1934), Biometrika 26, 404-413.
 """
 
@@ -18,6 +21,7 @@ from typing import Any
 import pandas as pd
 
 from bench.stats.statistics import records
+from blind.draw.faults import ALL
 from blind.draw.injected import NOTHING, Injected
 from blind.score.answers import REFUSED, beside_truth
 from blind.score.scoring import clopper_pearson
@@ -67,7 +71,7 @@ def shares(cases: pd.DataFrame, numbers: pd.DataFrame) -> pd.DataFrame:
     ]
     wanted = (
         ("an effect blamed in undisturbed flights", quiet, "misled"),
-        ("anything but `none` said of undisturbed flights", quiet, "found"),
+        ("anything wrong found in undisturbed flights", quiet, "found"),
         ("faults found", faulty, "found"),
         ("a wrong effect blamed for a fault", faulty, "misled"),
         ("truth inside stated 95 % intervals", stated, "inside"),
@@ -84,7 +88,9 @@ def _share(name: str, hits: list[bool]) -> Row:
 
 def _judge(case: Injected, found: Diagnosis | None, status: Json) -> Row:
     blamed = [effect for effect in found.effects if effect.blamed] if found else []
-    named = any(_describes(case, effect) for effect in blamed)
+    parts = [fault.part for fault in found.interface] if found else []
+    told = case.fault in ALL and bool({*parts} & {*ALL[case.fault].parts})
+    described = any(_describes(case, effect) for effect in blamed)
     refused = found is None and str(status["cause"]).startswith(REFUSED)
     return {
         "case": case.id,
@@ -96,9 +102,12 @@ def _judge(case: Injected, found: Diagnosis | None, status: Json) -> Row:
         "answer": " + ".join(effect.name for effect in blamed),
         "probability": found.probability if found else None,
         "drift_falls": found.shrink.percent if found else None,
-        "found": refused or (found is not None and judged_of(found.verdict) != "none"),
-        "named": named,
-        "misled": bool(blamed) and not named,
+        "interface": ", ".join(parts),
+        "found": refused
+        or bool(parts)
+        or (found is not None and judged_of(found.verdict) != "none"),
+        "named": described or told,
+        "misled": bool(blamed) and not described,
         "refused": refused,
         "status": status["status"],
         "cause": status["cause"],

@@ -45,7 +45,12 @@ PARTS = (
     "thrust",
     "motor order",
     "frame of the path",
+    "frame of the path since the reference",
     "frame of the commands",
     "heading",
 )
 """Every part that is checked, in the order in which faults are listed."""
+SIZED = frozenset(
+    {"command clock", "thrust", "frame of the path", "frame of the commands", "heading"}
+)
+"""Parts whose fault is a size; beside a reference that has it, too, it is no change."""

@@ -3,23 +3,27 @@
 Nothing is simulated. Columns that say the same thing are compared (`orders`, `commands`), and sizes
 with what vehicles do by themselves (`scales`). Later checks read columns as earlier ones found them
 to be meant where that matters: the lag is that of the order and sign that fit.
+
+Beside a reference the question is what changed. A size that the reference has, too, is then no
+fault, and the path's frame is compared with the reference's: no effect describes its turn, and what
+both sets share of it falls out.
 """
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from diagnosis.interface import commands, orders, scales
 from diagnosis.interface.commands import Following
-from diagnosis.interface.fault import PARTS, Evidence, InterfaceFault
+from diagnosis.interface.fault import PARTS, SIZED, Evidence, InterfaceFault
 from diagnosis.interface.motors import motor_order
 from diagnosis.interface.readings import Chosen
 from diagnosis.interface.scales import Size
 from diagnosis.interface.windows import Windows, make_windows
-from diagnosis.logs.flights import DroneLog, FlightLog, VehicleFile
+from diagnosis.logs.flights import DroneLog, FlightSet, VehicleFile
 from diagnosis.logs.inputs import thrust_is_known, thrust_of_pwm, thrust_of_rotors
 from diagnosis.logs.noise import measured
 
@@ -30,13 +34,28 @@ UNITS = {4.0: "one rotor's share", 2.2046: "pounds", 35.274: "ounces"}
 
 
 def interface_faults(
-    flights: Sequence[FlightLog], vehicle: VehicleFile
+    flights: FlightSet, reference: FlightSet | None = None
 ) -> tuple[InterfaceFault, ...]:
-    """Every part of the interface that these flights show to be wrong, in the order of `PARTS`."""
-    drones = [drone for flight in flights for drone in flight.drones]
-    windows = make_windows(flights, [_thrust(drone, vehicle) for drone in drones])
-    if windows is not None and len(windows) < FEWEST_WINDOWS:
-        windows = None
+    """Every part of the interface that these flights show to be wrong, in the order of `PARTS`.
+
+    Beside a `reference`, a size that it has, too, is left out, and a turn of the path's frame since
+    then is found.
+    """
+    windows = _windows(flights)
+    found = _faults(flights, windows)
+    if reference is None:
+        return found
+    before = _windows(reference)
+    shared = {fault.part for fault in _faults(reference, before)} & SIZED
+    own = [fault for fault in found if fault.part not in shared]
+    explained = any(fault.part in ("attitude", "frame of the path") for fault in own)
+    since = None if explained else _turned_since(windows, before)
+    return _in_order(own if since is None else [*own, since])
+
+
+def _faults(flights: FlightSet, windows: Windows | None) -> tuple[InterfaceFault, ...]:
+    """Faults that flights show by themselves."""
+    vehicle, drones = flights.vehicle, _drones(flights)
     parts = scales.parts_of(len(drones))
     followed = [part for drone in drones for part in commands.following(drone, parts)]
     compared = _compared(windows, followed, drones)
@@ -47,8 +66,22 @@ def interface_faults(
     if followed and whole:
         found += _followed(followed)
     found.append(_heading(drones))
-    named = [fault for fault in found if fault is not None]
-    return tuple(sorted(named, key=lambda fault: PARTS.index(fault.part)))
+    return _in_order(fault for fault in found if fault is not None)
+
+
+def _in_order(faults: Iterable[InterfaceFault]) -> tuple[InterfaceFault, ...]:
+    return tuple(sorted(faults, key=lambda fault: PARTS.index(fault.part)))
+
+
+def _drones(flights: FlightSet) -> list[DroneLog]:
+    return [drone for flight in flights.flights for drone in flight.drones]
+
+
+def _windows(flights: FlightSet) -> Windows | None:
+    """The windows of all drones; None if they are too few to say anything."""
+    thrusts = [_thrust(drone, flights.vehicle) for drone in _drones(flights)]
+    windows = make_windows(flights.flights, thrusts)
+    return None if windows is None or len(windows) < FEWEST_WINDOWS else windows
 
 
 def _thrust(drone: DroneLog, vehicle: VehicleFile) -> Float[np.ndarray, " rows"] | None:
@@ -188,10 +221,30 @@ def _path_frame(windows: Windows) -> InterfaceFault | None:
     )
 
 
-def _turned(part: str, what: str, against: str, size: Size) -> InterfaceFault:
+def _turned_since(windows: Windows | None, before: Windows | None) -> InterfaceFault | None:
+    """A turn of the path since the reference, which a new calibration of motion capture makes."""
+    now, then = (None if some is None else scales.path_turn(some) for some in (windows, before))
+    if now is None or then is None:
+        return None
+    size = now.since(then)
+    if not size.beyond(0.0, 0.0) or abs(size.value) < scales.TURN_SINCE:
+        return None
+    return _turned(
+        "frame of the path since the reference",
+        "position and velocity are turned",
+        "the attitude, compared with the reference: was the motion capture calibrated anew, or the "
+        "drone's body defined anew?",
+        size,
+        scales.TURN_SINCE,
+    )
+
+
+def _turned(
+    part: str, what: str, against: str, size: Size, limit: float = scales.TURN
+) -> InterfaceFault:
     degrees = math.degrees(1.0)
     shown = f"{degrees * size.value:.0f} degrees in yaw"
-    evidence = _sized(f"turn of the {part}", size, "deg", -scales.TURN, scales.TURN, degrees)
+    evidence = _sized(f"turn of the {part}", size, "deg", -limit, limit, degrees)
     return InterfaceFault(
         part=part,
         readings=(f"turned by {shown}",),

@@ -126,7 +126,7 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
         settings=settings_of(question),
         program=this_program(),
         details=_details(study, seen),
-        interface=interface_faults(question.flights.flights, question.flights.vehicle),
+        interface=interface_faults(question.flights, question.reference),
     )
 
 

@@ -122,6 +122,13 @@ def test_a_fault_of_the_logs_comes_before_any_physics():
     assert next_flight(load(found)) == found["next_flight"]
 
 
+def test_a_fault_of_the_logs_stands_in_the_headline_where_nothing_else_is_wrong():
+    turn = {"part": "frame of the path", "readings": ["turned"], "advice": "Check.", "evidence": []}
+    found = diagnoses_for_tests.none() | {"interface": [turn]}
+    assert verdict(load(found)).endswith("s in all), but check the logs: frame of the path.")
+    assert kind_label(load(found)) == "Mend the logs first"
+
+
 @pytest.mark.parametrize(
     ("name", "alias", "said"),
     [

@@ -284,6 +284,8 @@ def test_scores_count_aliases_refusals_and_wrong_effects():
             case(4, "delay", seconds=0.02),
             case(5, NOTHING),
             case(6, NOTHING),
+            case(7, "path_turned_in_yaw", angle=0.09),
+            case(8, "clock_drift", rate=0.01),
         )
     }
     given = []
@@ -296,13 +298,15 @@ def test_scores_count_aliases_refusals_and_wrong_effects():
     ):
         given.append((effect() if effects else none()) | {"verdict": verdict, "effects": effects})
     answers = dict(zip(cases, given, strict=False))
+    fault = {"part": "frame of the path", "readings": ["turned"], "advice": "", "evidence": []}
+    answers |= dict.fromkeys([f"{i:016x}" for i in (7, 8)], none() | {"interface": [fault]})
     ok = {"status": "ok", "cause": "", "seconds": 1.0}
     statuses = dict.fromkeys(cases, ok)
     statuses[f"{6:016x}"] = {"status": "failed", "cause": "exit status 2: why", "seconds": 1.0}
     table, numbers = injected_rows(cases, answers, statuses)
-    assert table["named"].tolist() == [True, True, True, False, False, False]
-    assert table["misled"].tolist() == [False, False, False, True, False, False]
-    assert table["found"].tolist() == [True, True, True, True, True, True]
+    assert table["named"].tolist() == [True, True, True, False, False, False, True, False]
+    assert table["misled"].tolist() == [False, False, False, True, *[False] * 4]
+    assert table["found"].all()
     # 1/1.05 - 1 is -0.048, and 1/1.1 - 1 is -0.091.
     assert numbers["inside"].tolist() == [True, False]
     found = power(table).set_index("fault")
@@ -310,7 +314,7 @@ def test_scores_count_aliases_refusals_and_wrong_effects():
     assert found.loc["delay", "named_low"] == pytest.approx(0.0126, abs=1e-4)
     score = shares(table, numbers).set_index("score")["hits"]
     assert score["an effect blamed in undisturbed flights"] == 0
-    assert score["anything but `none` said of undisturbed flights"] == 2
+    assert score["anything wrong found in undisturbed flights"] == 2
     run = {"injected": "<b>", "seed": None, "reference": False, "sources": ["a" * 64]}
     run |= {"flights": 4, "started": "", "sha256": "", "described": ["delay", "thrust_gain"]}
     text = "\n".join(section(InjectedTables(table, numbers, run)))

@@ -30,8 +30,8 @@ def clean():
     return point_mass_set(n_flights=6, seconds=6.0)
 
 
-def found(flights):
-    return interface_faults(flights.flights, flights.vehicle)
+def found(flights, reference=None):
+    return interface_faults(flights, reference)
 
 
 def with_fault(flights, name, **parameters):
@@ -90,7 +90,7 @@ def test_a_clock_that_is_off_is_named(clean, seconds, word):
 
 def test_a_mass_in_pounds_is_told_from_a_wrong_thrust(clean):
     pounds = dataclasses.replace(clean.vehicle, mass=2.2046 * clean.vehicle.mass)
-    (fault,) = interface_faults(clean.flights, pounds)
+    (fault,) = found(dataclasses.replace(clean, vehicle=pounds))
     assert fault.readings == ("a mass in pounds",)
     assert "is the mass in pounds?" in fault.advice
 
@@ -105,6 +105,43 @@ def test_changes_of_the_vehicle_are_left_to_physics(clean):
         ("yaw_misalignment", {"angle": 0.25}),
     ):
         assert found(with_fault(clean, name, **parameters)) == (), name
+
+
+def test_beside_a_reference_a_small_turn_of_the_path_is_named(clean):
+    turned = with_fault(clean, "path_turned_in_yaw", angle=0.087)
+    assert found(turned) == ()  # by itself it is within what markers are set by
+    (fault,) = found(turned, clean)
+    assert fault.part == "frame of the path since the reference"
+    assert fault.readings == ("turned by 5 degrees in yaw",)
+    (evidence,) = fault.evidence
+    assert evidence.low < 5.0 < evidence.high
+    assert found(with_fault(clean, "path_turned_in_yaw", angle=0.035), clean) == ()
+    assert found(turned, turned) == ()
+
+
+def test_beside_a_reference_what_both_have_is_no_change(clean):
+    for name, parameters in (
+        ("path_turned_in_yaw", {"angle": 0.26}),
+        ("tilt_turned_in_yaw", {"angle": -0.26}),
+        ("thrust_gain", {"e": -0.5}),
+        ("delay", {"seconds": -0.3}),
+    ):
+        off = with_fault(clean, name, **parameters)
+        (fault,) = found(off)
+        assert found(off, off) == (), name
+        assert [one.part for one in found(off, clean)] == [fault.part], name
+
+
+def test_an_order_is_wrong_beside_a_reference_that_has_it_too(clean):
+    flipped = with_fault(clean, "flipped_pitch")
+    assert [fault.part for fault in found(flipped, flipped)] == ["attitude command"]
+
+
+def test_beside_a_reference_the_turn_since_then_counts_where_both_are_off(clean):
+    left, right = (with_fault(clean, "path_turned_in_yaw", angle=a) for a in (0.26, -0.26))
+    (fault,) = found(left, right)
+    assert fault.part == "frame of the path since the reference"
+    assert fault.evidence[0].value == pytest.approx(29.8, abs=2.0)
 
 
 def turning(order=(0, 1, 2, 3), n=6, gyro="body", noise=1.0):
@@ -218,6 +255,15 @@ def test_the_jackknife_of_a_mean_is_students_interval():
     assert size.high - size.value == pytest.approx(reach, rel=1e-3)
 
 
+@pytest.mark.parametrize("name", ["crazyflie_plain", "nanobench"])
+def test_halves_of_real_flights_differ_by_no_fault(name):
+    if not (REAL / name).is_dir():
+        pytest.skip("The real flights are not beside the repository")
+    flights = load_flights(REAL / name)
+    halves = (dataclasses.replace(flights, flights=flights.flights[i::2]) for i in (0, 1))
+    assert found(*halves) == ()
+
+
 @pytest.mark.parametrize(
     ("name", "count", "expected"),
     [
@@ -233,7 +279,7 @@ def test_real_flights_load_as_they_are_and_have_the_faults_that_they_have(name, 
     flights = load_flights(REAL / name)
     assert flights.left_out == ()
     assert len(flights.flights) == count
-    faults = interface_faults(flights.flights[:8], flights.vehicle)
+    faults = found(dataclasses.replace(flights, flights=flights.flights[:8]))
     assert [fault.part for fault in faults] == expected
     for fault in faults:
         assert "times the thrust that these flights show" in fault.advice
