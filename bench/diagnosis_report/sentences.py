@@ -82,7 +82,8 @@ def _unexplained(diagnosis: Diagnosis, against: str) -> str:
     if logs_first(diagnosis) and diagnosis.effects:
         return (
             f"These flights differ from {against}, but their logs do not say what the format asks "
-            f"for ({_parts(diagnosis)}); mend that first: until then no cause in the vehicle can be named."
+            f"for ({_parts(diagnosis)}); mend that first: until then no cause in the vehicle can "
+            "be named."
         )
     tail = f"; the remainder lies mostly in {where}" if where else ""
     if diagnosis.remainder.mostly_explained and diagnosis.effects:
