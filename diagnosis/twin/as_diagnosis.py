@@ -45,7 +45,7 @@ from diagnosis.statements import (
 from diagnosis.twin.answer import ChangedParameter
 from diagnosis.twin.channels import CHANNELS, FEWEST_SAMPLES, UNITS
 from diagnosis.twin.diagnose_change import ChangeStudy, diagnose_change
-from diagnosis.twin.drift import Scored, drift_shrink
+from diagnosis.twin.drift import Scored, drift_shrink, misfit_ratios
 
 MOST_CANDIDATES = 8
 """Effects that are listed."""
@@ -273,14 +273,7 @@ def _support(study: ChangeStudy, decision: Decision) -> tuple[Support, ...]:
     scored, effects = study.scored, study.answer.effects
     if len(effects) != 1 or len(scored) < decision.fewest_flights:
         return ()
-    white = study.twin.colour.whiten
-    ratio = np.asarray(
-        [
-            np.log(np.mean(white(f.after, f.valid) ** 2) / np.mean(white(f.before, f.valid) ** 2))
-            for f in scored
-        ]
-    )
-    return (supported(effects[0], ratio),)
+    return (supported(effects[0], misfit_ratios(study.twin, scored)),)
 
 
 def _shrink(

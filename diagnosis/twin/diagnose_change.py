@@ -12,7 +12,7 @@ from diagnosis.logs.flights import FlightSet
 from diagnosis.logs.inputs import Inputs, driven_alike
 from diagnosis.twin.answer import TwinAnswer, followed
 from diagnosis.twin.channels import Channels
-from diagnosis.twin.drift import Scored, drift_shrink, score_flights
+from diagnosis.twin.drift import Scored, drift_shrink, misfit_ratios, score_flights
 from diagnosis.twin.flown import Fly, flight_of, seen, twin_replay
 from diagnosis.twin.naming import name_change
 from diagnosis.twin.twin import Twin, make_twin, standing_out
@@ -97,7 +97,7 @@ def answer_change(
     target = make_group([s for s, out in zip(scores, odd, strict=True) if not out], width)
     named = name_change(library, reference, target, decision, refly if fly else None)
     scored = score_flights(twin, kept, flown_at(named.at.change), named.at)
-    if named.effects and not _helps(twin, scored, decision):
+    if named.effects and not helps(twin, scored, decision):
         named = named.unexplained()
         scored = score_flights(twin, kept, kept, named.at)
     fields = {field.name for field in dataclasses.fields(TwinAnswer)}
@@ -113,14 +113,16 @@ def answer_change(
     return answer, scored
 
 
-def _helps(twin: Twin, scored: Sequence[Scored], decision: Decision) -> bool:
-    """Whether effects that were fitted to other flights lower the misfit, and no drift grows."""
+def helps(twin: Twin, scored: Sequence[Scored], decision: Decision) -> bool:
+    """Whether effects that were fitted to other flights lower the misfit, and no drift grows.
+
+    Flights are the units: one that fits far better makes up for none that fit worse.
+    """
     if len(scored) < 2:
         return True  # there is no other flight
-    before, after = _misfit(twin, scored)
     shrink = drift_shrink(scored, (), decision)
     grows = shrink.high is not None and shrink.high < 0.0
-    return after < before and not grows
+    return float(misfit_ratios(twin, scored).mean()) < 0.0 and not grows
 
 
 def _misfit(twin: Twin, scored: Sequence[Scored]) -> tuple[float, float]:

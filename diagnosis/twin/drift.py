@@ -78,6 +78,16 @@ def score_flights(
     return tuple(made)
 
 
+def misfit_ratios(twin: Twin, scored: Sequence[Scored]) -> Float[np.ndarray, " flights"]:
+    """Logarithm of each flight's misfit with the effects over that without."""
+    white = twin.colour.whiten
+
+    def chi2(one: Scored, errors: Float[np.ndarray, "time 6"]) -> np.floating:
+        return np.mean(white(errors, one.valid) ** 2)
+
+    return np.asarray([np.log(chi2(one, one.after) / chi2(one, one.before)) for one in scored])
+
+
 def drift_shrink(
     scored: Sequence[Scored], by_channel: tuple[ChannelShrink, ...], decision: Decision
 ) -> Shrink:

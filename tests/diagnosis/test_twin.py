@@ -6,10 +6,11 @@ import functools
 import numpy as np
 import pytest
 
+from diagnosis.decision import Decision
 from diagnosis.logs.flights import LogError
 from diagnosis.replay.library import make_library
 from diagnosis.twin.channels import Channels, headed
-from diagnosis.twin.diagnose_change import answer_change
+from diagnosis.twin.diagnose_change import answer_change, helps
 from diagnosis.twin.drift import Scored
 from diagnosis.twin.memory import fit_memories, gram, lagged, scale_of
 from diagnosis.twin.twin import Score, fit_colour, make_twin, standing_out
@@ -229,3 +230,19 @@ def test_few_flights_name_a_family_of_effects_that_look_alike():
     found, _ = answer_change(twin, [flight(100 + i, [(at, size)]) for i in range(3)])
     assert "attitude_gain" in (*found.effects, *found.aliases)
     assert found.probability >= 0.5
+
+
+@pytest.mark.parametrize(("others", "expected"), [(1.05, False), (0.99, True)])
+def test_one_flight_that_fits_far_better_makes_up_for_none_that_fit_worse(others, expected):
+    twin, rng = plain_twin(), np.random.default_rng(3)
+
+    def scored(name, before, after):
+        """A flight whose errors in attitude are scaled, and whose drift stays."""
+        errors = rng.normal(size=(300, 6))
+        scale = lambda x: errors * np.asarray([x, x, x, 1.0, 1.0, 1.0])  # noqa: E731
+        return Scored(name, np.ones(300, bool), scale(before), scale(after))
+
+    flights = [scored(f"{i}", 1.0, others) for i in range(7)] + [scored("far", 3.0, 2.6)]
+    whole = lambda when: np.mean([np.mean(getattr(f, when) ** 2) for f in flights])  # noqa: E731
+    assert whole("after") < whole("before")
+    assert helps(twin, flights, Decision()) is expected
