@@ -227,13 +227,16 @@ def show(tables: Tables, console: Console) -> None:
             )
             for column in shown:
                 words = [*heads[column.heading].split()]
+                whole = column.heading == "settled reward (n)"
                 if column.heading == "method":
                     words += [row["entry"].method for row in rows]
+                    # Names that cannot be folded anyway must not be the column that is narrowed.
+                    whole = max(len(column.text(row)) for row in rows) <= max(map(len, words))
                 table.add_column(
                     heads[column.heading],
                     overflow="fold",
                     justify="left" if column.left else "right",
-                    no_wrap=column.heading == "settled reward (n)",
+                    no_wrap=whole,
                     min_width=max(map(len, words)) + (column.heading == "method"),
                 )
             for row in rows:
