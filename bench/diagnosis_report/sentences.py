@@ -37,13 +37,8 @@ def verdict(diagnosis: Diagnosis) -> str:
     """The answer, as one sentence."""
     beside = diagnosis.reference is not None
     against = "the reference flights" if beside else "the simulator"
-    if diagnosis.verdict == "none" and diagnosis.interface:
-        return (
-            f"Nothing in the vehicle separates these flights from {against} beyond noise "
-            f"({_extent(diagnosis)}), but check the logs: {_parts(diagnosis)}."
-        )
     if diagnosis.verdict == "none":
-        return f"Nothing separates these flights from {against} beyond noise: {_extent(diagnosis)}."
+        return _none(diagnosis, against)
     if diagnosis.verdict == "too_few":
         return f"Too few flights to tell whether anything changed: {_extent(diagnosis)}."
     if diagnosis.verdict == "partly":
@@ -60,6 +55,15 @@ def verdict(diagnosis: Diagnosis) -> str:
     then = f"With {'it' if len(diagnosis.blamed) == 1 else 'them'} in the simulator, {drift}."
     sentences = [f"{start} {found}, {sure}.", *_alike(diagnosis), *([then] if drift else [])]
     return " ".join(sentences)
+
+
+def _none(diagnosis: Diagnosis, against: str) -> str:
+    if logs_first(diagnosis):
+        return (
+            f"Nothing in the vehicle separates these flights from {against} beyond noise "
+            f"({_extent(diagnosis)}), but check the logs: {_parts(diagnosis)}."
+        )
+    return f"Nothing separates these flights from {against} beyond noise: {_extent(diagnosis)}."
 
 
 def _partly(diagnosis: Diagnosis, against: str) -> str:

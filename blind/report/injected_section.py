@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,20 +19,20 @@ from blind.score.injected import power, shares
 
 TITLE = "Diagnosis of faults that were injected into logs"
 METHOD = (
-    "Every case splits the flights at random into two halves. A fault is written into one half as "
-    "its vehicle, clocks or columns would have logged it, with arithmetic on columns alone; a "
-    "quarter of the cases get none. {beside} Each diagnosis runs in a process of its own that is "
-    "given folders of flights with a random name; what was done stands in a salted file whose "
+    "Every case splits the flights of a set at random into two halves. A fault is written into one "
+    "half as its vehicle, clocks or columns would have logged it, with arithmetic on columns "
+    "alone; a quarter of the cases get none. Each diagnosis runs in a process of its own that is "
+    "given folders of flights with a random name. What was done stands in a salted file whose "
     "SHA-256 was printed before the first diagnosis and checked after the last. Halves of one set "
     "are not independent: they share their flights, so that intervals are those of more draws "
     "from these flights, not of other vehicles."
 )
 WORDS = (
-    "*Found*: any verdict but `none` and `too_few`, a fault of the interface, or logs refused with "
-    "a reason. *Named*: an effect is blamed that describes the fault, or one that these flights "
-    "cannot tell from it; or the part of the interface is named that has the fault. *Wrong "
-    "effect*: an effect is blamed, and none that describes the fault. Intervals are 95 %, Clopper "
-    "and Pearson's."
+    "*Found*: the verdict is neither `none` nor `too_few`, or a part of the interface is said to "
+    "be wrong, or the logs are refused with a reason. *Named*: the answer blames an effect that "
+    "describes the fault, or an effect that these flights cannot tell from it, or it says that "
+    "the part of the interface is wrong that has the fault. *Wrong effect*: the answer blames "
+    "effects, and none of them describes the fault. Intervals are 95 %, Clopper and Pearson's."
 )
 
 
@@ -83,6 +84,11 @@ def is_injected(directory: Path) -> bool:
     return "injected" in run
 
 
+def report(runs: Sequence[InjectedTables]) -> list[str]:
+    """What holds for all runs, and then the section of each."""
+    return [METHOD, WORDS, *(part for tables in runs for part in section(tables))]
+
+
 def section(tables: InjectedTables) -> list[str]:
     """The section of one run."""
     return [
@@ -99,7 +105,7 @@ def section(tables: InjectedTables) -> list[str]:
 
 def write_injected(tables: InjectedTables, path: Path) -> Path:
     """The Markdown file that was written; HTML stands beside it."""
-    text = "\n\n".join([f"# {TITLE}", *section(tables)]) + "\n"
+    text = "\n\n".join([f"# {TITLE}", *report([tables])]) + "\n"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     write_page(text, path.with_suffix(".html"), TITLE)
@@ -117,15 +123,14 @@ def _facts(tables: InjectedTables) -> list[str]:
     )
     sources = run["sources"]
     lines = [
-        METHOD.format(beside=beside),
-        f"{len(cases)} cases of {run['flights']} flights, {quiet} of them undisturbed, drawn "
-        f"{run['started']} with the seed {drawn}. SHA-256 of the labels: `{run['sha256']}`. A "
-        f"diagnosis took {cases['seconds'].median():.0f} s in the median and "
+        f"{beside} {len(cases)} cases of {run['flights']} flights, {quiet} of them undisturbed, "
+        f"drawn {run['started']} with the seed {drawn}. SHA-256 of the labels: "
+        f"`{run['sha256']}`. A diagnosis took {cases['seconds'].median():.0f} s in the median and "
         f"{cases['seconds'].max():.0f} s at most. Program {sources[0][:12]}.",
     ]
     if len(sources) > 1:
         lines.append(f"**The answers come from {len(sources)} versions of the program.**")
-    return [*lines, WORDS]
+    return lines
 
 
 def _power(tables: InjectedTables) -> str:

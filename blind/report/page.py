@@ -61,8 +61,8 @@ def write_report(
         for tables in found:
             figures = {p.stem: (link(p), caption) for p, caption in pictures[id(tables)]}
             parts += _reality(tables, figures, remarks)
-        for own in injected:
-            parts += injected_section.section(own)
+        if injected:
+            parts += [f"## {injected_section.TITLE}", *injected_section.report(injected)]
         return "\n\n".join([*parts, *rest]) + "\n"
 
     path.parent.mkdir(parents=True, exist_ok=True)

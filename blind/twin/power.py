@@ -4,8 +4,9 @@
 
 Flights are split at random into a reference and a target. Undisturbed targets count false alarms;
 targets with a fault in their commands count how often it is named, or stands among the aliases of
-what is named, and how often its interval holds its true size. Splits of one set share flights, so
-that Clopper-Pearson intervals, which stand for independent splits, are too narrow.
+what is named, and how often its interval holds its true size. A second table counts targets with a
+turned path, which the check of the interface names. Splits of one set share flights, so that
+Clopper-Pearson intervals, which stand for independent splits, are too narrow.
 """
 
 import argparse
@@ -19,6 +20,7 @@ from scipy.stats import beta
 
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import FAULTS
+from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.logs.inputs import choose_inputs
 from diagnosis.replay.replay import Replay
@@ -63,6 +65,8 @@ STUDIED: Mapping[str, Studied] = {
     "frame": Studied("tilt_turned_in_yaw", "angle", "rad", float(np.deg2rad(5.0))),
 }
 """What is studied, by name, with the sizes that the twin aims at."""
+TURNS = (0.0, 2.5, 5.0, 10.0)
+"""Turns of the path in yaw that are studied [deg]."""
 Case = tuple[str, float]
 """A fault's name and size; the empty name stands for undisturbed flights."""
 CLEAN: Case = ("", 0.0)
@@ -155,6 +159,23 @@ def measure(
     return [Tally(case, tuple(answers)) for case, answers in found.items()]
 
 
+def turns_named(
+    flights: FlightSet, splits: int, sizes: tuple[int, int], seed: int
+) -> Mapping[float, int]:
+    """In how many random splits each of `TURNS` is named beside the reference."""
+    rng, fault = np.random.default_rng(seed), FAULTS["path_turned_in_yaw"]
+    named = dict.fromkeys(TURNS, 0)
+    for _ in range(splits):
+        order = [flights.flights[i] for i in rng.permutation(len(flights.flights))]
+        before = dataclasses.replace(flights, flights=tuple(order[: sizes[0]]))
+        after = dataclasses.replace(flights, flights=tuple(order[sizes[0] : sum(sizes)]))
+        for degrees in TURNS:
+            turned = fault.apply(after, {"angle": float(np.deg2rad(degrees))})
+            parts = {found.part for found in interface_faults(turned, before)}
+            named[degrees] += bool(parts & {*fault.parts})
+    return named
+
+
 def interval(k: int, n: int) -> tuple[float, float]:
     """Clopper-Pearson interval of a share, 95 %."""
     low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
@@ -186,6 +207,12 @@ def write_table(tallies: Sequence[Tally]) -> str:
     return "\n".join(lines)
 
 
+def write_turns(named: Mapping[float, int], splits: int) -> str:
+    """The table of turned paths, in Markdown."""
+    lines = [f"| {degrees:g} | {_share(k, splits)} |" for degrees, k in named.items()]
+    return "\n".join(["| path turned in yaw [deg] | named |", "|---|---|", *lines])
+
+
 def _line(tally: Tally, name: str, size: float, fault: Studied, n: int) -> str:
     shown = tally.estimates()
     held = sum(p.low <= size <= p.high for p in shown)
@@ -213,10 +240,11 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the splits")
     given = parser.parse_args()
-    channels, twin_of = fly(load_flights(given.flights), given.scales)
-    sizes = given.reference, given.target
+    flights, sizes = load_flights(given.flights), (given.reference, given.target)
+    channels, twin_of = fly(flights, given.scales)
     tallies = measure(channels, twin_of, given.splits, given.fault_splits, sizes, given.seed)
-    sys.stdout.write(write_table(tallies) + "\n")
+    turned = turns_named(flights, given.splits, sizes, given.seed)
+    sys.stdout.write(f"{write_table(tallies)}\n\n{write_turns(turned, given.splits)}\n")
 
 
 if __name__ == "__main__":

@@ -46,10 +46,11 @@ def interface_faults(
     if reference is None:
         return found
     before = _windows(reference)
-    shared = {fault.part for fault in _faults(reference, before)} & SIZED
-    own = [fault for fault in found if fault.part not in shared]
-    explained = any(fault.part in ("attitude", "frame of the path") for fault in own)
-    since = None if explained else _turned_since(windows, before)
+    then = {fault.part for fault in _faults(reference, before)}
+    own = [fault for fault in found if fault.part not in then & SIZED]
+    # The turn is read from the attitude of both sets.
+    wrong = "attitude" in then or {"attitude", "frame of the path"} & {f.part for f in own}
+    since = None if wrong else _turned_since(windows, before)
     return _in_order(own if since is None else [*own, since])
 
 

@@ -12,7 +12,7 @@ from diagnosis.logs.flights import FlightSet
 from diagnosis.logs.inputs import Inputs, driven_alike
 from diagnosis.twin.answer import TwinAnswer, followed
 from diagnosis.twin.channels import Channels
-from diagnosis.twin.drift import Scored, drift_shrink, misfit_ratios, score_flights
+from diagnosis.twin.drift import Scored, drift_shrink, misfit, misfit_ratios, score_flights
 from diagnosis.twin.flown import Fly, flight_of, seen, twin_replay
 from diagnosis.twin.naming import name_change
 from diagnosis.twin.twin import Twin, make_twin, standing_out
@@ -102,11 +102,10 @@ def answer_change(
         scored = score_flights(twin, kept, kept, named.at)
     fields = {field.name for field in dataclasses.fields(TwinAnswer)}
     own = {name: value for name, value in vars(named).items() if name in fields}
-    misfit = _misfit(twin, scored)
     answer = TwinAnswer(
         **own,
         followed=followed(twin.gap, twin.error, twin.colour.seen),
-        misfit=misfit,
+        misfit=misfit(twin, scored),
         set_aside=aside,
         reference_set_aside=twin.set_aside,
     )
@@ -116,21 +115,11 @@ def answer_change(
 def helps(twin: Twin, scored: Sequence[Scored], decision: Decision) -> bool:
     """Whether effects that were fitted to other flights lower the misfit, and no drift grows.
 
-    Flights are the units: one that fits far better makes up for none that fit worse.
+    The misfit is compared flight by flight, and the mean flight decides: pooled over samples, one
+    flight that fits far better would outweigh several that fit worse.
     """
     if len(scored) < 2:
         return True  # there is no other flight
     shrink = drift_shrink(scored, (), decision)
     grows = shrink.high is not None and shrink.high < 0.0
     return float(misfit_ratios(twin, scored).mean()) < 0.0 and not grows
-
-
-def _misfit(twin: Twin, scored: Sequence[Scored]) -> tuple[float, float]:
-    """Chi-square per number of the changed flights, without and with the named effects."""
-
-    def chi2(errors: Sequence[np.ndarray]) -> float:
-        parts = zip(errors, scored, strict=True)
-        white = [twin.colour.whiten(e, one.valid).ravel() for e, one in parts]
-        return float(np.mean(np.concatenate(white) ** 2))
-
-    return chi2([one.before for one in scored]), chi2([one.after for one in scored])

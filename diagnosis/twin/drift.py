@@ -78,14 +78,25 @@ def score_flights(
     return tuple(made)
 
 
+def misfit(twin: Twin, scored: Sequence[Scored]) -> tuple[float, float]:
+    """Chi-square per number of the changed flights, without and with the named effects."""
+
+    def chi2(when: str) -> float:
+        return float(np.mean(np.concatenate([_squares(twin, one, when) for one in scored])))
+
+    return chi2("before"), chi2("after")
+
+
 def misfit_ratios(twin: Twin, scored: Sequence[Scored]) -> Float[np.ndarray, " flights"]:
-    """Logarithm of each flight's misfit with the effects over that without."""
-    white = twin.colour.whiten
+    """Logarithm of each flight's misfit with the named effects over that without."""
+    chi2 = [[_squares(twin, one, when).mean() for when in ("before", "after")] for one in scored]
+    before, after = np.log(chi2).T
+    return after - before
 
-    def chi2(one: Scored, errors: Float[np.ndarray, "time 6"]) -> np.floating:
-        return np.mean(white(errors, one.valid) ** 2)
 
-    return np.asarray([np.log(chi2(one, one.after) / chi2(one, one.before)) for one in scored])
+def _squares(twin: Twin, one: Scored, when: str) -> Float[np.ndarray, " numbers"]:
+    """Squared whitened errors of a flight, `before` or `after` the named effects."""
+    return twin.colour.whiten(getattr(one, when), one.valid).ravel() ** 2
 
 
 def drift_shrink(

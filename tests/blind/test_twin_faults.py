@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from flights_for_tests import flight_set, made_log
+from flights_for_tests import flight_set, made_log, point_mass_set
 
-from blind.twin.power import STUDIED, interval, told
+from blind.twin.power import STUDIED, interval, told, turns_named, write_turns
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.inputs import choose_inputs, thrust_of_pwm
 from diagnosis.twin.flown import twin_replay
@@ -68,3 +68,9 @@ def test_what_the_inputs_do_not_show_is_not_studied():
 def test_intervals_of_shares_are_those_of_clopper_and_pearson():
     assert interval(0, 200) == pytest.approx((0.0, 0.01828), abs=1e-4)
     assert interval(19, 20) == pytest.approx((0.7513, 0.9987), abs=1e-4)
+
+
+def test_a_turned_path_is_counted_where_it_is_named():
+    named = turns_named(point_mass_set(n_flights=8, seconds=6.0), 2, (4, 4), seed=0)
+    assert (named[0.0], named[10.0]) == (0, 2)
+    assert "| 10 | 2/2 (16 to 100 %) |" in write_turns(named, 2)

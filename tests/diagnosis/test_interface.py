@@ -15,7 +15,7 @@ from bench.diagnosis_report.text import diagnosis_text
 from blind.draw.faults import ALL
 from diagnosis.interface import scales
 from diagnosis.interface.fault import PARTS
-from diagnosis.interface.faults import interface_faults
+from diagnosis.interface.faults import interface_faults as found
 from diagnosis.interface.motors import MOMENTS, motor_order
 from diagnosis.interface.readings import Reading, choose, signed_orders
 from diagnosis.logs.flights import DroneLog, FlightLog, load_flights
@@ -28,10 +28,6 @@ REAL = Path(__file__).parents[2].parent / "shared" / "flights"
 def clean():
     """Flights in which nothing is wrong."""
     return point_mass_set(n_flights=6, seconds=6.0)
-
-
-def found(flights, reference=None):
-    return interface_faults(flights, reference)
 
 
 def with_fault(flights, name, **parameters):
@@ -135,6 +131,12 @@ def test_beside_a_reference_what_both_have_is_no_change(clean):
 def test_an_order_is_wrong_beside_a_reference_that_has_it_too(clean):
     flipped = with_fault(clean, "flipped_pitch")
     assert [fault.part for fault in found(flipped, flipped)] == ["attitude command"]
+
+
+@pytest.mark.parametrize("fault", ["flipped_axis", "inverse_attitude"])
+def test_no_turn_is_read_from_a_reference_whose_attitude_is_wrong(clean, fault):
+    turned = with_fault(clean, "path_turned_in_yaw", angle=0.087)
+    assert found(turned, with_fault(clean, fault)) == ()
 
 
 def test_beside_a_reference_the_turn_since_then_counts_where_both_are_off(clean):
@@ -255,11 +257,16 @@ def test_the_jackknife_of_a_mean_is_students_interval():
     assert size.high - size.value == pytest.approx(reach, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["crazyflie_plain", "nanobench"])
-def test_halves_of_real_flights_differ_by_no_fault(name):
+def real(name):
+    """A set of real flights; the test is skipped where they are not."""
     if not (REAL / name).is_dir():
         pytest.skip("The real flights are not beside the repository")
-    flights = load_flights(REAL / name)
+    return load_flights(REAL / name)
+
+
+@pytest.mark.parametrize("name", ["crazyflie_plain", "nanobench"])
+def test_halves_of_real_flights_differ_by_no_fault(name):
+    flights = real(name)
     halves = (dataclasses.replace(flights, flights=flights.flights[i::2]) for i in (0, 1))
     assert found(*halves) == ()
 
@@ -274,9 +281,7 @@ def test_halves_of_real_flights_differ_by_no_fault(name):
 )
 def test_real_flights_load_as_they_are_and_have_the_faults_that_they_have(name, count, expected):
     """The map from duty to thrust is that of other motors: thrust comes out twice too large."""
-    if not (REAL / name).is_dir():
-        pytest.skip("The real flights are not beside the repository")
-    flights = load_flights(REAL / name)
+    flights = real(name)
     assert flights.left_out == ()
     assert len(flights.flights) == count
     faults = found(dataclasses.replace(flights, flights=flights.flights[:8]))
