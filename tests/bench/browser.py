@@ -25,6 +25,12 @@ FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
 SHELL = 'exec "$0" "$@" 3<&0 4>&1 </dev/null >/dev/null'
 
 
+class Navigated(Exception):
+    """The page changed while Chromium was working on a command."""
+
+    MESSAGE = "Inspected target navigated or closed"
+
+
 class Tab:
     """One page; `complaints` collects what its console, its scripts and its policy complain of."""
 
@@ -47,6 +53,8 @@ class Tab:
         self.process.stdin.flush()
         while (answer := self._receive()).get("id") != self.count:
             self._note(answer)
+        if answer.get("error", {}).get("message") == Navigated.MESSAGE:
+            raise Navigated(method)
         assert "error" not in answer, answer["error"]
         return answer["result"]
 
@@ -75,7 +83,7 @@ class Tab:
     def wait_for(self, script, seconds=300.0):
         """Returns as soon as a JavaScript expression is true."""
         end = time.monotonic() + seconds
-        while not self.run(script):
+        while not self._holds(script):
             assert time.monotonic() < end, f"still not true: {script}"
             time.sleep(0.05)
 
@@ -109,6 +117,12 @@ class Tab:
     def screenshot(self, path):
         """Writes what the window shows as a PNG."""
         path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
+
+    def _holds(self, script):
+        try:
+            return self.run(script)
+        except Navigated:  # the page has changed under the question
+            return False
 
     def _receive(self):
         while b"\0" not in self.buffer:
