@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from bench.execution.environment import DEVICES, environment
 from bench.execution.pool import share_of_cores
@@ -114,6 +115,16 @@ def leave_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def end(status: int) -> NoReturn:
+    """Ends this process at once, without taking Python down.
+
+    With a usual exit, one diagnosis of sixty was aborted by C++ threads that still ran.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
 
 
 def _start(task: Task, place: int, jobs: int) -> _Running:

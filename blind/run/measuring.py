@@ -13,7 +13,7 @@ from typing import Any
 
 from blind.draw.cases import Case, read_labels
 from blind.draw.folders import Folders, write_json
-from blind.run.children import Ended, Task, leave_with_parent, python, run_tasks
+from blind.run.children import Ended, Task, end, leave_with_parent, python, run_tasks
 
 
 def unmeasured(folders: Folders, cases: Mapping[str, Case]) -> list[Case]:
@@ -84,4 +84,4 @@ def _measure(folders: Folders, names: list[str]) -> int:
 if __name__ == "__main__":
     leave_with_parent()
     given = json.loads(sys.argv[1])
-    sys.exit(_measure(Folders(Path(given["out"])), given["names"]))
+    end(_measure(Folders(Path(given["out"])), given["names"]))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from blind.draw.folders import write_json
 from blind.run.answering import PROGRAM, sources_digest
-from blind.run.children import leave_with_parent
+from blind.run.children import end, leave_with_parent
 from diagnosis.engine import diagnose
 from diagnosis.logs.flights import LogError, load_flights
 
@@ -36,4 +36,4 @@ def main() -> int:
 
 if __name__ == "__main__":
     leave_with_parent()
-    sys.exit(main())
+    end(main())
