@@ -72,7 +72,10 @@ def write(line):
 
 def main():
     jax.config.update("jax_enable_x64", True)
-    write("| step [ms] | code | velocity left [m/s] | by velocity [-] | by distance, rms [1/s] |")
+    write(
+        "| step [ms] | code | second ball's velocity [m/s] | derivative by speed [-] "
+        "| derivative by distance, rms [1/s] |"
+    )
     write("|---|---|---|---|---|")
     for dt in STEPS:
         places = 0.005 + jnp.linspace(0.0, 2.0 * dt, 25)[:-1]

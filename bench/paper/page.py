@@ -266,8 +266,9 @@ def _whom(tables: Tables) -> list[str]:
     found = [
         "## Which method to choose",
         markdown.table(headings, lines, (0, 1, 3, 6)),
-        f"Asked at {asked} fleet-minutes; a row where the answer changes. `bench choose` answers "
-        "for any other budget. Hybrid without a residual's name has the MLP ensemble.",
+        f"Asked at {asked} fleet-minutes; there is a row wherever the answer changes. "
+        "`bench choose` answers for any other budget. Hybrid without a residual's name has the MLP "
+        "ensemble.",
     ]
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:

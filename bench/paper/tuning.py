@@ -89,7 +89,8 @@ def write_tuning(tables: Tables, path: Path) -> None:
     found = trials(tables)
     taken = chosen(found)
     tasks = sorted({task for own in found.values() for t in own.values() for task in t.loss})
-    headings = ("configuration", "rate", "decay", *tasks, "mean", "HF fleet-minutes", "time")
+    settings = ("configuration", "learning rate", "decay")
+    headings = (*settings, *tasks, "mean", "HF fleet-minutes", "time")
     lines = [
         _line(entry, setting, trial, tasks, taken[entry] == setting)
         for entry, own in found.items()
@@ -100,8 +101,8 @@ def write_tuning(tables: Tables, path: Path) -> None:
         "Settled loss of every trial (lower is better) by task, with the geometric mean over "
         "tasks; three drones, one seed of tuning, on initial states that no result uses. In bold: "
         "what the configuration takes. Configurations without trials take the setting of the one "
-        "that they are made from: `hybrid_once` and `recalibrated` that of `hybrid`, "
-        "`upper_reference` that of `hf_hotstart`.",
+        "that they are made from: `hybrid_once`, `recalibrated` and `online` that of `hybrid`, "
+        "`upper_reference` that of `hf_hotstart`. Flight and time are sums over the tasks.",
         "`bench run tuning`, then `python -m bench.paper.tuning results/tuning reports/tuning.md`.",
         markdown.table(headings, lines),
     ]

@@ -25,7 +25,7 @@ FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
 SHELL = 'exec "$0" "$@" 3<&0 4>&1 </dev/null >/dev/null'
 
 
-class Navigated(Exception):
+class NavigatedError(Exception):
     """The page changed while Chromium was working on a command."""
 
     MESSAGE = "Inspected target navigated or closed"
@@ -53,8 +53,8 @@ class Tab:
         self.process.stdin.flush()
         while (answer := self._receive()).get("id") != self.count:
             self._note(answer)
-        if answer.get("error", {}).get("message") == Navigated.MESSAGE:
-            raise Navigated(method)
+        if answer.get("error", {}).get("message") == NavigatedError.MESSAGE:
+            raise NavigatedError(method)
         assert "error" not in answer, answer["error"]
         return answer["result"]
 
@@ -121,7 +121,7 @@ class Tab:
     def _holds(self, script):
         try:
             return self.run(script)
-        except Navigated:  # the page has changed under the question
+        except NavigatedError:  # the page has changed under the question
             return False
 
     def _receive(self):

@@ -10,7 +10,7 @@ def choose(directory: Path, /, *, team_size: int, budget: float) -> int:
     """Say which method to choose for a team size and a budget of high-fidelity flight.
 
     Of the methods whose mean bill is at most the budget and that flew every task, the one with the
-    highest mean score, and who is not shown to be worse.
+    highest mean score, and those that are not shown to be worse.
 
     Parameters
     ----------

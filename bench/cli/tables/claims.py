@@ -1,5 +1,6 @@
-"""`bench claims`: the paper's claims beside a folder of tables."""
+"""`bench claims`: the paper's claims beside the tables of one or several suites."""
 
+import functools
 from pathlib import Path
 from typing import Annotated
 
@@ -12,31 +13,35 @@ NOTES = "Markdown file to append, such as reports/paper_notes.md."
 
 
 def claims(
-    directory: Path,
+    directories: Annotated[list[Path], cyclopts.Parameter(negative=())],
     /,
     *,
     out: Path | None = None,
     notes: Annotated[Path | None, cyclopts.Parameter(help=NOTES)] = None,
 ) -> int:
-    """Judge the paper's claims by the tables in a folder; write Markdown and HTML.
+    """Judge the paper's claims by the tables of suites; write Markdown and HTML.
 
     Parameters
     ----------
-    directory
-        Folder with results.parquet and its companions, such as results/paper.
+    directories
+        Folders with results.parquet and its companions, such as results/paper results/off_spec.
+        Of a run in several, the row of the first counts.
     out
-        Markdown file to write; default: reports/NAME.md for results/NAME, else claims.md in
-        DIRECTORY.
+        Markdown file to write; default: reports/NAME.md if the first folder is results/NAME, else
+        claims.md in it.
     """
-    check_tables(directory)
+    for directory in directories:
+        check_tables(directory)
     check_files([notes] if notes else [])
     from bench.paper.page import write_claims
     from bench.store.tables import Tables
     from bench.text.pages import documents_of
 
-    documents = documents_of(directory)
-    default = directory / "claims.md" if documents == directory else documents.with_suffix(".md")
+    first = directories[0]
+    documents = documents_of(first)
+    default = first / "claims.md" if documents == first else documents.with_suffix(".md")
     path = out or default
-    write_claims(Tables.load(directory), path, notes)
+    tables = functools.reduce(Tables.merged, map(Tables.load, directories))
+    write_claims(tables, path, notes)
     print(f"Claims: {path}")  # noqa: T201
     return 0

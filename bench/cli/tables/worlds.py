@@ -16,7 +16,7 @@ def worlds(
     out: Path | None = None,
     notes: Path | None = None,
 ) -> int:
-    """Write the page of worlds: who survives where, and which claims hold there.
+    """Write the page of worlds: which methods hold up where, and which claims hold there.
 
     Parameters
     ----------

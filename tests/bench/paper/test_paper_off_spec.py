@@ -4,6 +4,7 @@ import pytest
 from paper_tables import EFFECTS, add_off_spec, around
 from tables_for_tests import Sheet
 
+from bench.cli.app import main
 from bench.paper.claims import CLAIMS, OFF_SPEC
 from bench.paper.page import write_claims
 from bench.paper.values import CLEAN, HYBRID, LF, RECALIBRATED, TRACKED, off_spec
@@ -107,3 +108,22 @@ def test_the_section_is_there_only_where_something_was_recalibrated(tmp_path):
     write_claims(Sheet().add("hybrid", "mlp").tables(), other)
     assert f"\n## {OFF_SPEC}\n" in path.read_text(encoding="utf-8")
     assert f"## {OFF_SPEC}" not in other.read_text(encoding="utf-8")
+
+
+def test_one_page_judges_the_tables_of_several_suites(tmp_path):
+    """Of a run in several folders, the first one's row counts."""
+    again = Sheet().add("hybrid", "mlp", rewards=around(-500.0), **CELL)
+    paper = Sheet().add("hybrid", "affine", rewards=around(-90.0), **CELL)
+    sheets = {"paper": paper, "off_spec": flown(), "again": again, "alone": flown()}
+    for name, sheet in sheets.items():
+        sheet.tables().save(tmp_path / name)
+    folders = [str(tmp_path / name) for name in ("paper", "off_spec", "again")]
+    assert main(["claims", *folders]) == 0
+    assert main(["claims", str(tmp_path / "alone")]) == 0
+    joined, alone = (
+        (tmp_path / name / "claims.md").read_text(encoding="utf-8").split("\n## ")
+        for name in ("paper", "alone")
+    )
+    section = [part for part in alone if part.startswith(OFF_SPEC)]
+    assert section
+    assert section == [part for part in joined if part.startswith(OFF_SPEC)]
