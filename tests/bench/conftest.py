@@ -31,7 +31,8 @@ def plugins(tmp_path, monkeypatch, program_cache):
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: fakes\nVersion: 1.0\n")
     points = "".join(f"{name} = fakes:{cls}\n" for name, cls in METHODS.items())
     points += "shattered = fakes_that_do_not_exist:Shattered\n"
-    (info / "entry_points.txt").write_text(f"[bench.methods]\n{points}")
+    calm = "[bench.simulators]\ncalm = fakes:Calm\n"
+    (info / "entry_points.txt").write_text(f"[bench.methods]\n{points}{calm}")
     here = str(Path(__file__).parent)
     monkeypatch.syspath_prepend(here)
     monkeypatch.syspath_prepend(str(site))

@@ -251,7 +251,7 @@ def shown_on_a_terminal(command, columns):
 
 def test_a_run_on_a_terminal_of_80_columns_breaks_no_name(plugins, write_suite, tmp_path):
     out = tmp_path / ("a_folder_with_a_name_that_is_far_too_long_for_one_line_" + 40 * "x")
-    suite = write_suite("instant", "failing")
+    suite = write_suite("instant", "failing", simulator="calm")
     command = ["run", str(suite), "--out", str(out), "--jobs", "1"]
     script = "import sys; from bench.cli.app import main; sys.exit(main())"
     text, status = shown_on_a_terminal([sys.executable, "-c", script, *command], 80)

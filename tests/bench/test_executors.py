@@ -47,9 +47,8 @@ EXECUTORS = [
     "local",
     pytest.param("ray", marks=NEEDS_RAY),
     pytest.param("slurm", marks=NEEDS_SUBMITIT),
-    pytest.param("submitit", marks=NEEDS_SUBMITIT),
 ]
-"""Slurm is a fake one; `submitit` has the same executor with processes that submitit starts."""
+"""Slurm is a fake one, under the real submitit."""
 
 
 @pytest.fixture(scope="module", params=EXECUTORS)
@@ -61,13 +60,9 @@ def executor(request, tmp_path_factory):
         patch.delenv("RAY_ADDRESS", raising=False)
         if request.param == "slurm":
             fake_slurm.install(patch, tmp_path_factory.mktemp("slurm"))
-        patch.setattr(slurm, "STATE_EVERY", 0.5)
-        submitit = request.param == "submitit"
-        with (
-            SlurmExecutor(2, 2, logs, cluster="local")
-            if submitit
-            else make_executor(request.param, 2, 2, logs)
-        ) as made:
+        for name, seconds in {"STATE_EVERY": 0.5, "POLL": 0.05, "GATHER": 0.05}.items():
+            patch.setattr(slurm, name, seconds)
+        with make_executor(request.param, 2, 2, logs) as made:
             yield made
 
 
