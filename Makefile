@@ -5,6 +5,8 @@ BIN := .venv/bin
 READY := .venv/.ready
 
 export TF_CPP_MIN_LOG_LEVEL ?= 3
+# pytest keeps the tests that it has rewritten as bytecode; without, each process rewrites them for 4 s.
+unexport PYTHONDONTWRITEBYTECODE
 
 # Instruction sets of other processors, whose rounding differs, and the tests that train.
 ISAS ?= AVX2 SSE4_2

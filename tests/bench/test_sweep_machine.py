@@ -83,11 +83,14 @@ class SweepMachine(RuleBasedStateMachine):
         tables = recorded_tables(self.out)
         statuses, found = tables.statuses(), {}
         assert len(tables.identities()) == len(tables.runs)
+        frames = [getattr(tables, name) for name in SCHEMAS]
+        assert not any(frame.duplicated().any() for frame in frames)
+        parts = [dict(iter(frame.groupby("run"))) for frame in frames]
         for identity, run in tables.identities().items():
             if statuses[run] != "failed":
-                frames = [getattr(tables, name) for name in SCHEMAS]
-                own = [frame.loc[frame["run"] == run] for frame in frames]
-                assert not any(frame.duplicated().any() for frame in own)
+                own = [
+                    part.get(run, frame.iloc[:0]) for part, frame in zip(parts, frames, strict=True)
+                ]
                 found[identity] = Rows(run, *(frame.to_csv(index=False) for frame in own))
         return found
 
@@ -158,8 +161,7 @@ class SweepMachine(RuleBasedStateMachine):
             assert self.files() == content
             self.seen["interrupted"] += 1
             return
-        self.check_rows(plan, status, replaced)
-        self.rows = self.recorded()
+        self.rows = self.check_rows(plan, status, replaced)
 
     def check_trained(self, plan, stored, replaced):
         """Nothing is trained that has a row or a folder, but lost parents of what is trained."""
@@ -177,6 +179,7 @@ class SweepMachine(RuleBasedStateMachine):
                 self.seen["unlike its row" if lost else "trained again"] += 1
 
     def check_rows(self, plan, status, replaced):
+        """The rows of now, which are those of before, replaced ones and new ones."""
         after, finished = self.recorded(), self.finished()
         now = {run.identity: run.name for run in plan.runs if run.name in finished}
         for identity, rows in self.rows.items():
@@ -194,6 +197,7 @@ class SweepMachine(RuleBasedStateMachine):
         else:
             assert status == 1
             assert any(run.name not in finished for run in plan.runs)
+        return after
 
     def files(self):
         """Content of the tables."""

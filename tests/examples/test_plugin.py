@@ -72,7 +72,7 @@ def method(installed):
     return registry.load("method", "random_search")
 
 
-def bench(site, *arguments):
+def bench(site, programs, *arguments):
     """What the command line says and does in a process that has the folder on its path."""
     script = "import sys; from bench.cli.app import main; sys.exit(main())"
     paths = os.pathsep.join((str(site), str(ROOT)))
@@ -82,7 +82,7 @@ def bench(site, *arguments):
         text=True,
         check=False,
         timeout=600,
-        env=os.environ | {"PYTHONPATH": paths, "COLUMNS": "200"},
+        env=os.environ | {"PYTHONPATH": paths, "JAX_COMPILATION_CACHE_DIR": str(programs)},
     )
 
 
@@ -90,10 +90,10 @@ def weights(policy):
     return ravel_pytree(eqx.filter(policy, eqx.is_inexact_array))[0]
 
 
-def test_an_installed_method_gets_its_row_beside_a_broken_plugin(site, tmp_path):
+def test_an_installed_method_gets_its_row_beside_a_broken_plugin(site, tmp_path, program_cache):
     suite, out = tmp_path / "mine.toml", tmp_path / "out"
     suite.write_text(SUITE)
-    done = bench(site, "run", str(suite), "--out", str(out), "--jobs", "1")
+    done = bench(site, program_cache, "run", str(suite), "--out", str(out), "--jobs", "1")
     assert (done.returncode, done.stderr) == (0, "")
     runs = pd.read_parquet(out / "runs.parquet").set_index("method")
     assert runs["status"].to_dict() == {"random_search": "ok"}
@@ -105,10 +105,13 @@ def test_an_installed_method_gets_its_row_beside_a_broken_plugin(site, tmp_path)
     assert np.isfinite(results["reward"])
 
 
-def test_the_list_names_the_package_of_a_method_and_the_reason_why_one_is_broken(site):
-    done = bench(site, "list")
-    assert done.returncode == 0
-    lines = {line.split()[0]: line for line in done.stdout.splitlines() if line.strip()}
+def test_the_list_names_the_package_of_a_method_and_the_reason_why_one_is_broken(
+    installed, capsys, monkeypatch
+):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert main(["list", "methods"]) == 0
+    shown = capsys.readouterr().out
+    lines = {line.split()[0]: line for line in shown.splitlines() if line.strip()}
     assert "bench-random-search 1.0.0" in lines["random_search"]
     assert "Augmented random search on the shared policy" in lines["random_search"]
     assert "shattered 2.0" in lines["shattered"]
