@@ -4,7 +4,6 @@ import base64
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -101,35 +100,53 @@ def write_summary(tables: Tables, path: Path) -> bool:
 
 
 def write_worlds(tables: Tables, path: Path) -> bool:
-    """Writes a PNG: what is deployed on an off-spec drone against team size, a row a world.
+    """Writes a PNG: what is deployed on an off-spec drone, a dot a seed, a row a world.
 
     Nothing is written, and False returned, where nothing was recalibrated.
     """
     metric = primary(tables)
     values, returned = off_spec(tables, metric), ROWS.get(metric, "deployed return")
     rows = [
-        {"task": cell.task, TEAM: cell.team_size, "world": cell.deployed_effects}
-        | {"what": NAMES[entry], returned: value}
-        for cell, found in values.items()
+        {"task": cell.task, "team": f"N = {cell.team_size}", "what": plain(NAMES[entry])}
+        | {"world": plain(_AT_REST.sub("", cell.deployed_effects)), returned: value}
+        for cell, found in sorted(values.items())
         for entry, seeds in found.items()
         for value in seeds.values()
     ]
-    entries = ordered({entry for found in values.values() for entry in found})
-    looks = {NAMES[entry]: look_of(entry, entries) for entry in entries}
-    return _draw(
-        rows,
-        path,
-        title="{col_name}, {row_name}",
-        x=TEAM,
-        y=returned,
-        hue="what",
-        row="world",
-        col="task",
-        hue_order=list(looks),
-        style_order=list(looks),
-        palette={name: color for name, (color, _) in looks.items()},
-        markers={name: marker for name, (_, marker) in looks.items()},
-    )
+    if not rows:
+        return False
+    shown = pd.DataFrame(rows)
+    with plt.rc_context(STYLE):
+        grid = seaborn.catplot(
+            shown.assign(task=shown["task"].map(plain)),
+            kind="strip",
+            x=returned,
+            y="what",
+            order=shown.groupby("what")[returned].mean().sort_values(ascending=False).index,
+            hue="team",
+            hue_order=sorted(set(shown["team"]), key=lambda name: int(name[4:])),
+            palette="viridis",
+            dodge=True,
+            jitter=False,
+            size=5,
+            row="world",
+            col="task",
+            height=2.2,
+            aspect=2.0,
+        )
+        grid.set_titles("{col_name}, {row_name}")
+        grid.set_axis_labels(f"{returned} (right is better)", "")
+        for panel in grid.axes.flat:
+            panel.set_xscale("symlog", linthresh=LINEAR)
+            panel.set_xlim(right=max(0.0, shown[returned].max()))
+            panel.set_xticks([-100, -10, -1, 0])
+            panel.xaxis.set_major_formatter("{x:g}")
+            panel.grid(axis="both", color="0.92")
+        if grid.legend is not None:
+            grid.legend.set_title("")
+        grid.savefig(path, dpi=110)
+        plt.close(grid.figure)
+    return True
 
 
 def write_flights(tables: Tables, path: Path) -> bool:
@@ -152,8 +169,32 @@ def write_flights(tables: Tables, path: Path) -> bool:
                 | {"loses more [%]": 100.0 * relative(base - value, base)}
                 for value in few_seeds.values()
             ]
-    keys = {"x": "calibration flights", "y": "loses more [%]", "hue": "task", "col": "N"}
-    return _draw(rows, path, **keys, title="N = {col_name}", symlog=True)
+    if not rows:
+        return False
+    shown, flights, loss = pd.DataFrame(rows), "calibration flights", "loses more [%]"
+    with plt.rc_context(STYLE):
+        grid = seaborn.relplot(
+            shown.assign(task=shown["task"].map(plain)),
+            kind="line",
+            x=flights,
+            y=loss,
+            hue="task",
+            style="task",
+            col="N",
+            markers=True,
+            dashes=False,
+            errorbar="sd",
+            err_style="bars",
+            height=2.3,
+            aspect=1.4,
+        )
+        grid.set_titles("N = {col_name}")
+        grid.set(xscale="symlog", xlim=(-0.3, 2.0 * max(1.0, shown[flights].max())))
+        if grid.legend is not None:
+            grid.legend.set_title("")
+        grid.savefig(path, dpi=110)
+        plt.close(grid.figure)
+    return True
 
 
 def write_gaps(
@@ -187,42 +228,10 @@ def write_gaps(
         plt.close(figure)
 
 
-TEAM = "team size N"
+_AT_REST = re.compile(r", \w+=0(?=[,)])")
+"""Parameters of an effect that do nothing."""
 FEW = re.compile(r"flights=(\d+)")
 """Variant of a Hybrid of which nothing differs but the number of flights."""
-
-
-def _draw(
-    rows: list[dict[str, Any]], path: Path, *, title: str, symlog: bool = False, **keys: Any
-) -> bool:
-    """Lines through means over seeds with one standard deviation; False without rows."""
-    if not rows:
-        return False
-    shown = pd.DataFrame(rows).map(lambda x: plain(x) if isinstance(x, str) else x)
-    settings: dict[str, Any] = {"markers": True} | keys
-    with plt.rc_context(STYLE):
-        grid = seaborn.relplot(
-            shown,
-            kind="line",
-            style=keys["hue"],
-            dashes=False,
-            errorbar="sd",
-            err_style="bars",
-            height=2.3,
-            aspect=1.4,
-            **settings,
-        )
-        grid.set_titles(title)
-        if symlog:
-            largest = max(row[keys["x"]] for row in rows)
-            grid.set(xscale="symlog", xlim=(-0.3, 2.0 * max(1.0, largest)))
-        else:
-            grid.set(xticks=sorted(shown[keys["x"]].unique()))
-        if grid.legend is not None:
-            grid.legend.set_title("")
-        grid.savefig(path, dpi=110)
-        plt.close(grid.figure)
-    return True
 
 
 def plain(name: str) -> str:
