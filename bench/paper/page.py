@@ -239,23 +239,24 @@ def _answer(found: Sequence[Judged]) -> list[str]:
 
 def _whom(tables: Tables) -> list[str]:
     """Which method to choose at which budget."""
+    found = choices(tables)
+    if not found:
+        return []
+    tasks = [markdown.escape(", ".join(c.tasks)) for c in found]
+    alike = len(set(tasks)) == 1
     lines = [
         (
-            f"N = {c.team_size}",
-            markdown.escape(", ".join(c.tasks)),
+            f"N = {c.team_size}" + ("" if alike else f" ({scored})"),
             f"from {significant(c.budget)}",
             f"**{markdown.escape(name_of(c.best))}**",
             number(c.score, 3),
             significant(c.minutes),
             "; ".join(map(_tie_text, c.tied)) or MISSING,
         )
-        for c in choices(tables)
+        for c, scored in zip(found, tasks, strict=True)
     ]
-    if not lines:
-        return []
     headings = (
-        "team size",
-        "tasks scored",
+        "team size" if alike else "team size (tasks)",
         "budget [fleet-minutes]",
         "best method",
         "score",
@@ -263,23 +264,24 @@ def _whom(tables: Tables) -> list[str]:
         "not shown to be worse: score (95 % interval of the deficit)",
     )
     asked = ", ".join(significant(budget) for budget in BUDGETS)
-    found = [
+    means = f"Scores are means over {tasks[0]}. " if alike else ""
+    parts = [
         "## Which method to choose",
-        markdown.table(headings, lines, (0, 1, 3, 6)),
-        f"Asked at {asked} fleet-minutes; there is a row wherever the answer changes. "
+        markdown.table(headings, lines, (0, 2, 5)),
+        f"{means}Asked at {asked} fleet-minutes; there is a row wherever the answer changes. "
         "`bench choose` answers for any other budget. Hybrid without a residual's name has the MLP "
         "ensemble.",
     ]
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:
-        found.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")
+        parts.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")
     steadied = [cell.label for cell in sorted(steadied_references(tables))]
     if steadied:
-        found.append(
+        parts.append(
             "The upper reference diverged, and a score of 1 is what it reaches with "
             f"`{STEADY}`: {'; '.join(steadied)}."
         )
-    return [*found, TIES]
+    return [*parts, TIES]
 
 
 def _tie_text(tie: Tie) -> str:

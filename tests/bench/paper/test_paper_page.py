@@ -119,12 +119,12 @@ def test_programs_that_made_the_rows_are_named(text, full_tables):
 
 
 def test_whom_to_choose_is_told_by_team_size_and_budget(text):
-    tasks = "circle, figure8, pitchandexpand, spread"
-    lines = lines_of(text, f"| N = 12 | {tasks} | from ")
+    assert "\nScores are means over circle, figure8, pitchandexpand, spread. " in text
+    lines = lines_of(text, "| N = 12 | from ")
     score = (900.0 - 95.0) / (900.0 - 90.0)
     assert lines == [
-        f"| N = 12 | {tasks} | from 0 | **domain randomization** | 0.938 | 0 | - |",
-        f"| N = 12 | {tasks} | from 0.5 | **grey box** | {score:.3f} | 0.5 | - |",
+        "| N = 12 | from 0 | **domain randomization** | 0.938 | 0 | - |",
+        f"| N = 12 | from 0.5 | **grey box** | {score:.3f} | 0.5 | - |",
     ]
 
 
@@ -136,10 +136,20 @@ def test_the_upper_reference_is_nowhere_among_the_methods(text):
 def test_ties_are_listed_beside_the_choice():
     sheet = Sheet().add_upper().add(rewards=(-50.0, -51.0, -52.0))
     sheet.add("hf_scratch", rewards=(-50.9, -50.2, -52.8))
-    assert "| **LF baseline** | " in (found := written(sheet.tables()))
-    assert lines_of(found, "| N = 3 | spread | from 0 |")[0].endswith(
-        "| HF scratch: 0.987 (-0.002 to 0.003) |"
-    )
+    found = written(sheet.tables())
+    assert "| **LF baseline** | " in found
+    (line,) = lines_of(found, "| N = 3 | from 0 |")
+    assert line.endswith("| HF scratch: 0.987 (-0.002 to 0.003) |")
+
+
+def test_tasks_stand_beside_a_team_size_where_they_differ():
+    sheet = Sheet().add_upper().add(rewards=(-50.0, -51.0))
+    cell = {"task": "circle", "team_size": 7}
+    sheet.add_upper(**cell).add(rewards=(-50.0, -51.0), **cell)
+    found = written(sheet.tables())
+    assert lines_of(found, "| N = 3 (spread) | from 0 |")
+    assert lines_of(found, "| N = 7 (circle) | from 0 |")
+    assert "Scores are means over" not in found
 
 
 def test_refuted_is_bold_and_settled_before_whole():
