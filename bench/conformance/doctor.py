@@ -18,12 +18,9 @@ from simulators import registry
 
 OWN = "fidelity-bench"
 """Name of this distribution."""
-OWNERS = (OWN, "crazyflow", "mujoco-mjx")
+OWNERS = (OWN, "crazyflow", "jax", "mujoco-mjx")
 """Distributions whose requirements are compared with what is installed."""
-OPTIONAL = {
-    "ray": "several machines",
-    "rotorpy": "a second reality for the blind check",
-}
+OPTIONAL = {"ray": "several machines"}
 """Packages that may be absent, and what they are for."""
 VARIABLES = (
     "JAX_PLATFORMS",
@@ -125,7 +122,7 @@ def film_lines() -> list[tuple[str, str]]:
 
 
 def _named(facts: Facts) -> list[str]:
-    """Packages worth showing: what we need ourselves, and what else the rules look at."""
+    """Packages worth showing: what we need ourselves, jaxlib, and what is optional."""
     own = {Requirement(text) for text in facts.requirements.get(OWN, ())}
     names = {canonicalize_name(r.name) for r in own if not (r.marker and "extra" in str(r.marker))}
     return sorted((names | {OWN, "jaxlib", *OPTIONAL}) & set(facts.versions))

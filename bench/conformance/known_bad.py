@@ -1,16 +1,15 @@
 """Combinations of versions and settings that are known to break, and how each is mended."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-from packaging.version import Version
 
 
 @dataclasses.dataclass(frozen=True)
 class Facts:
-    """What an installation consists of, as far as the rules look at it."""
+    """What an installation consists of, as far as `problems` looks at it."""
 
     versions: Mapping[str, str]
     """Installed packages and their versions."""
@@ -41,43 +40,6 @@ def unmet_requirements(facts: Facts) -> list[str]:
     return found
 
 
-def jax_that_crazyflow_refuses(facts: Facts) -> list[str]:
-    """Crazyflow 0.4.0 excludes this one release in its own requirements."""
-    if "crazyflow" in facts.versions and facts.versions.get("jax") == "0.10.2":
-        return ["jax 0.10.2 does not work with crazyflow. Run: pip install 'jax!=0.10.2'"]
-    return []
-
-
-def mujoco_of_two_lines(facts: Facts) -> list[str]:
-    """mujoco-mjx states no upper bound on mujoco, so pip mixes release lines."""
-    own, mjx = (facts.versions.get(name) for name in ("mujoco", "mujoco-mjx"))
-    if own and mjx and Version(own).release[:2] != Version(mjx).release[:2]:
-        return [
-            f"mujoco {own} and mujoco-mjx {mjx} are of different release lines. "
-            f"Run: pip install mujoco=={own} mujoco-mjx=={own}"
-        ]
-    return []
-
-
-def jaxlib_beyond_jax(facts: Facts) -> list[str]:
-    """A jaxlib newer than its jax is untested by their makers."""
-    jax, jaxlib = (facts.versions.get(name) for name in ("jax", "jaxlib"))
-    if jax and jaxlib and Version(jaxlib) > Version(jax):
-        return [f"jaxlib {jaxlib} is newer than jax {jax}. Run: pip install jaxlib=={jax}"]
-    return []
-
-
-def rliable_with_pandas_3(facts: Facts) -> list[str]:
-    """Rliable 1.2 uses what pandas 3 has removed."""
-    pandas = facts.versions.get("pandas")
-    if "rliable" in facts.versions and pandas and Version(pandas) >= Version("3"):
-        return [
-            f"rliable {facts.versions['rliable']} breaks with pandas {pandas}. It is not needed "
-            "here; run: pip uninstall rliable"
-        ]
-    return []
-
-
 def scipy_before_crazyflow(facts: Facts) -> list[str]:
     """Crazyflow must set SCIPY_ARRAY_API before SciPy is imported."""
     value = facts.variables.get("SCIPY_ARRAY_API")
@@ -96,17 +58,6 @@ def scipy_before_crazyflow(facts: Facts) -> list[str]:
     return []
 
 
-RULES: tuple[Callable[[Facts], list[str]], ...] = (
-    jax_that_crazyflow_refuses,
-    mujoco_of_two_lines,
-    jaxlib_beyond_jax,
-    rliable_with_pandas_3,
-    scipy_before_crazyflow,
-    unmet_requirements,
-)
-"""Each returns a line for each problem that it finds."""
-
-
 def problems(facts: Facts) -> list[str]:
     """Everything that is known to break, one line each with its remedy."""
-    return [line for rule in RULES for line in rule(facts)]
+    return [*scipy_before_crazyflow(facts), *unmet_requirements(facts)]

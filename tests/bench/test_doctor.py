@@ -16,10 +16,15 @@ GOOD = Facts(
         "jaxlib": "0.10.1",
         "crazyflow": "0.4.0",
         "mujoco": "3.17.0",
-        "mujoco-mjx": "3.17.1",
+        "mujoco-mjx": "3.17.0",
         "pandas": "3.1.1",
     },
-    requirements={"fidelity-bench": ("jax!=0.10.2", "pandas>=2.2", 'ray; extra == "ray"')},
+    requirements={
+        "fidelity-bench": ("jax!=0.10.2", "pandas>=2.2", 'ray; extra == "ray"'),
+        "crazyflow": ("jax!=0.10.2,>=0.7.0",),
+        "jax": ("jaxlib<=0.10.1,>=0.10.1",),
+        "mujoco-mjx": ("mujoco>=3.17.0.dev0",),
+    },
     variables={},
     modules=frozenset({"sys"}),
 )
@@ -41,11 +46,10 @@ def test_a_sound_installation_has_no_problem():
 @pytest.mark.parametrize(
     ("facts", "said"),
     [
-        (with_versions(jax="0.10.2"), "jax 0.10.2 does not work with crazyflow"),
         (with_versions(jax="0.10.2"), "fidelity-bench needs jax!=0.10.2, but 0.10.2 is installed"),
-        (with_versions(mujoco_mjx="3.18.0"), "pip install mujoco==3.17.0 mujoco-mjx==3.17.0"),
-        (with_versions(jaxlib="0.11.0"), "jaxlib 0.11.0 is newer than jax 0.10.1"),
-        (with_versions(rliable="1.2.0"), "rliable 1.2.0 breaks with pandas 3.1.1"),
+        (with_versions(jax="0.10.2"), "crazyflow needs jax!=0.10.2,>=0.7.0, but 0.10.2"),
+        (with_versions(mujoco="3.16.0"), "mujoco-mjx needs mujoco>=3.17.0.dev0, but 3.16.0"),
+        (with_versions(jaxlib="0.11.0"), "pip install 'jaxlib<=0.10.1,>=0.10.1'"),
         (with_versions(pandas="2.1.0"), "fidelity-bench needs pandas>=2.2, but 2.1.0"),
         (dataclasses.replace(GOOD, versions={"jax": "0.10.1"}), "pandas>=2.2, which is not inst"),
         (
@@ -89,7 +93,7 @@ def test_the_doctor_shows_versions_devices_and_graphics(quick, monkeypatch, caps
 def test_a_problem_is_the_exit_status(quick, monkeypatch, capsys):
     monkeypatch.setattr(doctor, "gather", lambda: with_versions(jax="0.10.2"))
     assert main(["doctor"]) == 1
-    assert "Problem: jax 0.10.2 does not work with crazyflow" in capsys.readouterr().out
+    assert "Problem: crazyflow needs jax!=0.10.2" in capsys.readouterr().out
 
 
 def test_the_facts_are_those_of_this_process(monkeypatch):
