@@ -1,7 +1,6 @@
 """A diagnosis on the terminal: progress while it works, then a short summary."""
 
 from pathlib import Path
-from types import TracebackType
 
 from rich.console import Console, Group
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -51,12 +50,7 @@ class DiagnosisProgress:
             self._bar.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         if self.console.is_terminal:
             self._bar.stop()
 

@@ -44,7 +44,7 @@ class RayExecutor(AbstractExecutor):
         self._joined = not ray.is_initialized()
         if self._joined:
             _join(ray, max(1, min(slots or cores(), most)))
-        self._slots = max(1, min(slots or int(ray.cluster_resources().get("CPU", 1)), most))
+        self.slots = max(1, min(slots or int(ray.cluster_resources().get("CPU", 1)), most))
         gpus = ray.cluster_resources().get("GPU", 0.0)
         # The machines that train have accelerators or not, whatever is in this one.
         self._environment = environment(accelerator=gpus > 0.0) | {"NPROC": "1"}
@@ -55,17 +55,12 @@ class RayExecutor(AbstractExecutor):
             ray.remote(_Mailbox).options(num_cpus=0, scheduling_strategy=here).remote()
         )
         # Ray hides accelerators from tasks that ask for none.
-        share = gpu_share(gpus, self._slots)
+        share = gpu_share(gpus, self.slots)
         options = {"num_cpus": 1, "num_gpus": share, "max_retries": 0}
         self._perform = ray.remote(**options, max_calls=TASKS_PER_PROCESS)(_perform)
         self._given = 0
         self._tasks: dict[Any, int] = {}
         self._slots_of: dict[int, int] = {}
-
-    @property
-    def slots(self) -> int:
-        """Number of tasks at a time."""
-        return self._slots
 
     def start(self, slot: int, task: Task) -> None:
         """Starts a task in a free slot and returns at once."""

@@ -11,7 +11,6 @@ import dataclasses
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self
 
 from bench.execution.environment import accelerated
@@ -53,10 +52,8 @@ class Ended:
 class AbstractExecutor(abc.ABC):
     """Does tasks in slots; a context that stops them at its end."""
 
-    @property
-    @abc.abstractmethod
-    def slots(self) -> int:
-        """Number of tasks at a time."""
+    slots: int
+    """Number of tasks at a time."""
 
     @abc.abstractmethod
     def start(self, slot: int, task: Task) -> None:
@@ -73,12 +70,7 @@ class AbstractExecutor(abc.ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.stop()
 
 

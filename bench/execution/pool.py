@@ -73,15 +73,10 @@ class LocalExecutor(AbstractExecutor):
 
     def __init__(self, slots: int, logs: Path) -> None:
         """`logs` is the folder for what the processes print."""
-        self._slots = slots
+        self.slots = slots
         self._logs = logs
         self._processes: dict[int, _Process] = {}
         self._ended: queue.SimpleQueue[tuple[int, Future]] = queue.SimpleQueue()
-
-    @property
-    def slots(self) -> int:
-        """Number of tasks at a time."""
-        return self._slots
 
     def start(self, slot: int, task: Task) -> None:
         """Starts a task in a free slot and returns at once."""
@@ -158,7 +153,7 @@ class LocalExecutor(AbstractExecutor):
             max_workers=1,
             env=environment(),
             initializer=_prepare,
-            initargs=(theirs, self._log(slot), share_of_cores(slot, self._slots)),
+            initargs=(theirs, self._log(slot), share_of_cores(slot, self.slots)),
         )
         return _Process(pool, ours, theirs)
 

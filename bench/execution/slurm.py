@@ -77,10 +77,10 @@ class SlurmExecutor(AbstractExecutor):
         Raises:
             UsageError: submitit is not installed, or this machine cannot submit jobs.
         """
-        self._slots = max(1, min(slots or USUAL_JOBS, most))
+        self.slots = max(1, min(slots or USUAL_JOBS, most))
         # A folder for each sweep: the messages of an earlier one are nobody's.
         self._folder = folder.absolute() / f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
-        self._executor = _make_submitter(self._folder, cluster, self._slots)
+        self._executor = _make_submitter(self._folder, cluster, self.slots)
         self._limit = array_limit() if cluster == "slurm" else USUAL_LIMIT
         self._waiting: list[tuple[int, bytes]] = []
         self._lost: list[Ended] = []
@@ -90,11 +90,6 @@ class SlurmExecutor(AbstractExecutor):
         self._lock = threading.Lock()
         self._given = 0
         self._asked = time.monotonic()
-
-    @property
-    def slots(self) -> int:
-        """Number of tasks at a time."""
-        return self._slots
 
     def start(self, slot: int, task: Task) -> None:
         """Starts a task in a free slot, in an array with those that are started soon after it."""
