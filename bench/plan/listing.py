@@ -1,14 +1,12 @@
 """What there is to run: plug-ins with their settings, and suites."""
 
-import ast
+import contextlib
 import dataclasses
-import inspect
-import itertools
 import json
 import sys
-import textwrap
 from collections.abc import Collection, Iterator
 
+import docstring_parser
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -48,10 +46,8 @@ def show_plugins(console: Console, kinds: Collection[str], settings: bool = Fals
                 text.append(f" ({package})", "dim")
             table.add_row(Text(name, "bold"), text)
             if settings and isinstance(cls, type) and dataclasses.is_dataclass(cls):
-                for line in setting_lines(cls):
-                    table.add_row(
-                        f"  {line.key}", Text.assemble((line.default, "cyan"), "  ", line.meaning)
-                    )
+                for key, default, meaning in _lines(cls, None, ""):
+                    table.add_row(f"  {key}", Text.assemble((default, "cyan"), "  ", meaning))
         console.print(table)
 
 
@@ -86,25 +82,12 @@ def _table(title: str) -> Table:
     return table
 
 
-@dataclasses.dataclass(frozen=True)
-class SettingLine:
-    """One setting."""
+def _lines(cls: type, instance: object, prefix: str) -> Iterator[tuple[str, str, str]]:
+    """Key, default and meaning of every setting of a class, those of the modules in it included.
 
-    key: str
-    """As `--setting` takes it, such as `trainer.epochs`."""
-    default: str
-    """Its default as JSON, or `REQUIRED`."""
-    meaning: str
-    """What its docstring says."""
-
-
-def setting_lines(cls: type) -> list[SettingLine]:
-    """Every setting of a plug-in's class, those of the modules in its fields included."""
-    return list(_lines(cls, None, ""))
-
-
-def _lines(cls: type, instance: object, prefix: str) -> Iterator[SettingLine]:
-    """The fields of a class; defaults are those of `instance`, if there is one."""
+    A key is what `--setting` takes, such as `trainer.epochs`; a default is JSON, or `REQUIRED`.
+    Defaults are those of `instance`, if there is one.
+    """
     docs = _docstrings(cls)
     for field in dataclasses.fields(cls):
         if not field.init:
@@ -117,7 +100,7 @@ def _lines(cls: type, instance: object, prefix: str) -> Iterator[SettingLine]:
             if issubclass(cls, AbstractEffect) and field.name in cls.parameters:
                 info = cls.parameters[field.name]
                 meaning += f" Fitted between {info.low:g} and {info.high:g}."
-            yield SettingLine(prefix + field.name, _written(value), meaning.strip())
+            yield prefix + field.name, _written(value), meaning.strip()
 
 
 def _default(field: dataclasses.Field) -> object:
@@ -139,15 +122,8 @@ def _written(value: object) -> str:
 def _docstrings(cls: type) -> dict[str, str]:
     """Docstrings of the fields of a class and of its parents, each on one line."""
     found: dict[str, str] = {}
-    for owner in reversed(cls.__mro__):
-        try:
-            tree = ast.parse(textwrap.dedent(inspect.getsource(owner)))
-        except (OSError, TypeError, SyntaxError):  # no source, as of `object`
-            continue
-        body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
-        for field, after in itertools.pairwise(body):
-            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-                text = after.value if isinstance(after, ast.Expr) else None
-                if isinstance(text, ast.Constant) and isinstance(text.value, str):
-                    found[field.target.id] = " ".join(text.value.split())
+    for owner in reversed(cls.__mro__[:-1]):
+        with contextlib.suppress(TypeError, docstring_parser.ParseError):  # written in C, or odd
+            params = docstring_parser.parse_from_object(owner).params
+            found |= {p.arg_name: " ".join((p.description or "").split()) for p in params}
     return found
