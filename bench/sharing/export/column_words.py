@@ -4,10 +4,8 @@ from pathlib import Path
 
 from bench.store.tables import LARGE, SCHEMAS, Tables
 
-LICENSE = "MIT"
-"""Licence of the tables, as of this package."""
-HOME = "fidelity-bench"
-"""Who made them."""
+LICENSE = "mit"
+"""Licence of the tables, as of this package; all formats write it small."""
 CITATION = (
     "fidelity-bench contributors: fidelity-bench, a benchmark of training drone-swarm policies "
     "across simulator fidelities. It implements Mednikov and Gal, Calibrate Once, Fly Any Team, "

@@ -1,8 +1,9 @@
 """The formats that tables can be exported to: one module each, imported when it is asked for.
 
-A format's module has one function, `write(tables, title, folder, place)`. It fills `folder`, which
-exists and is empty, and returns a sentence on each thing that the format had to leave out. The
-folder is moved to `place` when all is written, so that nothing half written is ever there.
+A format's module, to_FORMAT, has one function, `write(tables, title, folder, place)`. It fills
+`folder`, which exists and is empty, and returns a sentence on each thing that the format had to
+leave out. The folder is moved to `place` when all is written, so that nothing half written is ever
+there.
 """
 
 import dataclasses
@@ -23,53 +24,28 @@ Name = Literal["tensorboard", "mlflow", "wandb", "marl-eval", "croissant", "hugg
 
 @dataclasses.dataclass(frozen=True)
 class Format:
-    """Where a format is written, and what that needs."""
+    """What a format needs, and how its folder is opened."""
 
-    module: str
-    """Module with its function `write`."""
     opens: str
     """A sentence on how to open the folder; `{}` stands for its path."""
     needs: tuple[str, ...] = ()
-    """Packages that it imports."""
-    extra: str = ""
-    """Extra of this package that installs them."""
+    """Packages that it imports; the extra of this package that installs them has its name."""
 
 
 FORMATS: dict[Name, Format] = {
-    "tensorboard": Format(
-        "bench.sharing.export.to_tensorboard",
-        "Open it with: tensorboard --logdir {}",
-        ("tensorboardX",),
-        "tensorboard",
-    ),
+    "tensorboard": Format("Open it with: tensorboard --logdir {}", ("tensorboardX",)),
     "mlflow": Format(
-        "bench.sharing.export.to_mlflow",
         "Open it with: mlflow ui --backend-store-uri sqlite:///{}/mlflow.db",
         ("mlflow", "sqlalchemy", "alembic"),
-        "mlflow",
     ),
-    "wandb": Format(
-        "bench.sharing.export.to_wandb",
-        "Upload it with: wandb sync {}/wandb/offline-run-*",
-        ("wandb",),
-        "wandb",
-    ),
-    "marl-eval": Format(
-        "bench.sharing.export.to_marl_eval",
-        "Load {}/raw_data.json and give it to marl_eval's data_process_pipeline.",
-    ),
+    "wandb": Format("Upload it with: wandb sync {}/wandb/offline-run-*", ("wandb",)),
+    "marl-eval": Format("Load {}/raw_data.json and give it to marl_eval's data_process_pipeline."),
     "croissant": Format(
-        "bench.sharing.export.to_croissant",
-        "Check it with: mlcroissant validate --jsonld {}/croissant.json",
-        ("mlcroissant",),
-        "croissant",
+        "Check it with: mlcroissant validate --jsonld {}/croissant.json", ("mlcroissant",)
     ),
-    "huggingface": Format(
-        "bench.sharing.export.to_huggingface",
-        "Upload it with: hf upload --repo-type dataset USER/NAME {}",
-    ),
+    "huggingface": Format("Upload it with: hf upload --repo-type dataset USER/NAME {}"),
 }
-"""How each format is written."""
+"""The formats, by name."""
 
 
 SILENT = {
@@ -87,14 +63,13 @@ def check_available(name: Name) -> None:
         UsageError: One is missing.
     """
     os.environ.update(SILENT)
-    found = FORMATS[name]
-    for package in found.needs:
+    for package in FORMATS[name].needs:
         try:
             importlib.import_module(package)
         except ImportError as error:
             raise UsageError(
                 f"`--to {name}` needs the package {package} ({error}): "
-                f"pip install 'fidelity-bench[{found.extra}]'."
+                f"pip install 'fidelity-bench[{name}]'."
             ) from error
 
 
@@ -114,7 +89,6 @@ def export(tables: "Tables", title: str, name: Name, out: Path) -> list[str]:
         UsageError: The folder is not free, or a package is missing.
     """
     check_available(name)
+    module = importlib.import_module(f"bench.sharing.export.to_{name.replace('-', '_')}")
     with new_folder(out) as part:
-        return importlib.import_module(FORMATS[name].module).write(
-            tables, title, part, out.absolute()
-        )
+        return module.write(tables, title, part, out.absolute())

@@ -11,16 +11,12 @@ from bench.sharing.export.column_words import (
     ABOUT,
     CITATION,
     COLUMN_WORDS,
-    HOME,
     LICENSE,
     TABLE_WORDS,
     save_tables,
 )
 from bench.store.record import checksum
 from bench.store.tables import Tables
-
-LICENSES = {"MIT": "https://opensource.org/license/mit"}
-"""Address of each licence that a collection may have."""
 
 
 def write(tables: Tables, title: str, folder: Path, place: Path) -> list[str]:
@@ -35,8 +31,8 @@ def write(tables: Tables, title: str, folder: Path, place: Path) -> list[str]:
         name=title,
         description=ABOUT,
         cite_as=CITATION,
-        license=[LICENSES[LICENSE]],
-        creators=[mlc.Organization(name=HOME)],
+        license=[f"https://opensource.org/license/{LICENSE}"],
+        creators=[mlc.Organization(name="fidelity-bench")],
         date_published=None if pd.isna(latest) else latest.to_pydatetime(),
         version="1.0.0",
         distribution=objects,

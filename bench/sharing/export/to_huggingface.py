@@ -22,7 +22,7 @@ def write(tables: Tables, title: str, folder: Path, place: Path) -> list[str]:
     del place
     names = list(save_tables(tables, folder / "data"))
     header = {
-        "license": LICENSE.lower(),
+        "license": LICENSE,
         "pretty_name": title,
         "tags": ["robotics", "drones", "multi-agent", "sim-to-real", "benchmark"],
         "size_categories": [_size(max(len(getattr(tables, name)) for name in names))],
