@@ -62,15 +62,8 @@ LARGE = ("curves", "trajectories")
 """Tables that a repository may leave out."""
 FEW_TRAJECTORIES = "flights.parquet"
 """Part of the table `trajectories` that a repository keeps; it is read where that is missing."""
-UNKNOWN = {
-    "key": "",
-    "committed": "",
-    "commit": "",
-    "dirty": False,
-    "program": "",
-    "machine": "",
-    "device": "",
-}
+_ORIGIN = ("key", "committed", "commit", "dirty", "program", "machine", "device")
+UNKNOWN = dict.fromkeys(_ORIGIN, "") | {"dirty": False}
 """Origin of a run whose record is older than the column."""
 
 
@@ -78,33 +71,25 @@ class TableError(UsageError):
     """A directory that does not hold the tables of a sweep."""
 
 
-def _schema(**columns: type | pa.Column) -> pa.DataFrameSchema:
-    made = {
-        name: column if isinstance(column, pa.Column) else pa.Column(column)
-        for name, column in columns.items()
-    }
-    return pa.DataFrameSchema(made, strict=True, ordered=True, coerce=True)
+def _schema(**columns: pa.Column) -> pa.DataFrameSchema:
+    return pa.DataFrameSchema(columns, strict=True, ordered=True, coerce=True)
 
 
 _TEXT = pa.Column(str)
-_SIZE = pa.Column(int, pa.Check.ge(2))
-_SEED = pa.Column(int, pa.Check.ge(0))
+_COUNT = pa.Column(int, pa.Check.ge(0))
 _STATUS = pa.Column(str, pa.Check.isin(STATUSES))
 _NUMBER = pa.Column(float, nullable=True)
+_IDENTITY = dict.fromkeys(IDENTITY, _TEXT)
+_IDENTITY |= {"team_size": pa.Column(int, pa.Check.ge(2)), "seed": _COUNT}
 
 SCHEMAS = {
     "results": _schema(
         run=_TEXT,
-        method=_TEXT,
-        residual=_TEXT,
-        variant=_TEXT,
-        task=_TEXT,
-        team_size=_SIZE,
-        seed=_SEED,
+        **_IDENTITY,
         simulator=_TEXT,
         trained_effects=_TEXT,
         deployed_effects=_TEXT,
-        calibration_flights=pa.Column(int, pa.Check.ge(0)),
+        calibration_flights=_COUNT,
         metric=_TEXT,
         value=_NUMBER,
         unit=_TEXT,
@@ -112,7 +97,7 @@ SCHEMAS = {
     ),
     "curves": _schema(
         run=_TEXT,
-        epoch=pa.Column(int, pa.Check.ge(0)),
+        epoch=_COUNT,
         reward=_NUMBER,
         smooth_reward=_NUMBER,
         crashes=_NUMBER,
@@ -120,7 +105,7 @@ SCHEMAS = {
     ),
     "trajectories": _schema(
         run=_TEXT,
-        drone=pa.Column(int, pa.Check.ge(0)),
+        drone=_COUNT,
         t=pa.Column(float),
         pos_x=_NUMBER,
         pos_y=_NUMBER,
@@ -128,23 +113,12 @@ SCHEMAS = {
     ),
     "runs": _schema(
         run=pa.Column(str, unique=True),
-        method=_TEXT,
-        residual=_TEXT,
-        variant=_TEXT,
-        task=_TEXT,
-        team_size=_SIZE,
-        seed=_SEED,
+        **_IDENTITY,
         status=_STATUS,
         cause=_TEXT,
         settings=_TEXT,
         versions=_TEXT,
-        key=_TEXT,
-        committed=_TEXT,
-        commit=_TEXT,
-        dirty=pa.Column(bool),
-        program=_TEXT,
-        machine=_TEXT,
-        device=_TEXT,
+        **(dict.fromkeys(_ORIGIN, _TEXT) | {"dirty": pa.Column(bool)}),
     ),
 }
 """Columns of each table, in order; nothing else is allowed in it."""
