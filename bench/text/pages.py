@@ -1,14 +1,11 @@
 """What all HTML pages of the harness share: templates, and texts that can do no harm in them."""
 
 import functools
-import json
 import os
 import re
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jinja2
-from markupsafe import Markup
 
 from bench.text.errors import UsageError
 
@@ -26,7 +23,8 @@ def environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters["json_text"] = json_text
+    # JSON has neither NaN nor infinities: a page that holds one is not written (ValueError).
+    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     made.filters["unbroken"] = unbroken
     return made
 
@@ -34,20 +32,6 @@ def environment() -> jinja2.Environment:
 def unbroken(text: str) -> str:
     """`text` in which no line breaks between a number and its unit."""
     return re.sub(r"(?<=\d) (?=(?:%|mm|ms|m|s|N|m/s²?|1/s|1/m)(?![\w/]))", "\u00a0", text)
-
-
-def json_text(value: Mapping | Sequence) -> Markup:
-    """`value` as JSON that cannot end the script element it stands in.
-
-    Raises:
-        ValueError: It holds NaN or an infinity, which JSON does not have.
-    """
-    return harmless_json(json.dumps(value, allow_nan=False, separators=(",", ":")))
-
-
-def harmless_json(text: str) -> Markup:
-    """JSON in which no `<` is left to open or close an element; its meaning is the same."""
-    return Markup(text.replace("<", "\\u003c"))
 
 
 def file_name(text: str) -> str:
