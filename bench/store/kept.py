@@ -10,6 +10,7 @@ policies alone.
 """
 
 import contextlib
+import dataclasses
 import io
 import json
 import tokenize
@@ -211,16 +212,12 @@ def _outcome(
 
 def _ledger(metrics: Mapping[str, float], flights: int) -> Ledger:
     """The ledger of a run from its row; rounding to 1 us undoes the conversion to minutes."""
+    fields = (field for field in dataclasses.fields(Ledger) if field.name in UNITS)
+    kinds: dict[str, Any] = {field.name: type(field.default) for field in fields}
     return Ledger(
         hf_fleet_seconds=round(60.0 * metrics["fleet_minutes"], 6),
         calibration_flights=flights,
-        calibration_crashes=int(metrics.get("calibration_crashes", 0)),
-        training_crashes=int(metrics.get("training_crashes", 0)),
-        training_crash_step_rate=metrics.get("training_crash_step_rate", 0.0),
-        lf_collisions=int(metrics.get("lf_collisions", 0)),
-        epochs=int(metrics.get("epochs", 0)),
-        skipped_updates=int(metrics.get("skipped_updates", 0)),
-        train_seconds=metrics.get("train_seconds", 0.0),
+        **{name: kind(metrics.get(name, 0)) for name, kind in kinds.items()},
     )
 
 

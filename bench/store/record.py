@@ -21,7 +21,7 @@ from bench.plan.provenance import provenance
 from bench.plan.realities import parse_reality
 from bench.plan.settings import describe_fields
 from bench.store.structure import describe, rebuild
-from bench.store.tables import table
+from bench.store.tables import IDENTITY, table
 from methods.contract import Trained
 from methods.training.policy import AbstractPolicy, is_shared
 from simulators.effects.chain import canonical
@@ -88,12 +88,7 @@ def describe_run(run: Run, outcome: Outcome, files: Mapping[str, bytes]) -> dict
     content = {
         "run": run.name,
         "key": run.key,
-        "method": run.method,
-        "residual": run.residual,
-        "variant": run.variant,
-        "task": run.task,
-        "team_size": run.team_size,
-        "seed": run.seed,
+        **dict(zip(IDENTITY, run.identity, strict=True)),
         "status": outcome.status,
         "cause": outcome.cause,
         "interrupted": outcome.interrupted,
