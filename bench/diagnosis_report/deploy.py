@@ -21,8 +21,8 @@ from rich.table import Table
 from bench.diagnosis_report.documents import check_place
 from bench.plan.realities import NOMINAL, parse_reality, written
 from bench.stats.statistics import COUNTED, FAILURES
-from bench.text import markdown
 from bench.text.errors import UsageError
+from bench.text.markdown import text_table
 from bench.text.say import say
 from methods.contract import Setup, Trained
 from methods.training.context import Context
@@ -181,9 +181,7 @@ def _markdown(content: dict[str, Any]) -> str:
                 f"# {content['task']}, N = {content['team_size']}, in `{content['reality']}`",
                 f"Mean over {seeds} seed{'s' if seeds > 1 else ''}; gap closed: 0 % is the nominal "
                 "policy, 100 % the hot start; where that is no better there is no gap.",
-                markdown.table(
-                    _HEADINGS, [[markdown.escape(c) for c in _cells(x)] for x in content["ways"]]
-                ),
+                text_table(_HEADINGS, map(_cells, content["ways"])),
                 "Effects that were identified: " + "; ".join(f"`{text}`" for text in sorted(found)),
             ]
         )

@@ -66,6 +66,5 @@ def _table(table: tables.Table | None) -> list[str]:
     """Caption and table, or nothing."""
     if table is None or not table.rows:
         return []
-    rows = [[markdown.escape(cell) for cell in row] for row in table.rows]
-    headings = [markdown.escape(heading) for heading in table.headings]
-    return [f"{markdown.escape(table.caption)}:", markdown.table(headings, rows, table.left)]
+    lines = markdown.text_table(table.headings, table.rows, table.left)
+    return [f"{markdown.escape(table.caption)}:", lines]

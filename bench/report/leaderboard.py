@@ -32,6 +32,7 @@ from bench.stats.statistics import Estimate
 from bench.stats.target import REFERENCE, TOLERANCE
 from bench.store.tables import Tables
 from bench.text import markdown
+from bench.text.markdown import text_table
 from bench.text.numbers import (
     MISSING,
     mean_std,
@@ -94,10 +95,10 @@ def write_leaderboard(tables: Tables, path: Path) -> None:
         for pool in pools(tables):
             parts += _pool_parts(pool)
         if any(row["rank"] for row in rows):
-            parts += ["## Overall", _table(STANDING_HEADINGS, standing_lines(rows))]
+            parts += ["## Overall", text_table(STANDING_HEADINGS, standing_lines(rows))]
             parts += [HOW_TO_READ_STANDINGS]
             parts += ["## In how many cells the rank may be the first"]
-            parts += [_table(AXIS_HEADINGS, axis_lines(rows))]
+            parts += [text_table(AXIS_HEADINGS, axis_lines(rows))]
     for columns, own in split(rows):
         for cell in dict.fromkeys(row["cell"] for row in own):
             here = [row for row in own if row["cell"] == cell]
@@ -106,7 +107,7 @@ def write_leaderboard(tables: Tables, path: Path) -> None:
             left = [i for i, column in enumerate(shown) if column.left]
             body = [[column.text(row) for column in shown] for row in here]
             title = cell.label + (", other settings" if columns is VARIANT_COLUMNS else "")
-            parts += [f"## {markdown.escape(title)}", _table(headings, body, left)]
+            parts += [f"## {markdown.escape(title)}", text_table(headings, body, left)]
     write_text(Path(path), "\n\n".join(parts) + "\n")
 
 
@@ -123,21 +124,13 @@ def made_by_text(tables: Tables) -> str:
 def _pool_parts(pool: Pool) -> list[str]:
     """Parts of the document on one pool."""
     parts = [f"## {markdown.escape(pool_title(pool))}", _bullets(HOW_TO_READ_POOLED)]
-    parts += [_table(pool_headings(pool), pool_lines(pool), left=(1, 2))]
-    parts += [_table(improvement_headings(pool), improvement_lines(pool))]
+    parts += [text_table(pool_headings(pool), pool_lines(pool), left=(1, 2))]
+    parts += [text_table(improvement_headings(pool), improvement_lines(pool))]
     return [*parts, _bullets(map(markdown.escape, [EXCLUDES_HALF, *pool_remarks(pool)]))]
 
 
 def _bullets(lines: Iterable[str]) -> str:
     return "\n".join(f"- {line}" for line in lines)
-
-
-def _table(
-    headings: Sequence[str], lines: Iterable[Sequence[str]], left: Iterable[int] = (0,)
-) -> str:
-    """A Markdown table of any texts."""
-    escaped = [[markdown.escape(text) for text in line] for line in lines]
-    return markdown.table([markdown.escape(heading) for heading in headings], escaped, left)
 
 
 def split(rows: Iterable[Row]) -> list[tuple[tuple[Column, ...], list[Row]]]:

@@ -24,5 +24,13 @@ def table(
     return "\n".join(_line(cells) for cells in [headings, rule, *rows])
 
 
+def text_table(
+    headings: Sequence[str], rows: Iterable[Sequence[str]], left: Iterable[int] = (0,)
+) -> str:
+    """A Markdown table of any texts, which it escapes."""
+    escaped = [[escape(text) for text in row] for row in [headings, *rows]]
+    return table(escaped[0], escaped[1:], left)
+
+
 def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cells) + " |"

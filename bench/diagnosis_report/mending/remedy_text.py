@@ -89,9 +89,7 @@ def _autopilot(diagnosis: Diagnosis, target: str, values: Mapping[str, float]) -
 def _table(changes: Sequence[FirmwareChange], values: Mapping[str, float]) -> str:
     headings = ("parameter", "change", "95 %", "now", "new", "where", "makes up for")
     rows = [_row(change, name, values) for change in changes for name in change.parameters]
-    return markdown.table(
-        headings, [[markdown.escape(cell) for cell in row] for row in rows], (0, 5, 6)
-    )
+    return markdown.text_table(headings, rows, (0, 5, 6))
 
 
 def _row(change: FirmwareChange, name: str, values: Mapping[str, float]) -> list[str]:
