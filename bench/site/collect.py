@@ -1,11 +1,11 @@
 """What a site is made of: the suites, documents, diagnoses and replays of two folders."""
 
-import tomllib
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.plan.suite import BUILT_IN, built_in
+from bench.plan.suite import built_in, load_suite
 from bench.store.tables import TableError, Tables
 from diagnosis.result import Diagnosis
 
@@ -48,14 +48,15 @@ def suites(results: Path, warn: Warn) -> list[Suite]:
     Those that cannot be read are named.
     """
     found, order = [], built_in()
-    files = {file.parent.name: file for file in results.glob("*/runs.parquet")}
-    for _, file in sorted(files.items(), key=lambda x: (x[0] not in order, x[0] != "paper", x[0])):
+    names = {file.parent.name for file in results.glob("*/runs.parquet")}
+    for name in sorted(names, key=lambda name: (name not in order, name != "paper", name)):
         try:
-            tables = Tables.load(file.parent)
+            tables = Tables.load(results / name)
         except TableError as error:
             warn(f"Left out: {error}")
             continue
-        found.append(Suite(file.parent.name, tables, _description(file.parent.name)))
+        description = load_suite(name).description if name in order else ""
+        found.append(Suite(name, tables, description))
     return found
 
 
@@ -100,13 +101,6 @@ def replays(reports: Path) -> list[Path]:
     return sorted(reports.glob("*/replays/*.html"))
 
 
-def _description(name: str) -> str:
-    path = BUILT_IN / f"{name}.toml"
-    if not path.is_file():
-        return ""
-    return str(tomllib.loads(path.read_text(encoding="utf-8")).get("description", ""))
-
-
 def _free(place: str, taken: Sequence[str]) -> str:
     """That place, or one with a number where another page has it."""
     places = (place, *(f"{place}-{number}" for number in range(2, len(taken) + 2)))
@@ -115,7 +109,5 @@ def _free(place: str, taken: Sequence[str]) -> str:
 
 def _title(path: Path, text: str) -> str:
     """The first heading."""
-    for line in text.splitlines():
-        if line.startswith("# "):
-            return line.removeprefix("# ").replace("`", "").strip()
-    return path.stem
+    found = re.search("^# (.*)", text, re.MULTILINE)
+    return found[1].replace("`", "").strip() if found else path.stem
