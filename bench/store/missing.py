@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
 from bench.plan.planned_run import Run
+from bench.plan.settings import flatten
 from bench.store.resume import failed_row, lost_parents, was_interrupted
 from bench.store.store import Store, UnreadableRunError
 from bench.store.tables import IDENTITY, Tables
@@ -114,12 +115,12 @@ def _same(run: Run, store: Store, name: str) -> dict[str, Any] | None:
 
 def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     """What differs between two records of everything that determines a result."""
-    before, after = _flat(old), _flat(new)
+    before, after = flatten(old), flatten(new)
     changes = []
     for path in sorted({*before, *after}):
         if before.get(path) == after.get(path):
             continue
-        section, *rest = path
+        section, *rest = path.split(".")
         if section == "parents":
             changes.append(f"its parent {rest[0]} is another run")
             continue
@@ -130,17 +131,7 @@ def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     return "; ".join(changes[:MOST_CHANGES]) + (f"; {more} more" if more > 0 else "")
 
 
-def _flat(tree: Mapping[str, Any], path: tuple[str, ...] = ()) -> dict[tuple[str, ...], Any]:
-    flat = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            flat |= _flat(value, (*path, key))
-        else:
-            flat[*path, key] = value
-    return flat
-
-
-def _text(flat: Mapping[tuple[str, ...], Any], path: tuple[str, ...]) -> str:
+def _text(flat: Mapping[str, Any], path: str) -> str:
     if path not in flat:
         return "absent"
     text = json.dumps(flat[path])
