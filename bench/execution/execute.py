@@ -1,5 +1,6 @@
 """Executes planned runs, parents before children, longest chains first, on any executor."""
 
+import dataclasses
 import datetime
 import functools
 import heapq
@@ -44,35 +45,27 @@ def execute(
         together: Most runs, alike but for their seed, that a worker does at once.
         fail_fast: Whether the first failure ends everything.
     """
-    settings = (check, together, fail_fast)
-    return _Execution(runs, store, executor, display, done, failed, *settings).result()
+    schedule, failed = _Schedule(runs, done), list(failed)
+    execution = _Execution(schedule, store, executor, display, failed, check, together, fail_fast)
+    return execution.result()
 
 
+@dataclasses.dataclass
 class _Execution:
     """The state of an execution: running, waiting and finished runs."""
 
-    def __init__(
-        self,
-        runs: Sequence[Run],
-        store: Store,
-        executor: AbstractExecutor,
-        display: SweepProgress,
-        done: Iterable[str],
-        failed: Iterable[str],
-        check: Callable[[Run], str],
-        together: int,
-        fail_fast: bool,
-    ) -> None:
-        self._schedule = _Schedule(runs, done)
-        self._store = store
-        self._executor = executor
-        self._display = display
-        self._failed = list(failed)
-        self._check = check
-        self._together = together
-        self._fail_fast = fail_fast
+    _schedule: "_Schedule"
+    _store: Store
+    _executor: AbstractExecutor
+    _display: SweepProgress
+    _failed: Sequence[str]
+    _check: Callable[[Run], str]
+    _together: int
+    _fail_fast: bool
+
+    def __post_init__(self) -> None:
         self._blocked: set[str] = set()
-        self._slots: dict[int, list[Run]] = {slot: [] for slot in range(executor.slots)}
+        self._slots: dict[int, list[Run]] = {slot: [] for slot in range(self._executor.slots)}
 
     def result(self) -> dict[str, str]:
         """Executes all runs and returns their statuses."""
