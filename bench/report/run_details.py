@@ -8,7 +8,7 @@ import pandas as pd
 
 from bench.report.flown import playable_all
 from bench.report.pictures.curves import by_run
-from bench.stats.statistics import FAILURES, Cell, Entry, cells_meant, entry_of, places, records
+from bench.stats.statistics import FAILURES, Cell, Entry, entry_of, flown_in, records
 from bench.store.tables import Tables
 from bench.text.numbers import significant
 
@@ -107,16 +107,11 @@ def details(
 
 
 def first_runs(tables: Tables, lines: list[dict[str, Any]]) -> dict[tuple[Cell, Entry], str]:
-    """Id of the run that a row of the leaderboard opens: the first seed of its entry there.
-
-    A run that failed stands for its entry where it was meant to be evaluated.
-    """
-    flown, worlds = places(tables)
+    """Id of the run that a row of the leaderboard opens: the first seed of its entry there."""
+    flown = flown_in(tables)
     found: dict[tuple[Cell, Entry], str] = {}
     for line in sorted(lines, key=lambda line: (line["lost"], line["seed"])):
-        entry, size = line["entry"], (line["task"], line["team_size"])
-        meant = cells_meant(*size, entry.variant, worlds.get(size, set()))
-        for key in flown.get(line["run"], [(cell, entry) for cell in meant]):
+        for key in flown[line["run"]]:
             found.setdefault(key, line["id"])
     return found
 

@@ -231,31 +231,27 @@ Endings = Mapping[str, list[int]]
 """Status -> seeds of the runs that ended so."""
 
 
-def places(
-    tables: Tables,
-) -> tuple[dict[str, list[tuple[Cell, Entry]]], dict[tuple[str, int], set[Cell]]]:
-    """Where each run was evaluated, and all worlds of each task and team size."""
-    flown = tables.results.drop_duplicates(["run", "simulator", "deployed_effects"])
+def flown_in(tables: Tables) -> dict[str, list[tuple[Cell, Entry]]]:
+    """Where each run was evaluated, or was meant to be if it failed before its evaluation."""
     found: dict[str, list[tuple[Cell, Entry]]] = {}
     worlds: dict[tuple[str, int], set[Cell]] = {}
-    for row in records(flown):
+    for row in records(tables.results.drop_duplicates(["run", "simulator", "deployed_effects"])):
         cell = cell_of(row)
         found.setdefault(row["run"], []).append((cell, entry_of(row)))
         worlds.setdefault((cell.task, cell.team_size), set()).add(cell)
-    return found, worlds
-
-
-def endings(tables: Tables) -> dict[Cell, dict[Entry, dict[str, list[int]]]]:
-    """Seeds by cell, entry and status, of every run.
-
-    A run that failed before its evaluation is listed where it was meant to be evaluated.
-    """
-    flown, worlds = places(tables)
-    found: dict[Cell, dict[Entry, dict[str, list[int]]]] = {}
     for row in records(_every_run(tables)):
         entry, size = entry_of(row), (str(row["task"]), int(row["team_size"]))
         meant = cells_meant(*size, entry.variant, worlds.get(size, set()))
-        for cell, entry in flown.get(row["run"], [(cell, entry) for cell in meant]):
+        found.setdefault(row["run"], [(cell, entry) for cell in meant])
+    return found
+
+
+def endings(tables: Tables) -> dict[Cell, dict[Entry, dict[str, list[int]]]]:
+    """Seeds by cell, entry and status, of every run."""
+    flown = flown_in(tables)
+    found: dict[Cell, dict[Entry, dict[str, list[int]]]] = {}
+    for row in records(_every_run(tables)):
+        for cell, entry in flown[row["run"]]:
             ended = found.setdefault(cell, {}).setdefault(entry, {})
             ended.setdefault(row["status"], []).append(int(row["seed"]))
     return found
