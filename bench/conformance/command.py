@@ -33,6 +33,8 @@ CONTRACTS = {
     "effect": AbstractEffect,
 }
 """The class that a plug-in of each kind implements."""
+SUITES = {"task": tasks, "simulator": simulators, "residual": residuals, "effect": effects}
+"""Checks of each kind but methods, which take settings."""
 
 
 def check(plugin: str, assignments: Sequence[str], simulator_names: Sequence[str]) -> int:
@@ -144,13 +146,7 @@ def declarations(kind: str, cls: type, given: Mapping[str, Setting]) -> list[Che
     """Checks of what a class says of itself."""
     if kind == "method":
         return methods.declarations(cls, given)
-    module = {
-        "task": tasks,
-        "simulator": simulators,
-        "residual": residuals,
-        "effect": effects,
-    }[kind]
-    return module.declarations(cls)
+    return SUITES[kind].declarations(cls)
 
 
 def behaviour(
@@ -165,7 +161,7 @@ def behaviour(
         return methods.behaviour(cls, next(iter(realities.values())), given, settings)
     if kind == "effect":
         return effects.behaviour(cls, realities)
-    return {"task": tasks, "simulator": simulators, "residual": residuals}[kind].behaviour(cls)
+    return SUITES[kind].behaviour(cls)
 
 
 def _show(console: Console, finding: Finding) -> None:
