@@ -94,7 +94,7 @@ def show_plan(
 
 def own_rows(plan: Plan, recorded: Tables) -> str:
     """How many rows of a plan this program made, as text; empty without rows."""
-    programs = dict(zip(recorded.runs["run"], recorded.runs["program"], strict=True))
+    programs = recorded.column("program")
     own = [run for run in plan.runs if run.name in programs]
     same = sum(programs[run.name] == run.program for run in own)
     return f"{same} of {len(own)} rows are of this program." if own else ""

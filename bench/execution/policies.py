@@ -48,7 +48,7 @@ def keep(tables_dir: Path, tasks: Iterable[str], team_sizes: Iterable[int]) -> d
     """
     tables, store = Tables.load(tables_dir), Store(tables_dir)
     chosen, sizes, resumed = {*tasks}, {*team_sizes}, runs_to_resume()
-    committed = dict(zip(tables.runs["run"], tables.runs["committed"], strict=True))
+    committed = tables.column("committed")
     kept: dict[Path, dict[str, KeptRun]] = {}
     for row in records(tables.results.drop_duplicates("run")):
         cell, run = cell_of(row), row["run"]

@@ -143,7 +143,7 @@ def sweep(
                 return INTERRUPTED
         sound |= store.sound(warn, [run.name for run in missing])
         found = store.tables(sound, {run.name for run in plan.runs})
-        arrived = {run for run, end in found.statuses().items() if end != "failed"}
+        arrived = {run for run, end in found.column("status").items() if end != "failed"}
         gone = {row for row, run in standing.outdated.items() if run in arrived}
         tables = recorded.merged(found, gone)
         tables.save(tables_dir)
@@ -161,7 +161,9 @@ def sweep(
     say(console, f"Tables: {tables_dir}")
     failed = [*standing.failed, *(run for run in missing if status.get(run.name) == "failed")]
     if failed:
-        causes = recorded.causes() | found.causes()  # rows that stay may know nothing of it
+        causes = recorded.column("cause") | found.column(
+            "cause"
+        )  # rows that stay may know nothing of it
         first = next((run for run in failed if causes.get(run.name)), failed[0])
         said = f"{first.label}: {causes.get(first.name, '')}"
         say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {said}")

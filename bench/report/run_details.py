@@ -21,8 +21,7 @@ Group = tuple[str, int, Entry]
 
 def run_lines(tables: Tables) -> list[dict[str, Any]]:
     """Every run as a line of a table, those that were lost first; `id` is its place in the page."""
-    rewards = tables.results[tables.results["metric"] == "reward"]
-    reward = dict(zip(rewards["run"], rewards["value"], strict=True))
+    reward = tables.by_run("reward")
     found = [
         {
             "run": row["run"],

@@ -8,11 +8,9 @@ such as a parent that was trained again, the other folder's counts.
 
 import dataclasses
 
-import pandas as pd
-
 from bench.stats.scores import flown_settings
 from bench.stats.statistics import Cell, cell_of, records
-from bench.store.tables import IDENTITY, SCHEMAS, Tables
+from bench.store.tables import IDENTITY, Tables
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,11 +79,7 @@ def _in_cells(tables: Tables, cells: set[Cell]) -> Tables:
         for row in records(tables.runs)
         if of_run.get(row["run"], (row["task"], row["team_size"]) in places)
     }
-    found: dict[str, pd.DataFrame] = {}
-    for name in SCHEMAS:
-        frame = getattr(tables, name)
-        found[name] = frame.loc[frame["run"].isin(kept)]
-    return Tables(**found)
+    return tables.of_runs(kept)
 
 
 def _without_large(tables: Tables) -> Tables:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import TypedDict
 
 from bench.stats.ranking import Rank, ranks
-from bench.stats.scores import UPPER, by_run, primary, upper_returns
+from bench.stats.scores import UPPER, primary, upper_returns
 from bench.stats.statistics import (
     Cell,
     Endings,
@@ -156,7 +156,7 @@ def _competing(values: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Mappi
 
 def _scales(tables: Tables) -> dict[Cell, float]:
     """Settled reward at score 1 less that at score 0, by cell."""
-    zeros, found = by_run(tables, "spawn_settled_reward"), {}
+    zeros, found = tables.by_run("spawn_settled_reward"), {}
     for row in records(tables.results.drop_duplicates("run")):
         if (zero := zeros.get(row["run"])) is not None:
             found.setdefault(cell_of(row), []).append(zero)

@@ -44,12 +44,6 @@ def primary(tables: Tables) -> str:
     return PRIMARY if PRIMARY in set(tables.results["metric"]) else "reward"
 
 
-def by_run(tables: Tables, metric: str) -> dict[str, float]:
-    """Values of a metric by run."""
-    rows = tables.results.loc[tables.results["metric"].eq(metric)]
-    return dict(zip(rows["run"], rows["value"], strict=True))
-
-
 def upper_returns(tables: Tables) -> dict[Cell, float]:
     """Settled reward with score 1, by cell: the mean over seeds of the upper reference.
 
@@ -87,7 +81,7 @@ def scored(tables: Tables) -> pd.DataFrame:
     """The settled rewards of `results` as scores, without the reference and what has no score."""
     rows = tables.results
     rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].ne(UPPER)]
-    zeros, uppers = by_run(tables, "spawn_settled_reward"), upper_returns(tables)
+    zeros, uppers = tables.by_run("spawn_settled_reward"), upper_returns(tables)
     upper = np.asarray([uppers.get(cell_of(row), np.nan) for row in records(rows)], float)
     zero = np.asarray([zeros.get(run, np.nan) for run in rows["run"]], float)
     score = (np.asarray(rows["value"], float) - zero) / (upper - zero)
@@ -98,7 +92,7 @@ def recovered(tables: Tables) -> Values:
     """1 less the settled reward over that at the spawn, by cell, entry and seed."""
     rows = tables.results
     rows = rows.loc[rows["metric"].eq(PRIMARY) & rows["method"].ne(UPPER)]
-    zeros = by_run(tables, "spawn_settled_reward")
+    zeros = tables.by_run("spawn_settled_reward")
     zero = np.asarray([zeros.get(run, np.nan) for run in rows["run"]], float)
     kept = rows.assign(metric="score", value=1.0 - np.asarray(rows["value"], float) / zero)
     return seed_values(kept, "score")

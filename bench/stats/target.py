@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bench.stats.scores import by_run
 from bench.stats.statistics import COUNTED, Cell, Entry, cell_of, entry_of, records
 from bench.store.tables import Tables
 
@@ -96,7 +95,7 @@ def _runs(tables: Tables) -> dict[Cell, dict[Entry, list[dict[str, Any]]]]:
         index="run", columns="metric", values="value"
     )
     costs = costs.reindex(columns=["fleet_minutes", "train_seconds"]).fillna(0.0)
-    zero, curves = by_run(tables, "spawn_reward"), _curves(tables.curves)
+    zero, curves = tables.by_run("spawn_reward"), _curves(tables.curves)
     found: dict[Cell, dict[Entry, list[dict[str, Any]]]] = {}
     for row in records(rewards):
         if row["run"] not in costs.index or row["run"] not in zero:

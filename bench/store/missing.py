@@ -34,9 +34,9 @@ def states(runs: list[Run], store: Store, recorded: Tables) -> list[State]:
     there, by_prefix = set(names), {}
     for name in names:
         by_prefix.setdefault(_prefix(name), []).append(name)
-    rows = {run for run, status in recorded.statuses().items() if status != "failed"}
+    rows = {run for run, status in recorded.column("status").items() if status != "failed"}
     older = {identity: run for identity, run in recorded.identities().items() if run in rows}
-    causes = recorded.causes()
+    causes = recorded.column("cause")
     found = []
     for run in runs:
         if run.name in rows:

@@ -57,7 +57,7 @@ def make_standing(
     """
     standing = Standing([], [], [], [], [], _outdated(plan, recorded))
     by_name = {run.name: run for run in plan.runs}
-    rows = {run for run, status in recorded.statuses().items() if status != "failed"}
+    rows = {run for run, status in recorded.column("status").items() if status != "failed"}
     if replace:
         foreign = foreign_rows(plan, recorded) & rows
         standing.outdated.update({name: name for name in foreign})
@@ -67,7 +67,7 @@ def make_standing(
             for name, content in sound.items()
             if name not in foreign or made_by(by_name[name], content)
         }
-    causes = recorded.causes()
+    causes = recorded.column("cause")
     for run in plan.runs:
         content = sound.get(run.name) or failed_row(run.name, causes)
         if run.name in rows or (content is not None and content["status"] != "failed"):
@@ -134,8 +134,8 @@ def failed_row(name: str, causes: Mapping[str, str]) -> dict[str, Any] | None:
 
 def foreign_rows(plan: Plan, recorded: Tables) -> set[str]:
     """Planned runs whose row another program or machine made, under the same key."""
-    programs = dict(zip(recorded.runs["run"], recorded.runs["program"], strict=True))
-    machines = dict(zip(recorded.runs["run"], recorded.runs["machine"], strict=True))
+    programs = recorded.column("program")
+    machines = recorded.column("machine")
     here = provenance()["machine"]
     return {
         run.name
@@ -163,7 +163,7 @@ def reproduces(found: Mapping[str, float], row: Mapping[str, float]) -> str:
 
 
 def _outdated(plan: Plan, recorded: Tables) -> dict[str, str]:
-    statuses, identities = recorded.statuses(), recorded.identities()
+    statuses, identities = recorded.column("status"), recorded.identities()
     found = {}
     for run in plan.runs:
         row = identities.get(run.identity)
@@ -182,7 +182,7 @@ def stale_lines(done: Sequence[Run], recorded: Tables, sound: Mapping[str, dict]
 
     Of runs whose folder is gone, only their number is known.
     """
-    programs = dict(zip(recorded.runs["run"], recorded.runs["program"], strict=True))
+    programs = recorded.column("program")
     changed: dict[str, int] = {}
     gone = 0
     for run in done:

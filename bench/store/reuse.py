@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.plan.expansion import Plan
-from bench.store.tables import SCHEMAS, Tables
+from bench.store.tables import Tables
 
 
 def reusable(plan: Plan, folders: Sequence[Path]) -> Tables:
@@ -26,7 +26,5 @@ def reusable(plan: Plan, folders: Sequence[Path]) -> Tables:
             for run, key, status in zip(*columns, strict=True)
             if keys.get(run) == key and status != "failed"
         }
-        frames = {name: getattr(tables, name) for name in SCHEMAS}
-        own = Tables(**{name: x.loc[x["run"].isin(same)] for name, x in frames.items()})
-        found = found.merged(own)
+        found = found.merged(tables.of_runs(same))
     return found

@@ -17,6 +17,7 @@ import functools
 import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pandera.pandas as pa
@@ -198,13 +199,20 @@ class Tables:
         runs = self.runs[["run", *IDENTITY, "status", "cause"]]
         return runs.join(flown, on="run").join(metrics, on="run")
 
-    def statuses(self) -> dict[str, str]:
-        """How each run ended, by name."""
-        return dict(zip(self.runs["run"], self.runs["status"], strict=True))
+    def column(self, name: str) -> dict[str, Any]:
+        """A column of `runs`, by name of the run."""
+        return dict(zip(self.runs["run"], self.runs[name], strict=True))
 
-    def causes(self) -> dict[str, str]:
-        """Why each run failed, by name; empty for those that did not."""
-        return dict(zip(self.runs["run"], self.runs["cause"], strict=True))
+    def by_run(self, metric: str) -> dict[str, float]:
+        """Values of a metric, by name of the run."""
+        rows = self.results.loc[self.results["metric"].eq(metric)]
+        return dict(zip(rows["run"], rows["value"], strict=True))
+
+    def of_runs(self, runs: Collection[str]) -> "Tables":
+        """The rows of some runs."""
+        frames = {name: getattr(self, name) for name in SCHEMAS}
+        own = {name: frame.loc[frame["run"].isin(runs)] for name, frame in frames.items()}
+        return self._checked({n: frame.reset_index(drop=True) for n, frame in own.items()})
 
     def identities(self) -> dict[tuple, str]:
         """Name of the run of each identity (`IDENTITY`)."""
@@ -230,7 +238,7 @@ class Tables:
             new: What was found now.
             replaced: Names of runs that leave, whose identity may then come from `new`.
         """
-        here, there, statuses = self.identities(), new.identities(), self.statuses()
+        here, there, statuses = self.identities(), new.identities(), self.column("status")
         failed = {run for i, run in here.items() if statuses[run] == "failed" and i in there}
         gone = failed | {*replaced}
         taken = {identity for identity, run in here.items() if run not in gone}

@@ -100,7 +100,7 @@ def test_a_failed_run_gives_way_to_its_later_attempt_whatever_program_made_it(pr
 def test_a_failed_run_stays_where_nothing_came_instead():
     failed = made(("a", 0, "x", "failed"))
     found = failed.merged(made(("a", 1, "x", "ok")))
-    assert found.statuses() == {"a-s0-x": "failed", "a-s1-x": "ok"}
+    assert found.column("status") == {"a-s0-x": "failed", "a-s1-x": "ok"}
 
 
 def test_a_run_of_another_program_comes_in_only_if_the_row_is_replaced():
@@ -175,7 +175,7 @@ def test_merging_agrees_with_a_dictionary_and_is_idempotent(here, there, data):
     with config_context(validation_enabled=False):  # which takes longer than all the rest
         merged = old.merged(new, replaced)
         again, alone = merged.merged(new, replaced), merged.merged(Tables.empty())
-    assert merged.statuses() == {
+    assert merged.column("status") == {
         f"{method}-s{seed}-{program}": status
         for (method, seed), (program, status) in expected.items()
     }

@@ -46,7 +46,7 @@ def test_a_submission_says_what_its_rows_are_and_where_they_come_from(submitted,
     own, all_rows = Tables.load(folder), Tables.load(out)
     assert {*own.runs["method"]} == {"instant"}
     assert {*all_rows.runs["method"]} == {"instant", "child"}
-    assert record["runs"] == dict(zip(own.runs["run"], own.runs["key"], strict=True))
+    assert record["runs"] == own.column("key")
     assert (record["package"], record["class"]) == ("fakes 1.0", "fakes:Instant")
     assert record["source"] == own_source(fakes.Instant)
     assert record["commits"] == sorted({*own.runs["commit"]})

@@ -81,7 +81,7 @@ class SweepMachine(RuleBasedStateMachine):
     def recorded(self):
         """Rows of finished runs as they are in the tables, by identity."""
         tables = recorded_tables(self.out)
-        statuses, found = tables.statuses(), {}
+        statuses, found = tables.column("status"), {}
         assert len(tables.identities()) == len(tables.runs)
         frames = [getattr(tables, name) for name in SCHEMAS]
         assert not any(frame.duplicated().any() for frame in frames)

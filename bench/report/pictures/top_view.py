@@ -27,7 +27,7 @@ SIDE = 1000
 def top_views(tables: Tables) -> list[tuple[str, list[Panel]]]:
     """Panels of one episode by task and team size."""
     owner = owners(tables.runs)
-    seed = dict(zip(tables.runs["run"], tables.runs["seed"], strict=True))
+    seed = tables.column("seed")
     flown: dict[Cell, dict[Entry, list[str]]] = {}
     flights = {run: rows for run, rows in by_run(tables.trajectories).items() if run in owner}
     for run in flights:

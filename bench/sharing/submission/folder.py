@@ -7,6 +7,7 @@ curves.parquet      where the tables have them
 README.md           the rows in words, and how to check them
 """
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -66,13 +67,8 @@ def submit(tables: Tables, method: str, out: Path) -> int:
 
 def of_method(tables: Tables, method: str) -> Tables:
     """The rows of one method; no trajectories."""
-    runs = tables.runs.loc[tables.runs["method"].eq(method)]
-    frames = {}
-    for name in SCHEMAS:
-        frame = getattr(tables, name)
-        frames[name] = frame.loc[frame["run"].isin(runs["run"])].reset_index(drop=True)
-    frames["trajectories"] = frames["trajectories"].iloc[:0]
-    return Tables(**frames)
+    own = tables.of_runs([run for run, of in tables.column("method").items() if of == method])
+    return dataclasses.replace(own, trajectories=own.trajectories.iloc[:0])
 
 
 def simulator_of(tables: Tables) -> dict[str, str]:

@@ -91,8 +91,7 @@ def _compared(tables: Tables, row: Row, metric: str, again: float, idle: float) 
 
 def _chosen(tables: Tables, task: str, team_size: int | None, seed: int | None) -> Row:
     """The row to train again: of those that are meant, the one that trained fastest."""
-    seconds = tables.results.loc[tables.results["metric"].eq("train_seconds")]
-    took = dict(zip(seconds["run"], seconds["value"], strict=True))
+    took = tables.by_run("train_seconds")
     meant = [
         row
         for row in records(tables.runs)
