@@ -20,7 +20,7 @@ from rich.table import Table
 
 from bench.diagnosis_report.documents import check_place
 from bench.plan.realities import NOMINAL, parse_reality, written
-from bench.stats.statistics import COUNTED, FAILURES
+from bench.stats.statistics import COUNTED, FAILURES, Entry
 from bench.text.errors import UsageError
 from bench.text.markdown import text_table
 from bench.text.say import say
@@ -33,12 +33,7 @@ from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.effects.chain import canonical
 
-WAYS = (
-    ("lf_baseline", ""),
-    ("grey_box", ""),
-    ("hybrid", "mlp"),
-    ("hf_hotstart", ""),
-)
+WAYS = (Entry("lf_baseline"), Entry("grey_box"), Entry("hybrid", "mlp"), Entry("hf_hotstart"))
 """Methods and residuals that are compared; the first is the parent of the others."""
 
 
@@ -87,17 +82,18 @@ def _seed(
     parents: dict[str, Trained] = {}
     rows = []
     with console.status("training") as status:
-        for name, residual in WAYS:
-            way = _name(name, residual)
+        for entry in WAYS:
+            way = entry.label
 
             def shown(stage: str, epoch: int, epochs: int, reward: float, way: str = way) -> None:
                 status.update(f"seed {seed}, {way}: {stage} {epoch} of {epochs}")
 
-            method = registry.load("method", name)(**({"residual": residual} if residual else {}))
+            given = {"residual": entry.residual} if entry.residual else {}
+            method = registry.load("method", entry.method)(**given)
             setup = Setup(task, nominal, reality, parents, Context(shown))
             key = jax.random.fold_in(jax.random.key(seed), 0)
             trained = train_metered(method, setup, key)
-            parents.setdefault(name, trained)
+            parents.setdefault(entry.method, trained)
             deployed = evaluate(task, reality, PolicyController(task, trained.policy), seed)
             rows.append(
                 {
@@ -116,10 +112,6 @@ def _seed(
     return rows
 
 
-def _name(method: str, residual: str) -> str:
-    return f"{method} ({residual})" if residual else method
-
-
 def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Mean over seeds, and the share of the gap from nominal to hot start that is closed.
 
@@ -129,7 +121,7 @@ def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     stands beside the mean. The gap uses the seeds in which all three ways have a return.
     """
     ok = {(r["way"], r["seed"]): r for r in rows if _counts(r)}
-    low, high = (_name(*way) for way in (WAYS[0], WAYS[-1]))
+    low, high = WAYS[0].label, WAYS[-1].label
     found = []
     for way in dict.fromkeys(row["way"] for row in rows):
         seeds = [row["seed"] for row in rows if row["way"] == way]

@@ -8,6 +8,7 @@ from rich.console import Console
 from bench.cli.app import main
 from bench.diagnosis_report import deploy as module
 from bench.diagnosis_report.deploy import deploy, parse_reality
+from bench.stats.statistics import Entry
 from bench.text.errors import UsageError
 from methods.lf_baseline import LFBaseline
 from methods.training.bptt import BPTT
@@ -51,7 +52,7 @@ def test_a_seed_that_fails_leaves_the_others_results(tmp_path, monkeypatch):
         if seed == 1:
             raise ValueError("a drone never left the ground")
         row = {"reward": -1.0, "crashes": 0.0, "fleet_minutes": 0.0, "train_seconds": 1.0}
-        ways = [module._name(*way) for way in module.WAYS]
+        ways = [way.label for way in module.WAYS]
         return [row | {"way": w, "seed": 0, "status": "ok", "effects": ""} for w in ways]
 
     monkeypatch.setattr(module, "_seed", fly)
@@ -137,7 +138,7 @@ def test_a_hot_start_that_is_no_better_leaves_no_gap_to_close():
 def test_every_way_is_trained_and_its_share_of_the_gap_stated(tmp_path, monkeypatch):
     """With one method under two names, so that the table is what is tested."""
     short = LFBaseline(trainer=BPTT(epochs=2, n_worlds=2))
-    monkeypatch.setattr(module, "WAYS", (("lf_baseline", ""), ("hf_hotstart", "")))
+    monkeypatch.setattr(module, "WAYS", (Entry("lf_baseline"), Entry("hf_hotstart")))
     load = module.registry.load
     fake = lambda kind, name: (lambda: short) if kind == "method" else load(kind, name)  # noqa: E731
     monkeypatch.setattr(module.registry, "load", fake)
