@@ -11,8 +11,9 @@ has the same number of trials and takes its best.
 import json
 import math
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
+from statistics import geometric_mean
 from typing import NamedTuple
 
 from bench.stats.statistics import Entry, records
@@ -42,17 +43,11 @@ class Trial(NamedTuple):
     @property
     def mean(self) -> float:
         """Geometric mean over tasks."""
-        return geometric(self.loss.values())
+        return geometric_mean(self.loss.values())
 
 
 Trials = dict[Entry, dict[Setting, Trial]]
 """By configuration and setting."""
-
-
-def geometric(values: Iterable[float]) -> float:
-    """Geometric mean."""
-    logs = [math.log(value) for value in values]
-    return math.exp(math.fsum(logs) / len(logs))
 
 
 def trials(tables: Tables) -> Trials:
