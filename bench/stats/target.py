@@ -34,10 +34,6 @@ SMOOTHING = 10
 class ToTarget(NamedTuple):
     """The costs of an entry in a cell."""
 
-    target: float
-    """What is to be reached: 1 - R / (return at the spawn)."""
-    runs: int
-    """Runs whose cost is known."""
     minutes: dict[int, float]
     """High-fidelity fleet-minutes until the target, by seed, of runs that reach it."""
     seconds: dict[int, float]
@@ -74,7 +70,7 @@ def _to_target(runs: list[dict[str, Any]], target: float) -> ToTarget:
             cost = full
         spent += cost
     expected = spent / len(minutes) if minutes else np.full(2, math.inf)
-    return ToTarget(target, len(runs), minutes, seconds, *map(float, expected))
+    return ToTarget(minutes, seconds, *map(float, expected))
 
 
 def _share(run: Mapping[str, Any], target: float) -> float:
