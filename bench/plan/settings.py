@@ -16,8 +16,6 @@ import numpy as np
 
 from bench.plan.keys import Setting, SettingsError, unknown_key
 
-NEUTRAL = {"neutral": True}
-"""Metadata of a field that came later and changes nothing at its default."""
 LARGEST = 2**53 - 1
 """The largest whole number that JSON holds exactly (RFC 8785)."""
 T = TypeVar("T", bound=eqx.Module)
@@ -101,8 +99,8 @@ def _like(old: Any, value: Setting, kind: object, path: str) -> Setting:
 def describe_fields(instance: object, where: str) -> dict[str, Setting]:
     """Fields of a dataclass as JSON, each as `describe` writes it.
 
-    A field that came later, and whose default does what was done before, says so by
-    `metadata=NEUTRAL`; it is left out while it stands at its default, so that no key moves by it.
+    A field that came later, and whose default does what was done before, says so by its metadata,
+    {"neutral": True}; it is left out while it stands at its default, so that no key moves by it.
     """
     if not dataclasses.is_dataclass(instance) or isinstance(instance, type):
         raise SettingsError(f"{where} must be a dataclass, got {instance!r:.80}.")

@@ -11,8 +11,8 @@ from bench.stats.leaderboard_rows import Row
 from bench.stats.statistics import REALITY, Cell, Entry, default_of
 
 PLACE = (
-    Column("task", lambda row: row["task"], lambda row: row["task"], left=True),
-    Column("N", lambda row: str(row["team_size"]), lambda row: row["team_size"]),
+    Column("task", lambda row: row["cell"].task, lambda row: row["cell"].task, left=True),
+    Column("N", lambda row: str(row["cell"].team_size), lambda row: row["cell"].team_size),
     Column("flown in", lambda row: _world(row["cell"]), lambda row: _world(row["cell"]), left=True),
 )
 """Where a row competes, before the columns of the leaderboard."""

@@ -67,8 +67,6 @@ class Row(TypedDict):
 
     cell: Cell
     entry: Entry
-    task: str
-    team_size: int
     method: str
     """Label, e.g. `hybrid (mlp)`."""
     rank: Rank | None
@@ -178,8 +176,6 @@ def _row(
     return Row(
         cell=cell,
         entry=entry,
-        task=cell.task,
-        team_size=cell.team_size,
         method=entry.label,
         rank=None,
         best=False,

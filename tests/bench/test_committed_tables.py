@@ -23,7 +23,7 @@ def suite(request):
 def test_every_committed_row_has_the_key_that_its_run_has_today(suite):
     """A key that moves in silence makes committed evidence worthless: raise PROTOCOL instead.
 
-    A field that came later and changes nothing at its default says so (`NEUTRAL`).
+    A field that came later and changes nothing at its default says so (metadata `neutral`).
     """
     tables = Tables.load(HOUSE / "results" / suite)
     keys = {run.name: run.key for run in expand(load_suite(suite)).runs}

@@ -29,7 +29,7 @@ KEPT = Path(__file__).parent / "kept" / "leaderboard.md"
 
 
 def rows_by_method(tables):
-    return {(row["task"], row["method"]): row for row in leaderboard_rows(tables)}
+    return {(row["cell"].task, row["method"]): row for row in leaderboard_rows(tables)}
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_tables_of_the_first_protocol_are_ordered_by_the_whole_reward():
 
 
 def test_the_upper_reference_has_a_row_and_takes_no_rank_from_anybody(typical):
-    rows = [row for row in leaderboard_rows(typical) if row["task"] == "spread"]
+    rows = [row for row in leaderboard_rows(typical) if row["cell"].task == "spread"]
     first = rows[0]
     assert (first["method"], first["n"], first["reward_mean"]) == ("upper_reference", 2, -45.5)
     assert (first["rank"], first["best"], {*first["axis_ranks"].values()} - {None}) == (
@@ -153,14 +153,14 @@ def test_what_another_run_trained_has_no_rank_on_costs_of_training():
 
 
 def test_columns_in_which_nobody_has_anything_are_left_out(typical):
-    rows = [row for row in leaderboard_rows(typical) if row["task"] == "circle"]
+    rows = [row for row in leaderboard_rows(typical) if row["cell"].task == "circle"]
     shown = [column.heading for column in filled(COLUMNS, rows)]
     assert not {"rank", "ties", "95 % t-interval", "behind the best"} & set(shown)
     assert "settled reward (n)" in shown
 
 
 def test_one_seed_claims_no_order(typical):
-    rows = [row for row in leaderboard_rows(typical) if row["task"] == "circle"]
+    rows = [row for row in leaderboard_rows(typical) if row["cell"].task == "circle"]
     assert [row["rank"] for row in rows] == [None, None, None]
     assert [row["reward_mean"] for row in rows] == [-140.0, -150.0, -200.0]
     assert not any(row["best"] for row in rows)
