@@ -25,7 +25,7 @@ def corrected(diagnosis: Diagnosis | Path | str, *, likeliest: bool = False) -> 
 
     Raises:
         ValueError: The file is no diagnosis, the verdict blames nothing and `likeliest` was not
-            given, or a size or the mass is not in the file, as in some of schema 1.
+            given, or a size or the mass is not in the file.
         UnknownPluginError: An effect of the diagnosis is not registered here.
     """
     found = diagnosis if isinstance(diagnosis, Diagnosis) else Diagnosis.load(Path(diagnosis))
@@ -51,7 +51,7 @@ def parameters_of(found: Diagnosis, *, likeliest: bool = False) -> dict[str, dic
     """Parameters of the corrected simulator by effect, SI: those of the reference, then the found.
 
     Raises:
-        ValueError: A size is not in the file, as in some of schema 1.
+        ValueError: A size is not in the file.
     """
     values: dict[str, dict[str, float]] = {}
     for known in found.details.shared:

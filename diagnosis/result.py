@@ -31,15 +31,14 @@ from diagnosis.result_parts import (
     Shrink,
     Windows,
 )
-from diagnosis.schema_1 import upgraded
 
 SCHEMA = 2
 """Version of `diagnosis.json`."""
 
 VerdictKind = Literal["effect", "partly", "none", "too_few", "unexplained"]
 """`diagnosis.statements` says when each is given."""
-Use = Literal["measured", "descriptive", "unknown"]
-"""What a size may be used for; unknown in files of schema 1 (`statements.use_of`)."""
+Use = Literal["measured", "descriptive"]
+"""What a size may be used for (`statements.use_of`)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -99,7 +98,7 @@ class Effect:
     aliases: tuple[str, ...]
     """Effects that these flights cannot tell from it, likeliest first."""
     parameters: tuple[Parameter, ...]
-    """Its sizes; none in a file of schema 1 that does not blame it."""
+    """Its sizes."""
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name.
@@ -258,20 +257,19 @@ class Diagnosis:
 
     @classmethod
     def of_json(cls, content: Mapping[str, Any]) -> "Diagnosis":
-        """The diagnosis in a JSON object of schema 2 or, with what that lacked unknown, 1.
+        """The diagnosis in a JSON object.
 
         Raises:
             ValueError: It is of another schema, or a field is missing, unknown or of a wrong type.
         """
         schema = content.get("schema")
-        if schema not in (1, SCHEMA):
-            raise ValueError(f"`schema` must be 1 or {SCHEMA}, got {schema!r}.")
-        given = upgraded(content) if schema == 1 else content
-        return _adapter().validate_json(json.dumps(given))
+        if schema != SCHEMA:
+            raise ValueError(f"`schema` must be {SCHEMA}, got {schema!r}.")
+        return _adapter().validate_json(json.dumps(content))
 
     @classmethod
     def load(cls, path: Path) -> "Diagnosis":
-        """The diagnosis in a file, of schema 2 or 1.
+        """The diagnosis in a file.
 
         Raises:
             ValueError: As `of_json`; or the file holds no JSON object.

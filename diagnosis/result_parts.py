@@ -5,8 +5,8 @@ from typing import Literal
 
 from diagnosis.logs.airframes import Airframe
 
-AtBound = Literal["no", "low", "high", "unknown"]
-"""Whether a size lies at an end of its allowed range; unknown in files of schema 1."""
+AtBound = Literal["no", "low", "high"]
+"""Whether a size lies at an end of its allowed range."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,7 @@ def verdict_of(
 
 
 def judged_of(verdict: str) -> str:
-    """The verdict of schema 1 and of scores, which know neither `partly` nor `too_few`.
+    """The verdict of scores, which know neither `partly` nor `too_few`.
 
     With too few flights nothing was found. Under `partly`, something acts that no candidate
     describes, so that an answer which says so abstains. Every score of `blind` was derived with

@@ -1,4 +1,4 @@
-"""What of a diagnosis the scores compare: one form for answers of schema 1 and 2."""
+"""What of a diagnosis the scores compare: one form for all answers."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -11,7 +11,7 @@ REFUSED = "exit status 2"
 
 
 def scored_form(content: Mapping[str, Any]) -> Mapping[str, Any]:
-    """An answer as the scores read it, which is what schema 1 held.
+    """An answer as the scores read it.
 
     `partly` counts as `unexplained` and names nothing: an answer that says that something else
     acts abstains, as it did before it had a word of its own.
@@ -19,8 +19,6 @@ def scored_form(content: Mapping[str, Any]) -> Mapping[str, Any]:
     Raises:
         ValueError: The content is of no known schema, or not what its schema says.
     """
-    if content.get("schema") == 1:
-        return content
     found = Diagnosis.of_json(content)
     whole, remainder, shrink = found.verdict == "effect", found.remainder, found.shrink
     return {

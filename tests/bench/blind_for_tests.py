@@ -8,6 +8,7 @@ from blind.run.answering import answer_all, missing
 
 STUB = """
 import json, os, pathlib, sys
+content = json.loads(pathlib.Path(sys.argv[0]).with_name("effect.json").read_text())
 flights, out = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
 what = (flights / "flights" / "what").read_text()
 if what == "crash":
@@ -15,14 +16,13 @@ if what == "crash":
 if what == "hang":
     import time; time.sleep(60)
 out.mkdir()
-effects = [] if what == "none" else [
-    {"name": what, "probability": 0.9, "aliases": [], "parameters": {
-        "e": {"value": 0.1, "low": 0.08, "high": 0.13, "unit": "-"}}}]
+content["effects"][0]["name"] = what
+if what == "none":
+    content |= {"verdict": "none", "effects": []}
 seen = {"argv": sys.argv[1:], "cwd": os.listdir("."), "environment": sorted(os.environ),
         "beside": sorted(p.name for p in flights.parent.iterdir())}
-content = {"schema": 1, "verdict": "effect" if effects else "none", "effects": effects,
-           "candidates": [], "shrink": {"percent": 50.0}, "unexplained_share": 0.0, "seen": seen}
-(out / "diagnosis.json").write_text(json.dumps(content) if what != "half" else '{"schema": 1, ')
+(out / "seen.json").write_text(json.dumps(seen))
+(out / "diagnosis.json").write_text(json.dumps(content) if what != "half" else '{"schema": 2, ')
 """
 
 

@@ -292,24 +292,21 @@ def alias():
 
 
 def empty():
-    """The least that schema 1 allowed: no details, no candidates, nothing by regime."""
-    lines = none()["where"]
-    new = ("beyond_noise", "main")
-    return {
-        "schema": 1,
-        "simulator": "crazyflow",
-        "drone": "cf21B_500",
-        "flights": {"n": 1, "seconds": 5.8, "fit": ["one"], "held_out": [], "left_out": []},
-        "where": [
-            {key: x for key, x in line.items() if key not in new} | {"regimes": [], "share": 0.0}
-            for line in lines
-        ],
-        "verdict": "none",
-        "unexplained_share": None,
-        "effects": [],
+    """The least that is allowed: no details, no candidates, nothing by regime."""
+    found = none()
+    unknown = dict.fromkeys(("share", "structure_before", "structure"))
+    return found | {
+        "probability": None,
+        "remainder": {**unknown, "noteworthy": False, "mostly_explained": False, "where": []},
+        "where": [line | {"regimes": [], "share": 0.0} for line in found["where"]],
         "candidates": [],
-        "shrink": {"horizon_s": 0.5, "before": None, "after": None, "percent": None},
+        "shrink": unknown_shrink(None),
         "next_flight": None,
+        "flights": found["flights"]
+        | {"name": None, "mass": None, "used": [used("one", "fit")], "left_out": []},
+        "program": dict.fromkeys(("version", "digest")),
+        "details": {key: [] for key, of in details().items() if isinstance(of, list)}
+        | {"misfit": dict.fromkeys(("before", "after")), "dispersion": None, "windows": None},
     }
 
 

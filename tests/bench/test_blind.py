@@ -12,6 +12,7 @@ from typing import get_args
 import pandas as pd
 import pytest
 from blind_for_tests import CLEAN, GAIN, MASS, STUB, answer, answered, made, measured, tables
+from diagnoses_for_tests import effect
 
 from bench.cli.app import main
 from blind import command as options
@@ -32,6 +33,7 @@ from blind.run.children import scrubbed
 def stub(tmp_path):
     path = tmp_path / "stub.py"
     path.write_text(STUB)
+    path.with_name("effect.json").write_text(json.dumps(effect()))
     return [sys.executable, str(path)]
 
 
@@ -51,7 +53,7 @@ def test_a_diagnosis_sees_its_flights_and_nothing_else(tmp_path, monkeypatch, st
     monkeypatch.setenv("BLIND_LABELS", str(tmp_path / "secret"))
     folders = made(tmp_path / "out", (GAIN, "none"))
     answered(folders, stub)
-    seen = read_answers(folders, {GAIN.id: GAIN})[0][GAIN.id]["seen"]
+    seen = json.loads((folders.answers / GAIN.id / "seen.json").read_text())
     assert seen["cwd"] == []
     assert set(seen["beside"]) == {GAIN.id, "empty", "log", "answer"}
     assert not any(str(tmp_path / "out") in argument for argument in seen["argv"])

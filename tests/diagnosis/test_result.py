@@ -1,4 +1,4 @@
-"""The typed answer: its published schema, its rules, and files of schema 1."""
+"""The typed answer: its published schema and its rules."""
 
 import dataclasses
 import json
@@ -14,56 +14,6 @@ from diagnosis.decision import Decision
 from diagnosis.result import Diagnosis, json_schema
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "diagnosis.schema.json"
-
-
-def schema_1(verdict, support=()):
-    """A file of schema 1, as the program wrote it."""
-    size = {"value": 0.1, "low": 0.08, "high": 0.12, "unit": "-"}
-    mass = {"name": "mass", "probability": 0.9, "aliases": [], "parameters": {"e": size}}
-    gap = {"channel": "specific force z", "unit": "m/s^2", "gap_rms": 1.2, "noise_floor": 0.1}
-    gap |= {"share": 1.0, "low": 1.1, "high": 1.3, "regimes": [], "onset_s": None}
-    fit = ["one", "two"]
-    return {
-        "schema": 1,
-        "simulator": "crazyflow",
-        "drone": "cf21B_500",
-        "flights": {
-            "n": 2,
-            "seconds": 20.0,
-            "input": "commands",
-            "fit": fit,
-            "held_out": fit,
-            "left_out": [],
-        },
-        "where": [gap],
-        "verdict": verdict,
-        "unexplained_share": 0.3,
-        "effects": [mass] if verdict == "effect" else [],
-        "candidates": [
-            {"effects": ["mass"], "probability": 0.8, "evidence": 9.0, "shrink_percent": 70.0}
-        ],
-        "shrink": {
-            "horizon_s": 0.5,
-            "unit": "m",
-            "n": 2,
-            **dict.fromkeys(("before", "after", "percent", "low", "high")),
-            "by_channel": {},
-            "reason": "2 flights",
-        },
-        "next_flight": "Nothing.",
-        "details": {
-            "flights_seconds": {"one": 10.0, "two": 10.0},
-            "structure": {"before": 90.0, "after": 3.0},
-            "best_set": ["mass"],
-            "support": list(support),
-            "reference": None,
-            "excluded": ["wind"],
-            "noise": {"position x": 0.0002},
-        },
-    }
-
-
-CONFIRMS = {"effect": "mass", "percent": 60.0, "low": 50.0, "high": 70.0, "n": 4, "clear": True}
 
 
 def test_the_published_schema_is_the_one_of_the_types():
@@ -95,34 +45,6 @@ def test_a_field_that_is_missing_or_unknown_is_an_error(tmp_path):
     nested["effects"][0]["parameters"][0]["colour"] = "red"
     with pytest.raises(ValueError, match="colour"):
         load(nested)
-
-
-def test_schema_1_is_upgraded_and_says_what_it_did_not_know(tmp_path):
-    path = tmp_path / "diagnosis.json"
-    path.write_text(json.dumps(schema_1("effect")), encoding="utf-8")
-    found = Diagnosis.load(path)
-    (mass,) = found.blamed
-    assert found.verdict == "effect"
-    assert found.probability == 0.8  # no more than the posterior of the set
-    assert (mass.parameter("e").value, mass.parameter("e").use) == (0.1, "unknown")
-    assert mass.parameter("e").at_bound == "unknown"
-    assert (found.program.digest, found.settings.decision) == (None, None)
-    assert found.settings.exclude == ("wind",)
-    assert [f.use for f in found.flights.used] == ["fit, and held out in turn"] * 2
-    assert found.where[0].beyond_noise
-    assert found.where[0].main
-    assert found.remainder.noteworthy
-    assert not found.remainder.mostly_explained
-
-
-def test_unexplained_of_schema_1_is_partly_where_left_out_flights_confirmed_an_effect():
-    found = Diagnosis.of_json(schema_1("unexplained", [CONFIRMS]))
-    assert found.verdict == "partly"
-    assert [effect.name for effect in found.blamed] == ["mass"]
-    assert found.probability is None
-    alone = Diagnosis.of_json(schema_1("unexplained"))
-    assert (alone.verdict, alone.blamed) == ("unexplained", ())
-    assert [effect.name for effect in alone.effects] == ["mass"]
 
 
 @pytest.mark.parametrize(
@@ -180,7 +102,6 @@ def test_partly_counts_as_unexplained_in_the_scores():
     (mass,) = scored["effects"]
     assert mass["parameters"]["e"]["value"] == 0.1203
     assert scored["candidates"][0]["probability"] == 0.983
-    assert scored_form(schema_1("effect")) == schema_1("effect")
     with pytest.raises(ValueError, match="schema"):
         scored_form({"schema": 7})
 

@@ -59,7 +59,6 @@ ALLOWED = {
         ("downwash", "gust"), "the evidence of a threshold names the cases that it comes from"
     ),
     "diagnosis/replay/believed.py": {"attitude_lag": "a key of [airframe] in vehicle.toml"},
-    "diagnosis/schema_1.py": BELIEVED_MASS,
     "methods/domain_randomization.py": dict.fromkeys(
         ("delay", "drag", "thrust_gain", "thrust_lag"), "the method is to draw these four"
     ),
