@@ -75,7 +75,6 @@ class CommandDisturbance(CommandEffect):
 
     parameters: ClassVar[dict[str, Parameter]] = _LIMITS
     door: ClassVar[str] = "command"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
 
@@ -126,10 +125,6 @@ class PlantDisturbance(PlantEffect):
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
-
-    def init(self, n_drones: int, dt: float) -> None:
-        """Nothing is remembered."""
-        return None
 
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -51,7 +51,6 @@ class ResidualEffect(FrozenEffect, ListeningEffect):
 
     parameters: ClassVar[dict[str, Parameter]] = {}
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 100
     version: ClassVar[str] = "1"
 

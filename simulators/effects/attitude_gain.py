@@ -28,7 +28,6 @@ class AttitudeGain(CommandEffect):
         )
     }
     door: ClassVar[str] = "command"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -42,9 +41,6 @@ class AttitudeGain(CommandEffect):
         flight="attitude steps of 0.3 rad every 0.4 s",
         check="look at limits and scales between the position controller and the attitude loop",
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def command(
         self, memory: None, flight: Flight, cmd: Float[Array, "drones 4"], dt: float

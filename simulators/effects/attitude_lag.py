@@ -32,7 +32,6 @@ class AttitudeLag(CommandEffect):
         "tau": Parameter(unit="s", low=0.0, high=0.3, neutral=0.0, source="a guess")
     }
     door: ClassVar[str] = "command"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

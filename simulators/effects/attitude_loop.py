@@ -49,7 +49,6 @@ class AttitudeLoop(ResponseEffect):
         ),
     }
     door: ClassVar[str] = "response"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -32,7 +32,6 @@ class Battery(PlantEffect):
         )
     }
     door: ClassVar[str] = "plant"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -52,9 +51,6 @@ class Battery(PlantEffect):
         check="charge the battery, and look at its age",
         changes=VOLTAGE_COMPENSATION,
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -65,7 +65,6 @@ class Collision(StiffEffect):
         "friction": Parameter(unit="-", low=0.0, high=1.0, neutral=0.3, source="a guess"),
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 6
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -80,9 +79,6 @@ class Collision(StiffEffect):
         inputs=frozenset({Input.NEIGHBOUR}),
         no_candidate="a collision is seen or not; it has no slope to follow",
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -62,7 +62,7 @@ class AbstractEffect(eqx.Module):
     """Every field that is a number, by name."""
     door: eqx.AbstractClassVar[str]
     """The hook through which the effect acts."""
-    needs: eqx.AbstractClassVar[tuple[str, ...]]
+    needs: ClassVar[tuple[str, ...]] = ()
     """Further doors without which the effect would act wrongly or not at all."""
     order: eqx.AbstractClassVar[int]
     """Place among the effects of the same door; smaller acts first."""
@@ -71,9 +71,9 @@ class AbstractEffect(eqx.Module):
     card: ClassVar[EffectCard | None] = None
     """What everybody else needs to know of the effect; None stands for a plain one."""
 
-    @abc.abstractmethod
     def init(self, n_drones: int, dt: float) -> Any:
-        """The memory at reset, a pytree, for integration steps of `dt` [s]."""
+        """The memory at reset, a pytree, for steps of `dt` [s]; None without one."""
+        return None
 
 
 class CommandEffect(AbstractEffect):

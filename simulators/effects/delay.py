@@ -33,7 +33,6 @@ class Delay(CommandEffect):
         )
     }
     door: ClassVar[str] = "command"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 9
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -42,7 +42,6 @@ class Downwash(WrenchEffect):
         ),
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 5
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(
@@ -53,9 +52,6 @@ class Downwash(WrenchEffect):
         inputs=frozenset({Input.NEIGHBOUR}),
         flight="two drones, one passing 0.5 m below the other",
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -37,7 +37,6 @@ class Drag(WrenchEffect, BrakingEffect):
         )
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(
@@ -58,9 +57,6 @@ class Drag(WrenchEffect, BrakingEffect):
         },
         paths={"quadratic_drag": "two_speeds"},
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -27,7 +27,6 @@ class Floor(StateEffect):
         )
     }
     door: ClassVar[str] = "state"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -39,9 +38,6 @@ class Floor(StateEffect):
         no_candidate="a floor is seen or not; it has no slope to follow",
         probe=Probe("state", {"height": 0.5}),
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def project(self, memory: None, flight: Flight) -> tuple[None, Flight]:
         below = flight.pos[:, 2] < self.height

@@ -25,7 +25,6 @@ class FrameMisalignment(CommandEffect):
         "angle": Parameter(unit="rad", low=-0.5, high=0.5, neutral=0.0, source="a guess")
     }
     door: ClassVar[str] = "command"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -55,9 +54,6 @@ class FrameMisalignment(CommandEffect):
             ),
         ),
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def command(
         self, memory: None, flight: Flight, cmd: Float[Array, "drones 4"], dt: float

@@ -37,7 +37,6 @@ class GroundEffect(WrenchEffect):
         )
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 4
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -54,9 +53,6 @@ class GroundEffect(WrenchEffect):
         },
         paths={"thrust_gain": "heights", "mass": "heights"},
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

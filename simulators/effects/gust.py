@@ -45,7 +45,6 @@ class Gust(WrenchEffect, OnsetEffect):
         ),
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 3
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(
@@ -56,9 +55,6 @@ class Gust(WrenchEffect, OnsetEffect):
         families=("push of the air",),
         special_cases=("wind",),  # from the start
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -69,9 +69,6 @@ class Inertia(PlantEffect):
         ),
     )
 
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
-
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Vehicle]:

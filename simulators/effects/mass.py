@@ -30,7 +30,6 @@ class Mass(PlantEffect, WeightEffect):
         )
     }
     door: ClassVar[str] = "plant"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -87,9 +86,6 @@ class Mass(PlantEffect, WeightEffect):
             ),
         ),
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -49,9 +49,6 @@ class MotorLag(PlantEffect):
         check="look at the motor controllers' settings and the propellers' inertia",
     )
 
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
-
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Vehicle]:

@@ -31,7 +31,6 @@ class QuadraticDrag(WrenchEffect, BrakingEffect):
         )
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(
@@ -44,9 +43,6 @@ class QuadraticDrag(WrenchEffect, BrakingEffect):
         families=("drag of the air",),
         flight="straight lines at 3 m/s",
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

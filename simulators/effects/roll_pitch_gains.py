@@ -100,9 +100,6 @@ class RollPitchGains(AutopilotEffect):
         ),
     )
 
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
-
     def autopilot(
         self, memory: None, flight: Flight, gains: AutopilotGains, dt: float
     ) -> tuple[None, AutopilotGains]:

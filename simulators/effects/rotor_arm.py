@@ -48,9 +48,6 @@ class RotorArm(PlantEffect):
         flight="attitude steps of 0.3 rad every 0.4 s",
     )
 
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
-
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Vehicle]:

@@ -45,7 +45,6 @@ class RotorDrag(WrenchEffect, BrakingEffect):
         "lateral": Parameter(unit="1/s", low=0.0, high=4.0, neutral=0.0, source=_SOURCE),
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 7
     version: ClassVar[str] = "3"
     card: ClassVar[EffectCard] = EffectCard(
@@ -66,9 +65,6 @@ class RotorDrag(WrenchEffect, BrakingEffect):
         },
         paths={"quadratic_drag": "two_speeds", "drag": "tumbling"},
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -48,9 +48,6 @@ class RotorInertia(PlantEffect):
         probe=Probe("rotors", {"e": 2.0}),
     )
 
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
-
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Vehicle]:

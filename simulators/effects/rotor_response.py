@@ -65,9 +65,6 @@ class RotorResponse(PlantEffect):
         flight="thrust steps of 30 % every 0.4 s",
     )
 
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
-
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Vehicle]:

@@ -49,9 +49,6 @@ class RotorTorque(PlantEffect):
         flight="yaw steps of 0.5 rad every second",
     )
 
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
-
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[None, Vehicle]:

@@ -34,7 +34,6 @@ class ThrustGain(PlantEffect):
         )
     }
     door: ClassVar[str] = "plant"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -78,9 +77,6 @@ class ThrustGain(PlantEffect):
             ),
         ),
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -36,7 +36,6 @@ class ThrustLag(ResponseEffect):
 
     parameters: ClassVar[dict[str, Parameter]] = {"up": _TIME, "down": _TIME}
     door: ClassVar[str] = "response"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

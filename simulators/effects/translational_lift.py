@@ -37,7 +37,6 @@ class TranslationalLift(WrenchEffect):
         )
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 8
     version: ClassVar[str] = "4"
     card: ClassVar[EffectCard] = EffectCard(
@@ -51,9 +50,6 @@ class TranslationalLift(WrenchEffect):
         shown={"k": Shown("coefficient k")},
         flight="level straight lines at 2 m/s",
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -29,7 +29,6 @@ class Trim(CommandEffect):
 
     parameters: ClassVar[dict[str, Parameter]] = {"roll": _ANGLE, "pitch": _ANGLE}
     door: ClassVar[str] = "command"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -87,9 +86,6 @@ class Trim(CommandEffect):
             ),
         ),
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def command(
         self, memory: None, flight: Flight, cmd: Float[Array, "drones 4"], dt: float

@@ -82,7 +82,6 @@ class Turbulence(WrenchEffect, RandomEffect):
         ),
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -37,7 +37,6 @@ class VoltageSag(PlantEffect, VoltageEffect):
         )
     }
     door: ClassVar[str] = "plant"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 7
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

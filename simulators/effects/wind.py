@@ -33,7 +33,6 @@ class Wind(WrenchEffect):
         "z": _VERTICAL,
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 1
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(
@@ -49,9 +48,6 @@ class Wind(WrenchEffect):
         paths={"gust": "hover"},
         probe=Probe("wrench", {"x": 3.0, "y": -2.0}),
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

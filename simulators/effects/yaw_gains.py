@@ -86,9 +86,6 @@ class YawGains(AutopilotEffect):
         ),
     )
 
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
-
     def autopilot(
         self, memory: None, flight: Flight, gains: AutopilotGains, dt: float
     ) -> tuple[None, AutopilotGains]:

@@ -21,7 +21,6 @@ class YawMisalignment(CommandEffect):
         "angle": Parameter(unit="rad", low=-0.5, high=0.5, neutral=0.0, source="a guess")
     }
     door: ClassVar[str] = "command"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 3
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -51,9 +50,6 @@ class YawMisalignment(CommandEffect):
             ),
         ),
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def command(
         self, memory: None, flight: Flight, cmd: Float[Array, "drones 4"], dt: float

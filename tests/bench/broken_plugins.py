@@ -29,12 +29,8 @@ class Push(WrenchEffect):
 
     parameters: ClassVar = {"f": parameter(high=0.1)}
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
-
-    def init(self, n_drones, dt):
-        return None
 
     def wrench(self, memory, flight, vehicle, dt):
         force = jnp.zeros_like(flight.pos).at[:, 0].set(self.f)

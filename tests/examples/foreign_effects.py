@@ -22,7 +22,6 @@ class Updraft(WrenchEffect):
         "k": Parameter(unit="1/s^2", low=-2.0, high=2.0, neutral=0.0, source="a guess")
     }
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 20
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -37,9 +36,6 @@ class Updraft(WrenchEffect):
         separated_from={"wind": "hover on both sides of the room: a wind pushes alike on both"},
         drawn=({"k": 0.1}, {"k": 0.3}, {"k": 0.8}),
     )
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def wrench(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
@@ -62,12 +58,8 @@ class BrokenBlade(PlantEffect, OnsetEffect):
         "onset": Parameter(unit="s", low=0.0, high=600.0, neutral=0.0, source="a guess"),
     }
     door: ClassVar[str] = "plant"
-    needs: ClassVar[tuple[str, ...]] = ()
     order: ClassVar[int] = 20
     version: ClassVar[str] = "1"
-
-    def init(self, n_drones: int, dt: float) -> None:
-        return None
 
     def plant(
         self, memory: None, flight: Flight, vehicle: Vehicle, dt: float

@@ -95,12 +95,8 @@ class Spike(WrenchEffect):
 
     parameters: ClassVar[dict] = {}
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
-
-    def init(self, n_drones, dt):
-        return None
 
     def wrench(self, memory, flight, vehicle, dt):
         here = (flight.pos[0, 0] > self.beyond) & (flight.t > 0.1)

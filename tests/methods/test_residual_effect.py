@@ -44,7 +44,6 @@ class Replay(WrenchEffect):
 
     parameters: ClassVar[dict] = {}
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple] = ()
     order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
 

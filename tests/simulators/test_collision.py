@@ -63,7 +63,6 @@ class Unaligned(WrenchEffect):
 
     parameters: ClassVar[dict] = {}
     door: ClassVar[str] = "wrench"
-    needs: ClassVar[tuple] = ()
     order: ClassVar[int] = 6
     version: ClassVar[str] = "1"
 
