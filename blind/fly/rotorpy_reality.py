@@ -100,9 +100,8 @@ def disturbed_airframe(disturbance: Disturbance, t: Float[Array, ""]) -> dict[st
     """RotorPy's parameters of the disturbed vehicle at time `t` [s]."""
     plant, wrench = disturbance.plant, disturbance.wrench
     mass = quad_params["mass"]
-    axial, lateral = (
-        c * mass / _rotor_speed_sum(AIRFRAME) for c in (wrench.axial_drag, wrench.lateral_drag)
-    )
+    speeds = 4.0 * (AIRFRAME["mass"] * GRAVITY / 4.0 / AIRFRAME["k_eta"]) ** 0.5  # in hover
+    axial, lateral = (c * mass / speeds for c in (wrench.axial_drag, wrench.lateral_drag))
     offset = jnp.concatenate([jnp.asarray(wrench.offset), jnp.zeros(1)])
     changed: dict[str, Any] = {
         "mass": mass * (1.0 + plant.excess_mass),
@@ -132,8 +131,3 @@ def _flight(steps: Array, body: Float[Array, "drones 17"], k_eta: Array | float)
     return Flight(
         steps * DT, body[:, :3], body[:, 3:6], body[:, 6:10], body[:, 10:13], thrust, untold
     )
-
-
-def _rotor_speed_sum(airframe: dict[str, Any]) -> float:
-    """Sum of the rotor speeds in hover [rad/s]."""
-    return 4.0 * (airframe["mass"] * GRAVITY / 4.0 / airframe["k_eta"]) ** 0.5

@@ -45,6 +45,7 @@ def facts(tables: Tables) -> list[str]:
     known = [row for row in effects if row["measured"]]
     undecidable = sum(not row["decidable"] for row in known)
     unmeasured = [row for row in rows if not row["measured"]]
+    share = f" ({_percent(undecidable / len(known))})" if known else ""
     drawn = "of the operating system" if run["seed"] is None else f"{run['seed']}"
     versions = ", ".join(f"{name} {version}" for name, version in run["versions"].items())
     lines = [
@@ -53,7 +54,7 @@ def facts(tables: Tables) -> list[str]:
         f"{failed} diagnoses failed; they count as wrong. A diagnosis took "
         f"{cases['seconds'].median():.0f} s (median, with start and compilation). "
         f"{undecidable} of {len(known)} cases with an effect that were measured are undecidable"
-        f"{_percent_of(undecidable, len(known))}.",
+        f"{share}.",
     ]
     if unmeasured:
         several = sum(row["drones"] > 1 for row in unmeasured)
@@ -348,7 +349,3 @@ def _shown(value: float | None, unit: str) -> str:
 
 def _percent(value: float) -> str:
     return f"{100.0 * value:.1f} %" if math.isfinite(value) else MISSING
-
-
-def _percent_of(count: int, total: int) -> str:
-    return f" ({_percent(count / total)})" if total else ""

@@ -144,9 +144,11 @@ def transitions_of(
     """
     before, after = flights.before, flights.after
     seen = eqx.tree_at(
-        lambda f: (f.quat, f.thrust), before, (flights.nominal_quat, flights.nominal_thrust)
+        lambda f: (f.t, f.quat, f.thrust),
+        before,
+        (before.t[..., None], flights.nominal_quat, flights.nominal_thrust),
     )
-    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), _per_row(seen))
+    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), seen)
     x = features(flat, nominal.spec.mass)
     change = (after.vel - before.vel).reshape(-1, 3) / CONTROL_DT
     foreseen = x[:, 9:]
@@ -183,11 +185,6 @@ def _histories(
 
     found = jax.vmap(one)(flights.action)
     return found.reshape(-1, *found.shape[3:])
-
-
-def _per_row(flight: Flight) -> Flight:
-    """A batch of one-drone flights whose scalar times are repeated per drone."""
-    return eqx.tree_at(lambda f: f.t, flight, flight.t[..., None])
 
 
 @eqx.filter_jit

@@ -71,7 +71,8 @@ class Varied(AbstractSimulator):
     ) -> VariedState:
         """With the numbers as they are in `simulator`."""
         inner = self.simulator.restore(flight, cmd_history, key)
-        return VariedState(_stacked(self.numbers(self.simulator)), inner)
+        numbers = [jnp.asarray(value, float) for value in self.numbers(self.simulator)]
+        return VariedState(jnp.stack(numbers), inner)
 
     def step_cmd(
         self, state: VariedState, cmd: Float[Array, "drones 4"], duration: float
@@ -123,10 +124,6 @@ def vary_around(
         low, high = jnp.clip(ends, parameter.low, parameter.high)
         ranges.append((float(low), float(high)))
     return vary(simulator, _times_and_pushes if push else _times, ranges)
-
-
-def _stacked(values: Sequence[Any]) -> Float[Array, " numbers"]:
-    return jnp.stack([jnp.asarray(value, float) for value in values])
 
 
 def _times(simulator: AbstractSimulator) -> list[Any]:
