@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from blind.draw.cases import seal, unseal
+from blind.draw.cases import unseal
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import ALL, able
 from blind.draw.folders import Folders
@@ -117,11 +117,6 @@ def write_injected(folders: Folders, flights: FlightSet, cases: Sequence[Injecte
                 vehicle = dataclasses.replace(part.vehicle, name=UNNAMED)
                 write_flights(half_written, vehicle, part.flights)
                 half_written.rename(place)
-
-
-def write_injected_labels(path: Path, cases: Sequence[Injected]) -> str:
-    """SHA-256 of the sealed labels."""
-    return seal(path, {case.id: dataclasses.asdict(case) for case in cases})
 
 
 def read_injected_labels(path: Path, sha256: str | None = None) -> dict[str, Injected]:

@@ -10,7 +10,7 @@ from bench.stats.statistics import records
 from bench.text import markdown
 from bench.text.numbers import MISSING
 from blind.draw.folders import write_json
-from blind.score.real import OUTCOMES, answered_rightly, by_airframe
+from blind.score.real import OUTCOMES, by_airframe
 
 TITLE = "Diagnosis of labelled real flights"
 METHOD = (
@@ -59,7 +59,7 @@ def _section(rows: pd.DataFrame, numbers: pd.DataFrame, run: dict[str, Any]) -> 
     lines += ["## By airframe", _airframes(rows), "## Set by set", _sets(rows)]
     if len(numbers):
         lines += ["## Numbers", _numbers(numbers)]
-    if wrong := answered_rightly(rows):
+    if wrong := [row for row in records(rows) if row["outcome"] != "right"]:
         named = [f"{markdown.escape(row['set'])} ({row['outcome']})" for row in wrong]
         lines += [f"Not right: {', '.join(named)}."]
     return lines

@@ -63,8 +63,6 @@ def answer_all(
     jobs: int,
     on_end: Callable[[C, Mapping[str, Any]], None],
     reference_of: Callable[[C], Path | None] = lambda _: None,
-    command: Sequence[str] = DIAGNOSE,
-    timeout: float = TIMEOUT,
 ) -> None:
     """Diagnoses cases, `jobs` at a time; `on_end` gets each case with its status.
 
@@ -77,14 +75,14 @@ def answer_all(
 
         def make(case: C) -> Callable[[], Task]:
             flights, reference = folders.cases / case.id, reference_of(case)
-            return lambda: _task(flights, work, case.exclude, reference, command)
+            return lambda: _task(flights, work, case.exclude, reference)
 
         def end(ended: Ended) -> None:
             status = _kept(ended, work / ended.name, folders.answers, sources)
             shutil.rmtree(work / ended.name)
             on_end(by_name[ended.name], status)
 
-        run_tasks([make(case) for case in cases], jobs, end, timeout)
+        run_tasks([make(case) for case in cases], jobs, end, TIMEOUT)
 
 
 def answer_shown(
@@ -94,8 +92,6 @@ def answer_shown(
     console: Console,
     reference_of: Callable[[C], Path | None] = lambda _: None,
     name_of: Callable[[C], str] = lambda case: case.id,
-    command: Sequence[str] = DIAGNOSE,
-    timeout: float = TIMEOUT,
 ) -> None:
     """Diagnoses the cases that have no answer yet, with a progress bar that calls each by name."""
     left = missing(folders, cases)
@@ -107,7 +103,7 @@ def answer_shown(
         def on_end(case: C, status: Mapping[str, Any]) -> None:
             display.finished(name_of(case), status["cause"], status["seconds"])
 
-        answer_all(folders, left, jobs, on_end, reference_of, command, timeout)
+        answer_all(folders, left, jobs, on_end, reference_of)
 
 
 def read_answers(
@@ -139,13 +135,7 @@ def sources_digest(with_generator: bool = False) -> str:
     return program.sources_digest(diagnosis, simulators, *([blind] if with_generator else []))
 
 
-def _task(
-    flights: Path,
-    work: Path,
-    exclude: Sequence[str],
-    reference: Path | None,
-    command: Sequence[str],
-) -> Task:
+def _task(flights: Path, work: Path, exclude: Sequence[str], reference: Path | None) -> Task:
     """The diagnosis of one folder, in a folder of its own."""
     own = work / flights.name
     (own / "empty").mkdir(parents=True)
@@ -156,7 +146,7 @@ def _task(
         arguments += ["--reference", str(own / "reference")]
     for effect in exclude:
         arguments += ["--exclude", effect]
-    return Task(flights.name, [*command, *arguments], own / "empty", own / "log")
+    return Task(flights.name, [*DIAGNOSE, *arguments], own / "empty", own / "log")
 
 
 def _kept(ended: Ended, work: Path, answers: Path, sources: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from blind.report.injected_section import InjectedTables, is_injected, write_inj
 from blind.report.page import write_report
 from blind.report.tables import Tables, make_tables, save_labels
 from blind.run.answer_baselines import answer_baselines
-from blind.run.answering import DIAGNOSE, TIMEOUT, answer_shown, read_answers
+from blind.run.answering import answer_shown, read_answers
 from blind.run.children import Ended, Task, python, run_tasks
 from blind.run.display import CasesProgress
 from blind.run.measuring import measure_all, read_measures, unmeasured
@@ -42,8 +42,6 @@ def run_blind(
     out: Path | None,
     seed: int | None,
     jobs: int | None,
-    command: Sequence[str] = DIAGNOSE,
-    timeout: float = TIMEOUT,
     notes: Path | None = None,
 ) -> int:
     """Exit status: 0, or 1 where a diagnosis failed or the labels were touched.
@@ -61,17 +59,11 @@ def run_blind(
         if not folders.state.is_file():
             check_no_tables(folders)
             _generate(folders, reality, counts or scaled_counts(None), seed, console)
-        return _work(folders, jobs, console, command, timeout, document_of(out), notes)
+        return _work(folders, jobs, console, document_of(out), notes)
 
 
 def _work(
-    folders: Folders,
-    jobs: int,
-    console: Console,
-    command: Sequence[str],
-    timeout: float,
-    document: Path,
-    notes: Path | None,
+    folders: Folders, jobs: int, console: Console, document: Path, notes: Path | None
 ) -> int:
     """Exit status after everything that is still to be done with cases that were flown."""
     if tampered(folders, console):
@@ -82,7 +74,7 @@ def _work(
     if folders.gone(len(labels)):
         console.print("Flights of the draw are gone; its seeds fly them again.")
         _fly(folders, {"out": str(folders.out.resolve())}, len(labels), console)
-    _answer(folders, labels, jobs, console, command, timeout)
+    _answer(folders, labels, jobs, console)
     if tampered(folders, console, "Nothing is scored."):
         return 1
     console.print("The labels are still those.")
@@ -185,20 +177,11 @@ def _fly(folders: Folders, settings: Mapping[str, Any], total: int, console: Con
         raise UsageError(f"The cases could not be flown, {causes[0]}")
 
 
-def _answer(
-    folders: Folders,
-    labels: Mapping[str, Case],
-    jobs: int,
-    console: Console,
-    command: Sequence[str],
-    timeout: float,
-) -> None:
+def _answer(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:
     # Beside crazyflow itself nothing needs a reference: its equations are the diagnosis's own.
     own = folders.read_state()["reality"] == "crazyflow"
     reference = None if own else folders.reference
-    answer_shown(
-        folders, labels, jobs, console, lambda _: reference, command=command, timeout=timeout
-    )
+    answer_shown(folders, labels, jobs, console, lambda _: reference)
 
 
 def _measure(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:

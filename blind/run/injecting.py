@@ -1,9 +1,10 @@
 """`bench blind --inject FLIGHTS`: draw, diagnose, score, report; running again resumes."""
 
+import dataclasses
 import datetime
 import secrets
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from rich.console import Console
 from bench.execution.executor import cores
 from bench.stats.statistics import records
 from bench.text.errors import UsageError
+from blind.draw.cases import seal
 from blind.draw.faults import ALL
 from blind.draw.folders import INJECTED, RESULTS, Folders, write_json
 from blind.draw.injected import (
@@ -20,17 +22,10 @@ from blind.draw.injected import (
     flights_digest,
     read_injected_labels,
     write_injected,
-    write_injected_labels,
 )
 from blind.report import injected_section as report
 from blind.report.tables import save_labels
-from blind.run.answering import (
-    DIAGNOSE,
-    TIMEOUT,
-    answer_shown,
-    read_documents,
-    sources_digest,
-)
+from blind.run.answering import answer_shown, read_documents, sources_digest
 from blind.run.place import alone, check_no_tables, check_request, tampered, tell_end
 from blind.score.injected import injected_rows
 from diagnosis.logs.flights import FlightSet, LogError, load_flights
@@ -47,8 +42,6 @@ def run_injected(
     out: Path | None = None,
     seed: int | None = None,
     jobs: int | None = None,
-    command: Sequence[str] = DIAGNOSE,
-    timeout: float = TIMEOUT,
 ) -> int:
     """Exit status: 0, or 1 where a diagnosis failed or the labels were touched.
 
@@ -59,8 +52,6 @@ def run_injected(
         out: Folder for tables, report and cases.
         seed: Seed of the draw; from the operating system if None.
         jobs: Number of processes; one a core if None.
-        command: What diagnoses a folder.
-        timeout: Longest time for one diagnosis [s].
 
     Raises:
         UsageError: The request makes no sense, or the flights cannot be used.
@@ -76,7 +67,7 @@ def run_injected(
     with alone(folders):
         if not folders.state.is_file():
             _draw(folders, flown, reference, cases or CASES, seed)
-        return _work(folders, flown, jobs or cores(), console, command, timeout)
+        return _work(folders, flown, jobs or cores(), console)
 
 
 def _check(
@@ -124,7 +115,7 @@ def _draw(
     except ValueError as error:
         raise UsageError(str(error).replace("`cases`", "`--cases`")) from error
     write_injected(folders, flown, cases)
-    sha256 = write_injected_labels(folders.labels, cases)
+    sha256 = seal(folders.labels, {case.id: dataclasses.asdict(case) for case in cases})
     write_json(
         folders.state,
         {
@@ -142,14 +133,7 @@ def _draw(
     )
 
 
-def _work(
-    folders: Folders,
-    flown: FlightSet,
-    jobs: int,
-    console: Console,
-    command: Sequence[str],
-    timeout: float,
-) -> int:
+def _work(folders: Folders, flown: FlightSet, jobs: int, console: Console) -> int:
     """Exit status after everything that is still to be done with cases that were drawn."""
     if tampered(folders, console):
         return 1
@@ -161,7 +145,7 @@ def _work(
     def beside(case: Injected) -> Path | None:
         return folders.references / case.id if state["reference"] else None
 
-    answer_shown(folders, labels, jobs, console, beside, command=command, timeout=timeout)
+    answer_shown(folders, labels, jobs, console, beside)
     if tampered(folders, console, "Nothing is scored."):
         return 1
     console.print("The labels are still those.")

@@ -8,8 +8,9 @@ were, after the first one, stands in the report.
 import dataclasses
 import datetime
 import hashlib
+import json
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,9 @@ from blind.draw.folders import RESULTS, Folders, write_json
 from blind.draw.injected import UNNAMED
 from blind.draw.manifest import LabelledSet, Manifest, read_manifest
 from blind.report.real_section import write_real
-from blind.run.answering import DIAGNOSE, TIMEOUT, answer_shown, missing, read_documents
+from blind.run.answering import answer_shown, missing, read_documents
 from blind.run.place import alone, tell_end
-from blind.score.real import as_json, real_rows
+from blind.score.real import real_rows
 from diagnosis.logs.flights import LogError, load_flights, write_flights
 
 REAL = "real"
@@ -46,22 +47,13 @@ class RealCase:
     """Effects that the diagnosis must do without: none."""
 
 
-def run_real(
-    path: Path,
-    *,
-    out: Path | None = None,
-    jobs: int | None = None,
-    command: Sequence[str] = DIAGNOSE,
-    timeout: float = TIMEOUT,
-) -> int:
+def run_real(path: Path, *, out: Path | None = None, jobs: int | None = None) -> int:
     """Exit status: 0, or 1 where a diagnosis failed.
 
     Args:
         path: The manifest.
         out: Folder for tables, page and answers; in `results/blind/real` if None.
         jobs: Number of processes; one a core if None.
-        command: What diagnoses a folder.
-        timeout: Longest time for one diagnosis [s].
 
     Raises:
         UsageError: The manifest or something that it names cannot be used.
@@ -77,7 +69,7 @@ def run_real(
     with alone(folders):
         state = _state(folders, path, manifest)
         console.print(f"SHA-256 of sets and labels: {state['sha256']}", highlight=False)
-        _answer(folders, cases, jobs or cores(), console, command, timeout)
+        _answer(folders, cases, jobs or cores(), console)
         return _finish(folders, manifest, cases, state, console)
 
 
@@ -95,7 +87,8 @@ def _case(folder: Path, name: str, manifest: Manifest) -> RealCase:
 
 def _state(folders: Folders, path: Path, manifest: Manifest) -> dict[str, Any]:
     """What is asked, with the digest of the labels now and when the first set was diagnosed."""
-    sha256 = hashlib.sha256(as_json(manifest).encode()).hexdigest()
+    text = json.dumps(manifest.model_dump(), sort_keys=True)
+    sha256 = hashlib.sha256(text.encode()).hexdigest()
     if folders.state.is_file():
         state = folders.read_state() | {"sha256": sha256}
     else:
@@ -105,14 +98,7 @@ def _state(folders: Folders, path: Path, manifest: Manifest) -> dict[str, Any]:
     return state
 
 
-def _answer(
-    folders: Folders,
-    cases: Mapping[str, RealCase],
-    jobs: int,
-    console: Console,
-    command: Sequence[str],
-    timeout: float,
-) -> None:
+def _answer(folders: Folders, cases: Mapping[str, RealCase], jobs: int, console: Console) -> None:
     by_id = {case.id: case for case in cases.values()}  # the same flights twice: one answer
     for case in missing(folders, by_id):
         _copy(case.flights, folders.cases / case.id)
@@ -122,7 +108,7 @@ def _answer(
     def beside(case: RealCase) -> Path | None:
         return folders.references / case.id if case.reference else None
 
-    answer_shown(folders, by_id, jobs, console, beside, lambda case: case.name, command, timeout)
+    answer_shown(folders, by_id, jobs, console, beside, lambda case: case.name)
 
 
 def _copy(source: Path, place: Path) -> None:

@@ -12,14 +12,12 @@ An effect that flights cannot tell from one in the label (an alias) counts as th
 the interval of Clopper and Pearson (1934), Biometrika 26, 404-413.
 """
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
 
-from bench.stats.statistics import records
 from blind.draw.manifest import NONE, UNKNOWN, LabelledSet, Manifest
 from blind.score.answers import REFUSED, beside_truth
 from blind.score.scoring import clopper_pearson
@@ -105,13 +103,3 @@ def by_airframe(rows: pd.DataFrame) -> pd.DataFrame:
             own |= {name: share, f"{name}_low": low, f"{name}_high": high}
         found.append(own)
     return pd.DataFrame(found)
-
-
-def answered_rightly(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """The sets with an answer that is not right, in the order of the manifest."""
-    return [row for row in records(rows) if row["outcome"] != "right"]
-
-
-def as_json(manifest: Manifest) -> str:
-    """The manifest as text that is the same for the same sets and labels."""
-    return json.dumps(manifest.model_dump(), sort_keys=True)

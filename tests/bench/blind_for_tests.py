@@ -61,18 +61,12 @@ def made(out, *cases):
     return folders
 
 
-def answered(folders, stub, timeout=20.0):
+def answered(folders):
     """Statuses by case after answering what is missing."""
     cases = read_labels(folders.labels)
     found = {}
-    answer_all(
-        folders,
-        missing(folders, cases),
-        2,
-        lambda one, status: found.update({one.id: status}),
-        command=stub,
-        timeout=timeout,
-    )
+    left = missing(folders, cases)
+    answer_all(folders, left, 2, lambda one, status: found.update({one.id: status}))
     return found
 
 

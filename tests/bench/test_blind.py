@@ -24,17 +24,19 @@ from blind.report import sections
 from blind.report.failures import failed
 from blind.report.page import write_report
 from blind.report.tables import OURS, Tables
+from blind.run import answering
 from blind.run import command as blind
 from blind.run.answering import STATUS, missing, read_answers
 from blind.run.children import scrubbed
 
 
 @pytest.fixture
-def stub(tmp_path):
+def stub(tmp_path, monkeypatch):
+    """In the place of a diagnosis."""
     path = tmp_path / "stub.py"
     path.write_text(STUB)
     path.with_name("effect.json").write_text(json.dumps(effect()))
-    return [sys.executable, str(path)]
+    monkeypatch.setattr(answering, "DIAGNOSE", (sys.executable, str(path)))
 
 
 @pytest.fixture
@@ -52,7 +54,7 @@ def no_measuring(monkeypatch):
 def test_a_diagnosis_sees_its_flights_and_nothing_else(tmp_path, monkeypatch, stub):
     monkeypatch.setenv("BLIND_LABELS", str(tmp_path / "secret"))
     folders = made(tmp_path / "out", (GAIN, "none"))
-    answered(folders, stub)
+    answered(folders)
     seen = json.loads((folders.answers / GAIN.id / "seen.json").read_text())
     assert seen["cwd"] == []
     assert set(seen["beside"]) == {GAIN.id, "empty", "log", "answer"}
@@ -71,9 +73,10 @@ def test_a_diagnosis_sees_its_flights_and_nothing_else(tmp_path, monkeypatch, st
         ("hang", "took longer than 1 s"),
     ],
 )
-def test_a_failing_diagnosis_is_counted_and_kept(tmp_path, stub, what, cause):
+def test_a_failing_diagnosis_is_counted_and_kept(tmp_path, stub, monkeypatch, what, cause):
+    monkeypatch.setattr(answering, "TIMEOUT", 1.0 if what == "hang" else 20.0)
     folders = made(tmp_path / "out", (MASS, what), (CLEAN, "none"))
-    statuses = answered(folders, stub, timeout=1.0 if what == "hang" else 20.0)
+    statuses = answered(folders)
     assert statuses[MASS.id]["status"] == "failed"
     assert cause in statuses[MASS.id]["cause"]
     assert statuses[CLEAN.id]["status"] == "ok"
@@ -82,19 +85,19 @@ def test_a_failing_diagnosis_is_counted_and_kept(tmp_path, stub, what, cause):
 
 def test_resuming_redoes_what_is_half_written_and_nothing_else(tmp_path, stub):
     folders = made(tmp_path / "out", (MASS, "mass"), (GAIN, "mass"), (CLEAN, "none"))
-    assert set(answered(folders, stub)) == {MASS.id, GAIN.id, CLEAN.id}
-    assert answered(folders, stub) == {}
+    assert set(answered(folders)) == {MASS.id, GAIN.id, CLEAN.id}
+    assert answered(folders) == {}
     (folders.answers / GAIN.id / STATUS).unlink()  # killed before the answer was whole
     shutil.rmtree(folders.answers / CLEAN.id)
     (folders.answers / f".{CLEAN.id}.part").mkdir()
-    assert set(answered(folders, stub)) == {GAIN.id, CLEAN.id}
+    assert set(answered(folders)) == {GAIN.id, CLEAN.id}
     assert sorted(os.listdir(folders.answers)) == [MASS.id, GAIN.id, CLEAN.id]
 
 
 def test_a_run_prints_the_hash_scores_and_reports(tmp_path, stub, no_measuring, capsys):
     out = tmp_path / "out"
     folders = made(out, (MASS, "mass"), (GAIN, "mass"), (CLEAN, "none"))
-    assert blind.run_blind(None, "crazyflow", out, None, 1, stub) == 0
+    assert blind.run_blind(None, "crazyflow", out, None, 1) == 0
     printed = capsys.readouterr().out
     sha256 = folders.read_state()["sha256"]
     assert printed.index(sha256) < printed.index(MASS.id)
@@ -126,14 +129,14 @@ def test_flights_that_are_gone_are_flown_again_before_the_diagnoses(
         (place / "what").write_text("mass")
 
     monkeypatch.setattr(blind, "_fly", fly)
-    assert blind.run_blind(None, "crazyflow", tmp_path, None, 1, stub) == 0
+    assert blind.run_blind(None, "crazyflow", tmp_path, None, 1) == 0
     assert set(read_answers(folders, {MASS.id: MASS, CLEAN.id: CLEAN})[0]) == {MASS.id, CLEAN.id}
 
 
 def test_a_run_with_a_failed_diagnosis_says_so(tmp_path, stub, no_measuring, capsys):
     out = tmp_path / "out"
     made(out, (MASS, "crash"), (CLEAN, "none"))
-    assert blind.run_blind(None, "crazyflow", out, None, 1, stub) == 1
+    assert blind.run_blind(None, "crazyflow", out, None, 1) == 1
     assert "1 of 2 diagnoses failed" in capsys.readouterr().out
     assert "exit status 1: no such luck" in (out / "blind.md").read_text()
 
@@ -142,7 +145,7 @@ def test_tampered_labels_are_noticed_before(tmp_path, stub, no_measuring, capsys
     out = tmp_path / "out"
     folders = made(out, (MASS, "drag"))
     folders.labels.write_text(folders.labels.read_text().replace('"mass"', '"drag"'))
-    assert blind.run_blind(None, "crazyflow", out, None, 1, stub) == 1
+    assert blind.run_blind(None, "crazyflow", out, None, 1) == 1
     assert "has changed" in capsys.readouterr().out
     assert not folders.answers.exists()
 
@@ -159,7 +162,7 @@ def test_labels_that_change_meanwhile_are_noticed_after(
         folders.labels.write_text(folders.labels.read_text().replace('"mass"', '"drag"'))
 
     monkeypatch.setattr(blind, "answer_shown", tamper)
-    assert blind.run_blind(None, "crazyflow", out, None, 1, stub) == 1
+    assert blind.run_blind(None, "crazyflow", out, None, 1) == 1
     assert "Nothing is scored" in capsys.readouterr().out.replace("\n", " ")
     assert not (out / "cases.parquet").exists()
 

@@ -20,6 +20,7 @@ from blind.draw.folders import Folders
 from blind.draw.injected import NOTHING, Injected, draw_injected, read_injected_labels
 from blind.fly import log_faults
 from blind.report.injected_section import InjectedTables, section
+from blind.run import answering
 from blind.run.answering import STATUS
 from blind.run.injecting import run_injected
 from blind.score.injected import injected_rows, power, shares
@@ -166,14 +167,15 @@ def test_too_little_to_draw_from_is_refused(n, count, what):
 
 
 @pytest.fixture
-def stub(tmp_path):
+def stub(tmp_path, monkeypatch):
+    """In the place of a diagnosis."""
     blamed = effect()
     blamed["effects"] = [named("mass", 0.9, parameter("e", 0.0, -0.06, 0.06, "-"))]
     (tmp_path / "effect.json").write_text(json.dumps(blamed))
     (tmp_path / "none.json").write_text(json.dumps(none()))
     path = tmp_path / "stub.py"
     path.write_text(STUB)
-    return [sys.executable, str(path)]
+    monkeypatch.setattr(answering, "DIAGNOSE", (sys.executable, str(path)))
 
 
 @pytest.fixture
@@ -185,7 +187,7 @@ def folder(tmp_path):
 
 def test_a_run_scores_what_was_answered_and_resumes(tmp_path, folder, stub, capsys):
     out = tmp_path / "out"
-    asked = {"reference": True, "cases": 16, "out": out, "seed": 15, "jobs": 2, "command": stub}
+    asked = {"reference": True, "cases": 16, "out": out, "seed": 15, "jobs": 2}
     assert run_injected(folder, **asked) == 0
     folders = Folders(out)
     labels = read_injected_labels(folders.labels, folders.read_state()["sha256"])
@@ -229,7 +231,7 @@ REFUSED = ("degrees", "grams", "scalar_first", "body_velocity")
 
 def test_labels_that_are_touched_are_noticed(tmp_path, folder, stub, capsys):
     out = tmp_path / "out"
-    asked = {"cases": 4, "out": out, "seed": 1, "jobs": 2, "command": stub}
+    asked = {"cases": 4, "out": out, "seed": 1, "jobs": 2}
     run_injected(folder, **asked)
     labels = Folders(out).labels
     labels.write_text(labels.read_text().replace("none", "trim"))
@@ -239,7 +241,7 @@ def test_labels_that_are_touched_are_noticed(tmp_path, folder, stub, capsys):
 
 def test_another_request_in_the_same_folder_is_refused(tmp_path, folder, stub, capsys):
     out = str(tmp_path / "out")
-    asked = {"cases": 4, "out": tmp_path / "out", "seed": 1, "jobs": 2, "command": stub}
+    asked = {"cases": 4, "out": tmp_path / "out", "seed": 1, "jobs": 2}
     run_injected(folder, **asked)
     told = ["blind", "--inject", str(folder), "--out", out]
     for more, message in (

@@ -10,6 +10,7 @@ from flights_for_tests import flight_set, made_log
 
 from bench.cli.app import main
 from blind.draw.manifest import LabelledSet, Manifest, files_digest
+from blind.run import answering
 from blind.run.real import run_real
 from blind.score.real import by_airframe, outcome, real_rows
 from diagnosis.logs.flights import FlightLog, write_flights
@@ -48,8 +49,8 @@ parameters.mass.e = 0.05
 
 
 @pytest.fixture
-def lab(tmp_path):
-    """A manifest with two sets, and the command of a stub."""
+def lab(tmp_path, monkeypatch):
+    """A folder with a manifest of two sets; a stub in the place of a diagnosis."""
     for seed, name in enumerate(("plain", "heavy")):
         flights = flight_set([FlightLog(f"f{i}", (made_log(seed=9 * seed + i),)) for i in range(2)])
         vehicle = type(flights.vehicle)("secret", flights.vehicle.drone, flights.vehicle.mass)
@@ -60,7 +61,8 @@ def lab(tmp_path):
     (tmp_path / "none.json").write_text(json.dumps(none()))
     (tmp_path / "stub.py").write_text(STUB)
     write(tmp_path)
-    return tmp_path, [sys.executable, str(tmp_path / "stub.py")]
+    monkeypatch.setattr(answering, "DIAGNOSE", (sys.executable, str(tmp_path / "stub.py")))
+    return tmp_path
 
 
 def write(folder, text=MANIFEST):
@@ -71,42 +73,39 @@ def write(folder, text=MANIFEST):
 
 
 def test_sets_are_diagnosed_scored_and_reported(lab, capsys):
-    folder, stub = lab
-    assert run_real(folder / "lab.toml", out=folder / "out", jobs=2, command=stub) == 0
-    rows = pd.read_parquet(folder / "out" / "sets.parquet").set_index("set")
+    assert run_real(lab / "lab.toml", out=lab / "out", jobs=2) == 0
+    rows = pd.read_parquet(lab / "out" / "sets.parquet").set_index("set")
     assert rows["outcome"].to_dict() == {"plain": "right", "heavy": "right"}
-    numbers = pd.read_parquet(folder / "out" / "numbers.parquet")
+    numbers = pd.read_parquet(lab / "out" / "numbers.parquet")
     assert numbers[["set", "true", "inside"]].to_numpy().tolist() == [["heavy", 0.05, True]]
-    text = (folder / "out" / "real.md").read_text()
+    text = (lab / "out" / "real.md").read_text()
     assert "| Quad | 2 | 2 | 0 | 0 | 0 | 0 | 0 | 100 % (16 to 100) | 100 % (16 to 100) |" in text
     assert "was changed" not in text
-    assert (folder / "out" / "real.html").is_file()
+    assert (lab / "out" / "real.html").is_file()
 
 
 def test_labels_may_change_without_a_diagnosis_but_not_unseen(lab):
-    folder, stub = lab
-    asked = {"out": folder / "out", "jobs": 1, "command": stub}
-    run_real(folder / "lab.toml", **asked)
-    calls = (folder / "calls").read_text()
+    asked = {"out": lab / "out", "jobs": 1}
+    run_real(lab / "lab.toml", **asked)
+    calls = (lab / "calls").read_text()
     mended = MANIFEST.replace('["mass"]', '["delay"]')
-    run_real(write(folder, mended.replace("parameters.mass.e = 0.05", "")), **asked)
-    assert (folder / "calls").read_text() == calls
+    run_real(write(lab, mended.replace("parameters.mass.e = 0.05", "")), **asked)
+    assert (lab / "calls").read_text() == calls
     assert (
         "The manifest was changed after the first diagnosis"
-        in (folder / "out" / "real.md").read_text()
+        in (lab / "out" / "real.md").read_text()
     )
-    rows = pd.read_parquet(folder / "out" / "sets.parquet").set_index("set")
+    rows = pd.read_parquet(lab / "out" / "sets.parquet").set_index("set")
     assert rows.loc["heavy", "outcome"] == "wrong"
 
 
 def test_only_flights_that_changed_are_diagnosed_again(lab):
-    folder, stub = lab
-    asked = {"out": folder / "out", "jobs": 1, "command": stub}
-    run_real(folder / "lab.toml", **asked)
-    table = folder / "heavy" / "flights" / "f0.parquet"
+    asked = {"out": lab / "out", "jobs": 1}
+    run_real(lab / "lab.toml", **asked)
+    table = lab / "heavy" / "flights" / "f0.parquet"
     pd.read_parquet(table).iloc[:-1].to_parquet(table)
-    run_real(write(folder), **asked)
-    n_calls = (folder / "calls").read_text().count("mass = ")
+    run_real(write(lab), **asked)
+    n_calls = (lab / "calls").read_text().count("mass = ")
     assert n_calls == 3
 
 
@@ -126,11 +125,10 @@ def test_only_flights_that_changed_are_diagnosed_again(lab):
     ],
 )
 def test_a_wrong_manifest_gets_a_line_for_each_fault(lab, capsys, old, new, message):
-    folder, _ = lab
-    path = write(folder, MANIFEST.replace(old, new))
-    assert main(["blind", "--real", str(path), "--out", str(folder / "out")]) == 2
+    path = write(lab, MANIFEST.replace(old, new))
+    assert main(["blind", "--real", str(path), "--out", str(lab / "out")]) == 2
     assert message in capsys.readouterr().err
-    assert not (folder / "out").exists()
+    assert not (lab / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -142,7 +140,7 @@ def test_a_wrong_manifest_gets_a_line_for_each_fault(lab, capsys, old, new, mess
     ],
 )
 def test_options_that_would_be_ignored_are_refused(lab, capsys, more, message):
-    assert main(["blind", "--real", str(lab[0] / "lab.toml"), *more]) == 2
+    assert main(["blind", "--real", str(lab / "lab.toml"), *more]) == 2
     assert message in capsys.readouterr().err
 
 
