@@ -59,11 +59,11 @@ def run_blind(
         if not folders.state.is_file():
             check_no_tables(folders)
             _generate(folders, reality, counts or scaled_counts(None), seed, console)
-        return _work(folders, jobs, console, document_of(out), notes)
+        return _work(folders, jobs, console, out, notes)
 
 
 def _work(
-    folders: Folders, jobs: int, console: Console, document: Path, notes: Path | None
+    folders: Folders, jobs: int, console: Console, out: Path | None, notes: Path | None
 ) -> int:
     """Exit status after everything that is still to be done with cases that were flown."""
     if tampered(folders, console):
@@ -81,7 +81,7 @@ def _work(
     _measure(folders, labels, jobs, console)
     with console.status("Answering with the baselines"):
         baselines = answer_baselines(folders)
-    return _finish(folders, labels, baselines, document, notes or default_notes(document), console)
+    return _finish(folders, labels, baselines, out, notes, console)
 
 
 def rebuild_report(out: Path | None, notes: Path | None = None) -> int:
@@ -93,23 +93,17 @@ def rebuild_report(out: Path | None, notes: Path | None = None) -> int:
     if out is not None and is_injected(out):
         path = write_injected(InjectedTables.load(out), out / "injected.md")
     else:
-        document = document_of(out)
-        path = write_report(
-            _found(out), document, notes or default_notes(document), _injected(document)
-        )
+        path = _report(out, notes)
     print(f"Report: {path}")  # noqa: T201
     return 0
 
 
-def document_of(out: Path | None) -> Path:
-    """The report's Markdown file: in the folder that was asked for, or else in `reports`."""
-    return DOCUMENT if out is None else out / "blind.md"
-
-
-def default_notes(document: Path) -> Path | None:
-    """Hand-written notes beside the report, if there are any."""
-    path = document.with_name(f"{document.stem}_notes.md")
-    return path if path.is_file() else None
+def _report(out: Path | None, notes: Path | None) -> Path:
+    """The Markdown file, on the tables in `out` and there, or else on all and in `reports`."""
+    document = DOCUMENT if out is None else out / DOCUMENT.name
+    beside = document.with_name(f"{document.stem}_notes.md")
+    notes = notes or (beside if beside.is_file() else None)
+    return write_report(_found(out), document, notes, _injected() if out is None else [])
 
 
 def _found(out: Path | None) -> list[Tables]:
@@ -123,10 +117,8 @@ def _found(out: Path | None) -> list[Tables]:
     return tables
 
 
-def _injected(document: Path) -> list[InjectedTables]:
+def _injected() -> list[InjectedTables]:
     """Tables of injected faults that the report on everything has sections for."""
-    if document != DOCUMENT:
-        return []
     places = sorted(path.parent for path in (RESULTS / INJECTED).glob("*/run.json"))
     return [InjectedTables.load(place) for place in places if is_injected(place)]
 
@@ -201,7 +193,7 @@ def _finish(
     folders: Folders,
     labels: Mapping[str, Case],
     baselines: Mapping[str, Mapping[str, Any]],
-    document: Path,
+    out: Path | None,
     notes: Path | None,
     console: Console,
 ) -> int:
@@ -213,8 +205,7 @@ def _finish(
     tables = make_tables(labels, answers, statuses, measures, baselines, state)
     tables.save(folders.out)
     save_labels(folders)
-    places = None if document == DOCUMENT else folders.out
-    path = write_report(_found(places), document, notes, _injected(document))
+    path = _report(out, notes)
     failed = sum(status["status"] != "ok" for status in statuses.values())
     tell_end(folders, path, failed, len(labels), console)
     return 1 if failed or len(measures) < len(labels) else 0

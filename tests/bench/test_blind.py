@@ -112,6 +112,16 @@ def test_a_run_prints_the_hash_scores_and_reports(tmp_path, stub, no_measuring, 
     assert (out / "labels.json").read_bytes() == folders.labels.read_bytes()
 
 
+def test_tables_in_the_folder_of_the_reports_are_those_reported(
+    tmp_path, stub, no_measuring, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    out = blind.DOCUMENT.parent
+    folders = made(out, (MASS, "mass"), (CLEAN, "none"))
+    assert blind.run_blind(None, "crazyflow", out, None, 1) == 0
+    assert folders.read_state()["sha256"] in blind.DOCUMENT.read_text()
+
+
 def test_flights_that_are_gone_are_flown_again_before_the_diagnoses(
     tmp_path, stub, no_measuring, monkeypatch
 ):
