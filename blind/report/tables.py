@@ -5,7 +5,7 @@
 | `cases` | a case: truth, answer, evidence, decidability, shrink, seconds |
 | `parameters` | a parameter of a right answer: error, over the Cramer-Rao bound, inside interval |
 | `proportions` | a score on a subset of cases, ours and the baselines', with its interval |
-| `by_effect`, `reliability`, `confusion` | see `blind.score.scoring` |
+| `by_effect`, `reliability` | see `blind.score.scoring` |
 | `next_flight`, `limits` | see `blind.run.studies`; there if these were measured |
 | `summary.json`, `run.json`, `labels.json` | numbers that are no proportions; the run; its labels |
 """
@@ -22,13 +22,13 @@ import pandas as pd
 from bench.text.errors import UsageError
 from blind.draw.cases import Case
 from blind.draw.folders import Folders, write_json
-from blind.score.scoring import Scores, score
+from blind.score.scoring import score
 
 Json = Mapping[str, Any]
 
 OURS = "bench diagnose"
 """Who answers, beside the baselines."""
-FRAMES = ("cases", "parameters", "proportions", "by_effect", "reliability", "confusion")
+FRAMES = ("cases", "parameters", "proportions", "by_effect", "reliability")
 """Tables by file name."""
 MOST_CANDIDATES = 4
 """Candidates that are kept as evidence of an answer."""
@@ -48,8 +48,6 @@ class Tables:
     """Singles by effect and size."""
     reliability: pd.DataFrame
     """Stated probability against frequency."""
-    confusion: pd.DataFrame
-    """Singles, one row a pair of truth and answer."""
     summary: dict[str, Any]
     """Numbers that are no proportions, by who answered."""
     run: dict[str, Any]
@@ -124,7 +122,6 @@ def make_tables(
         ),
         by_effect=ours.by_effect,
         reliability=ours.reliability,
-        confusion=_long(ours),
         summary={who: s.summary for who, s in everybody.items()},
         run=dict(run) | {"sources": sorted({s["sources"] for s in statuses.values()})},
     )
@@ -179,15 +176,3 @@ def _answer(answer: Json | None) -> str:
     if answer is None:
         return "failed"
     return " + ".join(e["name"] for e in answer["effects"]) or str(answer["verdict"])
-
-
-def _long(scores: Scores) -> pd.DataFrame:
-    """The confusion matrix with one row a pair that occurred."""
-    table = scores.confusion
-    rows = [
-        {"truth": truth, "answer": answer, "cases": int(table.loc[truth, answer])}
-        for truth in table.index
-        for answer in table.columns
-        if table.loc[truth, answer]
-    ]
-    return pd.DataFrame(rows, columns=["truth", "answer", "cases"])

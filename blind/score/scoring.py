@@ -47,8 +47,6 @@ class Scores:
     """One row a compared quantity of a right answer."""
     reliability: pd.DataFrame
     """Stated probabilities of named effects, in bins, against how often they were true."""
-    confusion: pd.DataFrame
-    """Singles by true effect (rows) and answer (columns)."""
     summary: dict[str, float | None]
     """Numbers that are no proportions; None where nothing could be compared."""
 
@@ -96,10 +94,6 @@ def score(
         by_effect=_by_effect(singles),
         parameters=pd.DataFrame(parameters, columns=columns),
         reliability=_reliability(stated),
-        confusion=pd.crosstab(
-            pd.Series([row["truth"] for row in singles], name="truth", dtype=object),
-            pd.Series([row["answer"] for row in singles], name="answer", dtype=object),
-        ),
         summary=_summary(judged, parameters, stated),
     )
 

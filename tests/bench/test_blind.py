@@ -286,7 +286,7 @@ def test_tables_survive_the_disk_and_compare_with_baselines(tmp_path):
     given = tables({MASS.id: answer("mass"), GAIN.id: answer(), CLEAN.id: answer()})
     given.save(tmp_path)
     again = Tables.load(tmp_path)
-    for name in ("cases", "parameters", "proportions", "confusion"):
+    for name in ("cases", "parameters", "proportions"):
         pd.testing.assert_frame_equal(getattr(again, name), getattr(given, name), check_dtype=False)
     top1 = again.proportions.query("score == 'top-1 of singles' and cases == 'all'")
     assert dict(zip(top1["who"], top1["value"], strict=True)) == {OURS: 1.0, "stlsq": 0.0}

@@ -213,13 +213,6 @@ def test_an_offset_is_compared_over_the_inertia_and_its_interval_in_metres():
     assert (row["inside"], row["intervals"]) == (1, 2)
 
 
-def test_confusion_counts_singles():
-    answers = {MASS.id: answer(effect("drag", c=0.1)), WIND.id: answer()}
-    table = score({MASS.id: MASS, WIND.id: WIND}, answers).confusion
-    assert table.loc["mass", "drag"] == 1
-    assert table.loc["wind", "none"] == 1
-
-
 def test_an_answer_without_a_case_is_named():
     with pytest.raises(ValueError, match="`answers` names a case that has no label: stray"):
         score({MASS.id: MASS}, {"stray": answer()})
