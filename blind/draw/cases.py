@@ -64,10 +64,7 @@ class Case:
 
 
 def draw_cases(
-    counts: Mapping[str, int],
-    reality: str = "crazyflow",
-    entropy: int | None = None,
-    names: Sequence[str] | None = None,
+    counts: Mapping[str, int], reality: str = "crazyflow", entropy: int | None = None
 ) -> list[Case]:
     """Cases in random order, balanced over effects and sizes.
 
@@ -75,10 +72,9 @@ def draw_cases(
         counts: Number of cases by kind.
         reality: Where they are flown, one of `realities.REALITIES`.
         entropy: Seed of everything that is drawn; from the operating system if None.
-        names: Effects of the library to draw from; all that the reality can fly if None.
 
     Raises:
-        ValueError: A kind or an effect is not known, or a count is negative.
+        ValueError: A kind is not known, or a count is negative.
     """
     for kind, count in counts.items():
         if kind not in KINDS or count < 0:
@@ -86,10 +82,7 @@ def draw_cases(
                 f"`counts` must give numbers from 0 for kinds among {', '.join(KINDS)}, "
                 f"got {kind!r}: {count}."
             )
-    known = catalogue.known(reality)
-    names = known if names is None else names
-    if unknown := [name for name in names if name not in known]:
-        raise ValueError(f"`names` must be among {', '.join(known)}, got {unknown[0]!r}.")
+    names = catalogue.known(reality)
     rng = np.random.default_rng(secrets.randbits(128) if entropy is None else entropy)
     plans: list[tuple[str, list[tuple[str, int]]]] = []
     for kind in KINDS:

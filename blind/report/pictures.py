@@ -19,9 +19,6 @@ from blind.report.canvas import OUR_COLOR, saved
 from blind.report.sections import asked
 from blind.report.tables import OURS, Tables
 
-Drawing = tuple[str, str]
-"""Name of a picture's file without its suffix, and what it shows."""
-
 AIMS = "Scores on decidable cases with 95 % Clopper-Pearson intervals; the bar is the aim"
 CONFUSION = (
     "Single effects: what was true (rows), and what was answered (columns), in cases. Answers with "

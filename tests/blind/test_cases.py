@@ -83,11 +83,6 @@ def test_flights_that_cannot_be_are_refused(settings):
         cases.fly_case(case)
 
 
-def test_an_unknown_effect_is_named():
-    with pytest.raises(ValueError, match=r"`names` must be among .* got 'magic'"):
-        cases.draw_cases({"single": 1}, names=["magic"])
-
-
 def test_changed_labels_are_found_out(tmp_path):
     path = tmp_path / "labels.json"
     drawn = cases.draw_cases(COUNTS, entropy=5)
