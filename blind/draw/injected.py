@@ -113,10 +113,15 @@ def write_injected(folders: Folders, flights: FlightSet, cases: Sequence[Injecte
             (folders.cases / case.id, target),
         ):
             if not place.is_dir():
-                half_written = place.with_name(f".{place.name}.part-{secrets.token_hex(4)}")
-                vehicle = dataclasses.replace(part.vehicle, name=UNNAMED)
-                write_flights(half_written, vehicle, part.flights)
-                half_written.rename(place)
+                write_unnamed(place, part)
+
+
+def write_unnamed(place: Path, flights: FlightSet) -> None:
+    """Writes flights without what the operator calls the vehicle, whole or not at all."""
+    half_written = place.with_name(f".{place.name}.part-{secrets.token_hex(4)}")
+    vehicle = dataclasses.replace(flights.vehicle, name=UNNAMED)
+    write_flights(half_written, vehicle, flights.flights)
+    half_written.rename(place)
 
 
 def read_injected_labels(path: Path, sha256: str | None = None) -> dict[str, Injected]:

@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.text.errors import UsageError
 from blind.draw.folders import Folders, write_json
-from blind.run.children import Ended, Task, leave_with_parent, python, run_tasks
+from blind.run.children import Task, leave_with_parent, python, run_one
 
 ALARMS = 0.02
 """Share of undisturbed flight sets that a baseline may find something in: the aim that we have."""
@@ -25,20 +25,11 @@ def answer_baselines(folders: Folders) -> dict[str, dict[str, Any]]:
     """
     path = folders.runs / "baselines.json"
     if not path.is_file():
-        causes: list[str] = []
         runs = folders.runs.resolve()
-
-        def make() -> Task:
-            settings = json.dumps({"out": str(folders.out.resolve())})
-            command = python("-m", "blind.run.answer_baselines", settings)
-            return Task("baselines", command, runs, runs / "logs" / "baselines")
-
-        def end(ended: Ended) -> None:
-            causes.append(ended.cause)
-
-        run_tasks([make], 1, end)
-        if causes[0]:
-            raise UsageError(f"The baselines failed, {causes[0]}; running again tries again.")
+        settings = json.dumps({"out": str(folders.out.resolve())})
+        command = python("-m", "blind.run.answer_baselines", settings)
+        if cause := run_one(Task("baselines", command, runs, runs / "logs" / "baselines")):
+            raise UsageError(f"The baselines failed, {cause}; running again tries again.")
     return json.loads(path.read_text(encoding="utf-8"))["answers"]
 
 

@@ -105,6 +105,13 @@ def run_tasks(
             _kill(child.process)
 
 
+def run_one(task: Task, on_poll: Callable[[], None] = lambda: None) -> str:
+    """Why a task failed, after running it; empty if it ended with status 0."""
+    causes: list[str] = []
+    run_tasks([lambda: task], 1, lambda ended: causes.append(ended.cause), on_poll=on_poll)
+    return causes[0]
+
+
 def leave_with_parent() -> None:
     """From now on this process ends when its parent has: nobody waits for what it does."""
     parent = os.getppid()

@@ -24,7 +24,7 @@ from blind.report.page import write_report
 from blind.report.tables import Tables, make_tables, save_labels
 from blind.run.answer_baselines import answer_baselines
 from blind.run.answering import answer_shown, read_answers
-from blind.run.children import Ended, Task, python, run_tasks
+from blind.run.children import Task, python, run_one
 from blind.run.display import CasesProgress
 from blind.run.measuring import measure_all, read_measures, unmeasured
 from blind.run.place import alone, check_no_tables, check_request, tampered, tell_end
@@ -153,20 +153,12 @@ def _generate(
 
 def _fly(folders: Folders, settings: Mapping[str, Any], total: int, console: Console) -> None:
     """Flies in a process of its own, that leaves nothing behind in this one."""
-    causes: list[str] = []
-
-    def make() -> Task:
-        arguments = python("-m", "blind.run.generate", json.dumps(settings))
-        return Task("generate", arguments, folders.runs, folders.runs / "logs" / "generate")
-
-    def end(ended: Ended) -> None:
-        causes.append(ended.cause)
-
+    arguments = python("-m", "blind.run.generate", json.dumps(settings))
+    task = Task("generate", arguments, folders.runs, folders.runs / "logs" / "generate")
     with CasesProgress("flying cases", total, console) as display:
-        poll = lambda: display.at(len(folders.flown()))  # noqa: E731
-        run_tasks([make], 1, end, on_poll=poll)
-    if causes[0]:
-        raise UsageError(f"The cases could not be flown, {causes[0]}")
+        cause = run_one(task, lambda: display.at(len(folders.flown())))
+    if cause:
+        raise UsageError(f"The cases could not be flown, {cause}")
 
 
 def _answer(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:

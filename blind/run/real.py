@@ -9,7 +9,6 @@ import dataclasses
 import datetime
 import hashlib
 import json
-import secrets
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,13 +18,13 @@ from rich.console import Console
 from bench.execution.executor import cores
 from bench.text.errors import UsageError
 from blind.draw.folders import RESULTS, Folders, write_json
-from blind.draw.injected import UNNAMED
+from blind.draw.injected import write_unnamed
 from blind.draw.manifest import LabelledSet, Manifest, read_manifest
 from blind.report.real_section import write_real
 from blind.run.answering import answer_shown, missing, read_documents
 from blind.run.place import alone, tell_end
 from blind.score.real import real_rows
-from diagnosis.logs.flights import LogError, load_flights, write_flights
+from diagnosis.logs.flights import LogError, load_flights
 
 REAL = "real"
 """Folder in `RESULTS` for tables of labelled real flights, a folder a manifest."""
@@ -123,10 +122,7 @@ def _copy(source: Path, place: Path) -> None:
         flights = load_flights(source)
     except LogError as error:
         raise UsageError(str(error)) from error
-    half_written = place.with_name(f".{place.name}.part-{secrets.token_hex(4)}")
-    vehicle = dataclasses.replace(flights.vehicle, name=UNNAMED)
-    write_flights(half_written, vehicle, flights.flights)
-    half_written.rename(place)
+    write_unnamed(place, flights)
 
 
 def _finish(
