@@ -16,10 +16,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import beta
 
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import FAULTS
+from blind.score.scoring import clopper_pearson
 from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.logs.inputs import choose_inputs
@@ -176,15 +176,8 @@ def turns_named(
     return named
 
 
-def interval(k: int, n: int) -> tuple[float, float]:
-    """Clopper-Pearson interval of a share, 95 %."""
-    low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
-    high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
-    return low, high
-
-
 def _share(k: int, n: int) -> str:
-    low, high = interval(k, n)
+    low, high = clopper_pearson(k, n)
     return f"{k}/{n} ({100 * low:.0f} to {100 * high:.0f} %)"
 
 

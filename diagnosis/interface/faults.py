@@ -195,16 +195,13 @@ def _thrust_scale(windows: Windows, vehicle: VehicleFile) -> InterfaceFault | No
             f"carries {1.0 / size.value:.1f} times less: is the mass in {unit}?",
             evidence=(evidence,),
         )
-    if over:
-        advice = (
-            f"The simulator makes about {factor:.2g} times the thrust that these flights show: "
-            "check how commands, PWM or rotor speeds become thrust, and the mass."
-        )
-    else:
-        advice = (
-            f"These flights show about {factor:.2g} times the thrust that the simulator makes: "
-            "check how commands, PWM or rotor speeds become thrust, and the mass."
-        )
+    more, less = "The simulator makes", "these flights show"
+    if not over:
+        more, less = "These flights show", "the simulator makes"
+    advice = (
+        f"{more} about {factor:.2g} times the thrust that {less}: "
+        "check how commands, PWM or rotor speeds become thrust, and the mass."
+    )
     reading = f"thrust off by a factor of {size.value:.2g}"
     return InterfaceFault(part="thrust", readings=(reading,), advice=advice, evidence=(evidence,))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from flights_for_tests import flight_set, made_log, point_mass_set
 
-from blind.twin.power import STUDIED, interval, told, turns_named, write_turns
+from blind.twin.power import STUDIED, told, turns_named, write_turns
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.inputs import choose_inputs, thrust_of_pwm
 from diagnosis.twin.flown import twin_replay
@@ -63,11 +63,6 @@ def test_what_the_inputs_do_not_show_is_not_studied():
     assert thrust is not None
     believed = thrust_of_pwm(thrust, np.full(rows, 3.8)) * 1.05
     np.testing.assert_allclose(believed, thrust_of_pwm(np.full((rows, 4), 0.8), np.full(rows, 3.8)))
-
-
-def test_intervals_of_shares_are_those_of_clopper_and_pearson():
-    assert interval(0, 200) == pytest.approx((0.0, 0.01828), abs=1e-4)
-    assert interval(19, 20) == pytest.approx((0.7513, 0.9987), abs=1e-4)
 
 
 def test_a_turned_path_is_counted_where_it_is_named():
