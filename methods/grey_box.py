@@ -45,6 +45,7 @@ from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.effects.delay import LONGEST
 from simulators.vehicle import CONTROL_DT
+from tasks.contract import check_at_least
 
 
 class GreyBox(AbstractMethod):
@@ -74,14 +75,12 @@ class GreyBox(AbstractMethod):
     simulator: ClassVar[str] = "point_mass"
 
     def __check_init__(self) -> None:
-        if self.largest < 1:
-            raise ValueError(f"`largest` must be at least 1, got {self.largest}.")
+        check_at_least(self, 1, "largest")
+        check_at_least(self, 0, "excitation")
         if self.flights < (fewest := 1 if self.residual is None else 2):
             raise ValueError(
                 f"`flights` must be at least {fewest} (2 with a residual), got {self.flights}."
             )
-        if not self.excitation >= 0.0:
-            raise ValueError(f"`excitation` must be at least 0, got {self.excitation}.")
         if not 0.0 < self.dt <= CONTROL_DT:
             raise ValueError(f"`dt` must lie in (0, {CONTROL_DT}] s, got {self.dt}.")
         if not 0.0 <= self.spread < 2.0:

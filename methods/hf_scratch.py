@@ -11,6 +11,7 @@ from methods.contract import AbstractMethod, Setup, Trained
 from methods.training.bptt import BPTT
 from methods.training.high_fidelity import train_in_reality
 from methods.training.policy import AbstractPolicy, make_policy
+from tasks.contract import check_at_least
 
 
 class HFScratch(AbstractMethod):
@@ -32,9 +33,8 @@ class HFScratch(AbstractMethod):
     simulator: ClassVar[str] = "crazyflow"
 
     def __check_init__(self) -> None:
-        for name, low in (("epochs_base", 1), ("epochs_per_drone", 0)):
-            if not getattr(self, name) >= low:
-                raise ValueError(f"`{name}` must be at least {low}, got {getattr(self, name)}.")
+        check_at_least(self, 1, "epochs_base")
+        check_at_least(self, 0, "epochs_per_drone")
 
     def budget(self, n_drones: int) -> int:
         """Number of epochs for a team."""

@@ -28,6 +28,7 @@ from methods.training.low_fidelity import train_in_point_mass
 from methods.training.policy import AbstractPolicy, make_policy
 from simulators import registry
 from simulators.contract import with_effects
+from tasks.contract import check_at_least
 
 Flown = Literal["pool", "grey_box"]
 
@@ -75,9 +76,7 @@ class Hybrid(AbstractMethod):
             )
         if self.flights is not None and self.flights < 1:
             raise ValueError(f"`flights` must be at least 1 or None, got {self.flights}.")
-        for name in ("hover_weight", "excitation"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"`{name}` must be at least 0, got {getattr(self, name)}.")
+        check_at_least(self, 0, "hover_weight", "excitation")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         residual = registry.load("residual", self.residual)()

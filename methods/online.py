@@ -24,6 +24,7 @@ from methods.training.bptt import BPTT
 from methods.training.meter import billed
 from methods.training.policy import AbstractPolicy
 from tasks.contact import onsets
+from tasks.contract import check_above, check_at_least
 
 
 class Online(AbstractMethod):
@@ -46,13 +47,9 @@ class Online(AbstractMethod):
     resumes_from: ClassVar[tuple[str, ...]] = ("hybrid",)
 
     def __check_init__(self) -> None:
-        for name in ("flights", "refit_epochs"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1, got {getattr(self, name)}.")
-        if not self.refit_lr > 0.0:
-            raise ValueError(f"`refit_lr` must be above 0, got {self.refit_lr}.")
-        if not self.hover_weight >= 0.0:
-            raise ValueError(f"`hover_weight` must be at least 0, got {self.hover_weight}.")
+        check_at_least(self, 1, "flights", "refit_epochs")
+        check_above(self, 0, "refit_lr")
+        check_at_least(self, 0, "hover_weight")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         flight_key, fit_key, train_key = jax.random.split(key, 3)

@@ -39,7 +39,7 @@ from methods.training.meter import billed
 from methods.training.policy import WIDTH, AbstractPolicy, make_policy
 from simulators.contract import AbstractSimulator
 from tasks.contact import in_contact
-from tasks.contract import AbstractTask, TaskState
+from tasks.contract import AbstractTask, TaskState, check_above, check_at_least
 from tasks.rollout import Episode, start
 
 STAGE = "PPO in reality"
@@ -116,15 +116,11 @@ class PPO(AbstractMethod):
     simulator: ClassVar[str] = "crazyflow"
 
     def __check_init__(self) -> None:
-        for name in ("epochs", "n_worlds", "max_drones", "passes", "minibatches"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1, got {getattr(self, name)}.")
+        check_at_least(self, 1, "epochs", "n_worlds", "max_drones", "passes", "minibatches")
         for name in ("discount", "trace"):
             if not 0.0 <= getattr(self, name) < 1.0:
                 raise ValueError(f"`{name}` must lie in [0, 1), got {getattr(self, name)}.")
-        for name in ("lr", "clip", "value_weight", "std"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be above 0, got {getattr(self, name)}.")
+        check_above(self, 0, "lr", "clip", "value_weight", "std")
 
     def worlds(self, n_drones: int) -> int:
         """Episodes an epoch of a team."""

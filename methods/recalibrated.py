@@ -19,6 +19,7 @@ from methods.residuals.contract import AbstractResidualModel
 from methods.residuals.mlp import MLPEnsemble, MLPModel
 from methods.training.bptt import BPTT
 from methods.training.policy import AbstractPolicy
+from tasks.contract import check_above, check_at_least
 
 
 class Recalibrated(AbstractMethod):
@@ -39,11 +40,9 @@ class Recalibrated(AbstractMethod):
     resumes_from: ClassVar[tuple[str, ...]] = ("hybrid",)
 
     def __check_init__(self) -> None:
-        for name, low in (("flights", 0), ("refit_epochs", 1)):
-            if getattr(self, name) < low:
-                raise ValueError(f"`{name}` must be at least {low}, got {getattr(self, name)}.")
-        if not self.refit_lr > 0.0:
-            raise ValueError(f"`refit_lr` must be above 0, got {self.refit_lr}.")
+        check_at_least(self, 0, "flights")
+        check_at_least(self, 1, "refit_epochs")
+        check_above(self, 0, "refit_lr")
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         parent = setup.parents["hybrid"]

@@ -22,8 +22,8 @@ from tasks.contract import (
     AbstractTargetTask,
     Target,
     TaskState,
-    check_not_negative,
-    check_positive,
+    check_above,
+    check_at_least,
     direction,
     ring_offset,
     ring_radius,
@@ -53,8 +53,8 @@ class Circle(AbstractTargetTask):
     station_keeping: ClassVar[bool] = False
 
     def __check_init__(self) -> None:
-        check_positive(self, "altitude")
-        check_not_negative(self, "vel_weight")
+        check_above(self, 0, "altitude")
+        check_at_least(self, 0, "vel_weight")
 
     @property
     def radius(self) -> float:

@@ -76,18 +76,18 @@ class Target(eqx.Module):
     """Velocity error that `vel` does not show [m/s]."""
 
 
-def check_positive(task: "AbstractTask", *names: str) -> None:
-    """Raises a ValueError unless each of these fields of a task is above 0."""
+def check_above(of: Any, low: int, *names: str) -> None:
+    """Raises a ValueError unless each of these settings of a task or method is above `low`."""
     for name in names:
-        if not getattr(task, name) > 0.0:
-            raise ValueError(f"`{name}` must be above 0, got {getattr(task, name)}.")
+        if not getattr(of, name) > low:
+            raise ValueError(f"`{name}` must be above {low}, got {getattr(of, name)}.")
 
 
-def check_not_negative(task: "AbstractTask", *names: str) -> None:
-    """Raises a ValueError unless each of these fields of a task is at least 0."""
+def check_at_least(of: Any, low: int, *names: str) -> None:
+    """Raises a ValueError unless each of these settings of a task or method is at least `low`."""
     for name in names:
-        if not getattr(task, name) >= 0.0:
-            raise ValueError(f"`{name}` must be at least 0, got {getattr(task, name)}.")
+        if not getattr(of, name) >= low:
+            raise ValueError(f"`{name}` must be at least {low}, got {getattr(of, name)}.")
 
 
 class AbstractTask(eqx.Module):
@@ -103,9 +103,8 @@ class AbstractTask(eqx.Module):
     """Whether the team hovers at the end, which calibration flights under-represent."""
 
     def __check_init__(self) -> None:
-        for name, low in (("n_drones", 2), ("horizon", 1)):
-            if getattr(self, name) < low:
-                raise ValueError(f"`{name}` must be at least {low}, got {getattr(self, name)}.")
+        check_at_least(self, 2, "n_drones")
+        check_at_least(self, 1, "horizon")
 
     @abc.abstractmethod
     def reset(self, key: PRNGKeyArray) -> tuple[Float[Array, "drones 3"], Any]:
@@ -141,8 +140,7 @@ class AbstractTargetTask(AbstractTask):
     """Whether roll and pitch are observed."""
 
     def __check_init__(self) -> None:
-        if self.n_neighbors < 0:
-            raise ValueError(f"`n_neighbors` must be at least 0, got {self.n_neighbors}.")
+        check_at_least(self, 0, "n_neighbors")
 
     @abc.abstractmethod
     def target(self, state: TaskState) -> Target:

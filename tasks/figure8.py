@@ -25,8 +25,8 @@ from tasks.contract import (
     AbstractTargetTask,
     Target,
     TaskState,
-    check_not_negative,
-    check_positive,
+    check_above,
+    check_at_least,
     ring_offset,
     ring_radius,
     shortfall,
@@ -58,8 +58,8 @@ class Figure8(AbstractTargetTask):
     station_keeping: ClassVar[bool] = False
 
     def __check_init__(self) -> None:
-        check_positive(self, "altitude", "period")
-        check_not_negative(self, "vel_weight")
+        check_above(self, 0, "altitude", "period")
+        check_at_least(self, 0, "vel_weight")
 
     @property
     def radius(self) -> float:

@@ -26,8 +26,8 @@ from tasks.contract import (
     AbstractTargetTask,
     Target,
     TaskState,
-    check_not_negative,
-    check_positive,
+    check_above,
+    check_at_least,
     direction,
     shortfall,
     spawn_grid,
@@ -58,8 +58,8 @@ class PitchAndExpand(AbstractTargetTask):
     station_keeping: ClassVar[bool] = False
 
     def __check_init__(self) -> None:
-        check_positive(self, "period", "clearance")
-        check_not_negative(self, "vel_weight")
+        check_above(self, 0, "period", "clearance")
+        check_at_least(self, 0, "vel_weight")
         if not abs(self.amplitude) < self.radius:
             raise ValueError(
                 f"`amplitude` must be below the mean radius {self.radius:g}, got {self.amplitude}."

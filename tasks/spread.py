@@ -20,8 +20,8 @@ from tasks.contract import (
     AbstractTargetTask,
     Target,
     TaskState,
-    check_not_negative,
-    check_positive,
+    check_above,
+    check_at_least,
     ring_radius,
     spawn_grid,
 )
@@ -49,8 +49,8 @@ class Spread(AbstractTargetTask):
     station_keeping: ClassVar[bool] = True
 
     def __check_init__(self) -> None:
-        check_positive(self, "altitude", "coverage_width")
-        check_not_negative(self, "coverage_weight")
+        check_above(self, 0, "altitude", "coverage_width")
+        check_at_least(self, 0, "coverage_weight")
 
     @property
     def radius(self) -> float:

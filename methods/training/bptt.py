@@ -36,7 +36,7 @@ from methods.training.meter import billed
 from methods.training.policy import AbstractPolicy, is_written_out
 from methods.training.together import Team
 from simulators.contract import AbstractSimulator
-from tasks.contract import AbstractTask
+from tasks.contract import AbstractTask, check_above, check_at_least
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,22 +87,17 @@ class BPTT(eqx.Module):
     None: 500 with a `decay` below 1, none with 1."""
 
     def __check_init__(self) -> None:
-        for name in ("epochs", "n_worlds", "max_drones", "smoothing"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1, got {getattr(self, name)}.")
+        check_at_least(self, 1, "epochs", "n_worlds", "max_drones", "smoothing")
+        check_at_least(self, 0, "lr", "final_lr")
+        check_above(self, 0, "clip")
         if self.patience is not None and self.patience < 1:
             raise ValueError(f"`patience` must be at least 1 or None, got {self.patience}.")
         if not 0.0 < self.share <= 1.0:
             raise ValueError(f"`share` must lie in (0, 1], got {self.share}.")
         if not 0.0 < self.decay <= 1.0:
             raise ValueError(f"`decay` must lie in (0, 1], got {self.decay}.")
-        if not self.clip > 0.0:
-            raise ValueError(f"`clip` must be above 0, got {self.clip}.")
         if self.limit is not None and not self.limit > 0.0:
             raise ValueError(f"`limit` must be above 0 or None, got {self.limit}.")
-        for name in ("lr", "final_lr"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"`{name}` must be at least 0, got {getattr(self, name)}.")
 
     def worlds(self, n_drones: int) -> int:
         """Episodes per update of a team: each drone's view is a sample for the shared policy."""
