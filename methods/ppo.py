@@ -38,7 +38,6 @@ from methods.training.high_fidelity import trained_in_reality
 from methods.training.meter import billed
 from methods.training.policy import WIDTH, AbstractPolicy, make_policy
 from simulators.contract import AbstractSimulator
-from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState, check_above, check_at_least
 from tasks.rollout import Episode, start
 
@@ -233,12 +232,10 @@ def fly(
         obs = task.observe(TaskState(reality.sensed(state), goal, k))
         raw = learner.policy(obs) + std * jax.random.normal(noise_key, (task.n_drones, 3))
         state = reality.step(state, jnp.clip(raw, -1.0, 1.0))
-        flight = reality.flight(state)
-        reward, smooth = task.rewards(TaskState(flight, goal, k + 1))
-        contact = in_contact(flight.pos, flight.t)
-        sums = sums.with_step(reward, smooth, contact, touched)
+        after = TaskState(reality.flight(state), goal, k + 1)
+        sums, touched, reward = sums.with_step(task, after, touched)
         made = Steps(obs, raw, learner.density(obs, raw), learner.values(obs), reward)
-        return (state, contact, sums), made
+        return (state, touched, sums), made
 
     zero = jnp.zeros(())
     begin = (state, jnp.zeros(task.n_drones, bool), Episode(zero, zero, zero, zero))

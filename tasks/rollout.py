@@ -61,19 +61,21 @@ class Episode(eqx.Module):
     """Steps with any drone in contact."""
 
     def with_step(
-        self,
-        reward: Float[Array, " drones"],
-        smooth: Float[Array, " drones"],
-        contact: Bool[Array, " drones"],
-        before: Bool[Array, " drones"],
-    ) -> "Episode":
-        """The sums with one more step; `before` is the contact one step earlier."""
-        return Episode(
+        self, task: AbstractTask, after: TaskState, before: Bool[Array, " drones"]
+    ) -> tuple["Episode", Bool[Array, " drones"], Float[Array, " drones"]]:
+        """The sums with one more step, who is in contact after it, and the exact reward of each.
+
+        `before` is the contact one step earlier.
+        """
+        reward, smooth = task.rewards(after)
+        contact = in_contact(after.flight.pos, after.flight.t)
+        sums = Episode(
             reward=self.reward + jnp.mean(reward),
             smooth_reward=self.smooth_reward + jnp.sum(smooth),
             crashes=self.crashes + jnp.sum(contact & ~before),
             contact_steps=self.contact_steps + jnp.any(contact),
         )
+        return sums, contact, reward
 
 
 class Record(eqx.Module):
@@ -146,10 +148,9 @@ def episode(
         state = _damped(state, decay, limit)
         action = controller(TaskState(simulator.sensed(state), goal, k))
         state = simulator.step(state, action)
-        flight = simulator.flight(state)
-        reward, smooth = task.rewards(TaskState(flight, goal, k + 1))
-        contact = in_contact(flight.pos, flight.t)
-        return (state, contact, sums.with_step(reward, smooth, contact, touched)), None
+        after = TaskState(simulator.flight(state), goal, k + 1)
+        sums, touched, _ = sums.with_step(task, after, touched)
+        return (state, touched, sums), None
 
     zero = jnp.zeros(())
     begin = (state, jnp.zeros(task.n_drones, bool), Episode(zero, zero, zero, zero))

@@ -27,7 +27,6 @@ from jaxtyping import Array, Float, Key
 from methods.training.meter import billed
 from methods.training.policy import AbstractPolicy, Policy, PolicyController, is_written_out
 from simulators.contract import AbstractSimulator, Replayable
-from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState
 from tasks.rollout import Episode, episode, passed_back, start
 
@@ -82,8 +81,12 @@ def gradient(
         if kept is not None:
             kept = [room.at[k].set(values) for room, values in zip(kept, layers, strict=True)]
         after = jax.vmap(simulator.step)(state, act(layers))
-        score = lambda s, g, t, e: _scored(task, simulator, s, g, k, t, e)  # noqa: E731
-        touched, sums = jax.vmap(score)(after, goal, touched, sums)
+
+        def score(sums: Episode, state: Any, goal: Any, before: Array) -> tuple[Episode, Array]:
+            seen = TaskState(simulator.flight(state), goal, k + 1)
+            return sums.with_step(task, seen, before)[:2]
+
+        sums, touched = jax.vmap(score)(sums, after, goal, touched)
         return (after, touched, sums, kept), (state, after)
 
     zeros = jnp.zeros(n_worlds)
@@ -145,19 +148,3 @@ def by_autodiff(
 
     slopes, episodes = jax.grad(loss, has_aux=True)(live)
     return episodes, slopes
-
-
-def _scored(
-    task: AbstractTask,
-    simulator: AbstractSimulator,
-    state: Any,
-    goal: Any,
-    k: Array,
-    touched: Array,
-    sums: Episode,
-) -> tuple[Array, Episode]:
-    """Contacts after action k, and the episode's sums with it."""
-    flight = simulator.flight(state)
-    reward, smooth = task.rewards(TaskState(flight, goal, k + 1))
-    contact = in_contact(flight.pos, flight.t)
-    return contact, sums.with_step(reward, smooth, contact, touched)
