@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from simulators import registry
@@ -102,22 +103,27 @@ class Replayable(AbstractSimulator):
     ) -> Any:
         """The state with the chosen drones at `quat` and `ang_vel` [rad/s, body]."""
 
-    @abc.abstractmethod
     def with_faster_rotors(
         self, state: Any, faster: Float[Array, "drones 4"], chosen: Bool[Array, " drones"]
     ) -> Any:
-        """The state with the chosen drones' rotors, if any, faster by those shares."""
+        """The state with the chosen drones' rotors, if any, faster by those shares.
+
+        Unless another one is given, of a state with a field `rotor_vel`.
+        """
+        speeds = state.rotor_vel * (1.0 + jnp.where(chosen[:, None], faster, 0.0))
+        return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
 
     @abc.abstractmethod
     def with_thrust(self, state: Any, thrust: Float[Array, " drones"]) -> Any:
         """The state with every drone's rotors, if any, at the speeds of a nominal thrust [N]."""
 
-    @abc.abstractmethod
     def repeating(self, after: Any) -> AbstractSimulator:
         """The simulator for a step that is known to end in `after`, to be differentiated.
 
-        Its frozen effects may do again what they did in that step instead of computing it.
+        Its frozen effects may do again what they did in that step instead of computing it. Itself,
+        unless another one is given.
         """
+        return self
 
 
 def replayable(simulator: AbstractSimulator) -> Replayable:

@@ -195,19 +195,11 @@ class Crazyflow(Replayable):
             ),
         )
 
-    def with_faster_rotors(self, state: Any, faster: Array, chosen: Array) -> CrazyflowState:
-        speeds = state.rotor_vel * (1.0 + jnp.where(chosen[:, None], faster, 0.0))
-        return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
-
     def with_thrust(self, state: Any, thrust: Array) -> CrazyflowState:
         speeds = hover_rotor_vel(self._constants(), thrust[None])[0]
         return eqx.tree_at(
             lambda s: s.rotor_vel, state, jnp.broadcast_to(speeds, state.rotor_vel.shape)
         )
-
-    def repeating(self, after: CrazyflowState) -> "Crazyflow":
-        """Itself: it keeps nothing of a step's effects."""
-        return self
 
     def flight(self, state: CrazyflowState) -> Flight:
         data = self._constants()

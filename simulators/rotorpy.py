@@ -176,17 +176,9 @@ class Rotorpy(Replayable):
             (where(quat, state.quat), where(ang_vel, state.ang_vel)),
         )
 
-    def with_faster_rotors(self, state: Any, faster: Array, chosen: Array) -> RotorpyState:
-        speeds = state.rotor_vel * (1.0 + jnp.where(chosen[:, None], faster, 0.0))
-        return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
-
     def with_thrust(self, state: Any, thrust: Array) -> RotorpyState:
         speeds = jnp.broadcast_to(hover_speed(thrust)[:, None], state.rotor_vel.shape)
         return eqx.tree_at(lambda s: s.rotor_vel, state, speeds)
-
-    def repeating(self, after: RotorpyState) -> "Rotorpy":
-        """Itself: it keeps nothing of a step's effects."""
-        return self
 
     def flight(self, state: RotorpyState) -> Flight:
         nominal = self._seen(state, self._vehicle())
