@@ -23,6 +23,7 @@ SIZES = ("small", "medium", "large")
 
 Parameters = dict[str, float]
 Draw = Callable[[int, np.random.Generator, float], Parameters]
+"""Numbers at a size (index into the sizes), in a flight of so many seconds."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,15 +44,19 @@ def draw_effect(name: str, size: int, rng: np.random.Generator, seconds: float) 
     return Withheld(name, {**load_card(name).drawn[size]})
 
 
-def _fixed(parameter: str, *values: float) -> Draw:
+def fixed(parameter: str, *values: float) -> Draw:
+    """The value of the size."""
     return lambda size, rng, seconds: {parameter: values[size]}
 
 
-def _signed(parameter: str, *values: float) -> Draw:
+def signed(parameter: str, *values: float) -> Draw:
+    """The value of the size, its sign at random."""
     return lambda size, rng, seconds: {parameter: float(rng.choice([-1.0, 1.0])) * values[size]}
 
 
-def _directed(names: tuple[str, str], *values: float) -> Draw:
+def directed(names: tuple[str, str], *values: float) -> Draw:
+    """A vector as long as the value of the size, its direction at random."""
+
     def draw(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
         angle = rng.uniform(0.0, 2 * np.pi)
         return {
@@ -63,12 +68,12 @@ def _directed(names: tuple[str, str], *values: float) -> Draw:
 
 
 def _gust(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
-    wind = _directed(("x", "y"), 0.4, 0.8, 1.5)(size, rng, seconds)
+    wind = directed(("x", "y"), 0.4, 0.8, 1.5)(size, rng, seconds)
     return {**wind, "z": 0.0, "onset": float(seconds * rng.uniform(0.25, 0.75))}
 
 
 def _wind(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
-    return {**_directed(("x", "y"), 0.2, 0.5, 1.0)(size, rng, seconds), "z": 0.0}
+    return {**directed(("x", "y"), 0.2, 0.5, 1.0)(size, rng, seconds), "z": 0.0}
 
 
 def _downwash(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
@@ -89,25 +94,25 @@ def _rotor_drag(size: int, rng: np.random.Generator, seconds: float) -> Paramete
 
 
 LIBRARY: dict[str, Draw] = {
-    "mass": _signed("e", 0.05, 0.12, 0.25),
-    "thrust_gain": _fixed("e", -0.05, -0.1, -0.2),
-    "inertia": _fixed("e", 0.3, 0.6, 1.2),
+    "mass": signed("e", 0.05, 0.12, 0.25),
+    "thrust_gain": fixed("e", -0.05, -0.1, -0.2),
+    "inertia": fixed("e", 0.3, 0.6, 1.2),
     "motor_lag": _motor_lag,
-    "center_of_mass": _directed(("x", "y"), 1e-3, 2.5e-3, 5e-3),
-    "battery": _fixed("rate", 0.003, 0.006, 0.012),
-    "drag": _fixed("c", 0.15, 0.4, 1.0),
-    "quadratic_drag": _fixed("k", 0.1, 0.3, 0.9),
+    "center_of_mass": directed(("x", "y"), 1e-3, 2.5e-3, 5e-3),
+    "battery": fixed("rate", 0.003, 0.006, 0.012),
+    "drag": fixed("c", 0.15, 0.4, 1.0),
+    "quadratic_drag": fixed("k", 0.1, 0.3, 0.9),
     "rotor_drag": _rotor_drag,
-    "translational_lift": _fixed("k", 0.05, 0.12, 0.25),
+    "translational_lift": fixed("k", 0.05, 0.12, 0.25),
     "wind": _wind,
     "gust": _gust,
-    "ground_effect": _fixed("c", 4.0, 8.0, 16.0),
+    "ground_effect": fixed("c", 4.0, 8.0, 16.0),
     "downwash": _downwash,
-    "attitude_lag": _fixed("tau", 0.015, 0.03, 0.06),
-    "attitude_gain": _fixed("g", -0.05, -0.1, -0.2),
-    "trim": _directed(("roll", "pitch"), 0.01, 0.02, 0.035),
-    "yaw_misalignment": _signed("angle", 0.05, 0.12, 0.25),
-    "delay": _fixed("seconds", 0.01, 0.02, 0.05),
+    "attitude_lag": fixed("tau", 0.015, 0.03, 0.06),
+    "attitude_gain": fixed("g", -0.05, -0.1, -0.2),
+    "trim": directed(("roll", "pitch"), 0.01, 0.02, 0.035),
+    "yaw_misalignment": signed("angle", 0.05, 0.12, 0.25),
+    "delay": fixed("seconds", 0.01, 0.02, 0.05),
 }
 """Effects of the library that the generator has its own physics for."""
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from blind.draw.catalogue import SIZES, Parameters
+from blind.draw.catalogue import SIZES, Draw, Parameters, directed, fixed, signed
 from blind.fly import log_faults as made
 from diagnosis.logs.flights import DroneLog, FlightSet, VehicleFile
 
@@ -29,7 +29,7 @@ def _nothing(p: Parameters) -> Truths:
 class Fault:
     """One fault of logs."""
 
-    draw: Callable[[int, np.random.Generator], Parameters]
+    draw: Draw
     """Its numbers at a size (index into `sizes`), signs and directions at random."""
     change: Change
     """What one drone's log becomes."""
@@ -67,24 +67,12 @@ class Fault:
         return dataclasses.replace(flights, flights=changed, vehicle=vehicle)
 
 
-def _signed(name: str, *values: float) -> Callable[[int, np.random.Generator], Parameters]:
-    return lambda size, rng: {name: float(rng.choice([-1.0, 1.0])) * values[size]}
+def _tilted(*degrees: float) -> Draw:
+    return directed(("roll", "pitch"), *np.radians(degrees).tolist())
 
 
-def _fixed(name: str, *values: float) -> Callable[[int, np.random.Generator], Parameters]:
-    return lambda size, rng: {name: values[size]}
-
-
-def _tilted(*degrees: float) -> Callable[[int, np.random.Generator], Parameters]:
-    def draw(size: int, rng: np.random.Generator) -> Parameters:
-        angle, way = np.radians(degrees[size]), rng.uniform(0.0, 2 * np.pi)
-        return {"roll": float(angle * np.cos(way)), "pitch": float(angle * np.sin(way))}
-
-    return draw
-
-
-def _angle(*degrees: float) -> Callable[[int, np.random.Generator], Parameters]:
-    return _signed("angle", *np.radians(degrees).tolist())
+def _angle(*degrees: float) -> Draw:
+    return signed("angle", *np.radians(degrees).tolist())
 
 
 def _thrust(p: Parameters) -> Truths:
@@ -99,7 +87,7 @@ def _mass(p: Parameters) -> Truths:
 def _whole(change: Callable[[DroneLog], DroneLog], part: str, *needs: str) -> Fault:
     """A fault that has no size."""
     return Fault(
-        lambda size, rng: {},
+        lambda size, rng, seconds: {},
         lambda log, p, v: change(log),
         needs,
         parts=(part,),
@@ -109,20 +97,20 @@ def _whole(change: Callable[[DroneLog], DroneLog], part: str, *needs: str) -> Fa
 
 FAULTS: Mapping[str, Fault] = {
     "thrust_gain": Fault(
-        _signed("e", 0.025, 0.05, 0.1),
+        signed("e", 0.025, 0.05, 0.1),
         lambda log, p, v: made.more_thrust(log, p["e"], v.spec),
         ("cmd", "rotor_vel", "pwm"),
         _thrust,
     ),
     "believed_mass": Fault(
-        _signed("e", 0.025, 0.05, 0.1),
+        signed("e", 0.025, 0.05, 0.1),
         lambda log, p, v: log,
         (),
         _mass,
         believed_mass=lambda mass, p: mass / (1.0 + p["e"]),
     ),
     "delay": Fault(
-        _fixed("seconds", 0.01, 0.02, 0.04),
+        fixed("seconds", 0.01, 0.02, 0.04),
         lambda log, p, v: made.shifted(log, p["seconds"]),
         made.INPUTS,
         lambda p: {"delay": {"seconds": p["seconds"]}},
@@ -133,7 +121,7 @@ FAULTS: Mapping[str, Fault] = {
         answers=lambda p: {"trim": {"roll": p["roll"], "pitch": p["pitch"]}},
     ),
     "attitude_gain": Fault(
-        _signed("g", 0.05, 0.1, 0.2),
+        signed("g", 0.05, 0.1, 0.2),
         lambda log, p, v: made.more_tilt(log, p["g"]),
         answers=lambda p: {"attitude_gain": {"g": p["g"]}},
     ),
@@ -155,7 +143,7 @@ FAULTS: Mapping[str, Fault] = {
         parts=("frame of the path", "frame of the path since the reference"),
     ),
     "clock_offset": Fault(
-        _fixed("seconds", 0.02, 0.04, 0.08),
+        fixed("seconds", 0.02, 0.04, 0.08),
         lambda log, p, v: made.shifted(log, -p["seconds"]),
         made.INPUTS,
         # Nothing in a log tells a clock from commands that act earlier.
@@ -163,13 +151,13 @@ FAULTS: Mapping[str, Fault] = {
         parts=("command clock",),
     ),
     "clock_drift": Fault(
-        _signed("rate", 0.005, 0.01, 0.02),
+        signed("rate", 0.005, 0.01, 0.02),
         lambda log, p, v: made.shifted(log, 0.0, p["rate"]),
         made.INPUTS,
         parts=("command clock",),
     ),
     "pwm_scale": Fault(
-        _fixed("scale", 0.05, 0.1, 0.2),
+        fixed("scale", 0.05, 0.1, 0.2),
         lambda log, p, v: made.more_duty(log, p["scale"]),
         ("pwm",),
         # Thrust is nearly a square of the duty, so that the effects have no single true number.

@@ -96,7 +96,7 @@ def _case(flights: FlightSet, plan: tuple[str, int], rng: np.random.Generator) -
         id=rng.bytes(8).hex(),
         fault=name,
         size=fault.sizes[size] if fault else "",
-        parameters=fault.draw(size, rng) if fault else {},
+        parameters=fault.draw(size, rng, 0.0) if fault else {},
         target=tuple(sorted(names[chosen[:half]].tolist())),
         reference=tuple(sorted(names[chosen[half:]].tolist())),
     )
