@@ -71,16 +71,7 @@ def beside_twin(question: Question, progress: Progress = silent) -> Diagnosis:
     Raises:
         LogError: As `diagnose_change`.
     """
-    assert question.reference is not None
-    study = diagnose_change(
-        question.flights,
-        question.reference,
-        simulator=question.simulator,
-        exclude=question.exclude,
-        decision=question.decision,
-        progress=progress,
-    )
-    return as_diagnosis(question, study)
+    return as_diagnosis(question, diagnose_change(question, progress))
 
 
 def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:

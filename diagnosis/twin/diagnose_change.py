@@ -1,14 +1,13 @@
-"""`diagnose_change(flights, reference)`: what changed since the reference flew, beside its twin."""
+"""`diagnose_change(question)`: what changed since the reference flew, beside its twin."""
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.decide.prepared import Progress, silent
+from diagnosis.decide.prepared import Progress, Question, silent
 from diagnosis.decision import Decision
-from diagnosis.logs.flights import FlightSet
 from diagnosis.logs.inputs import Inputs, driven_alike
 from diagnosis.twin.answer import TwinAnswer, followed
 from diagnosis.twin.channels import Channels
@@ -35,16 +34,8 @@ class ChangeStudy:
     """The changed flights without and with the named effects."""
 
 
-def diagnose_change(
-    flights: FlightSet,
-    reference: FlightSet,
-    *,
-    simulator: str = "crazyflow",
-    exclude: Collection[str] = (),
-    decision: Decision = Decision(),
-    progress: Progress = silent,
-) -> ChangeStudy:
-    """What changed between `reference` and `flights`, flown by one airframe.
+def diagnose_change(question: Question, progress: Progress = silent) -> ChangeStudy:
+    """What changed between the reference and the flights, flown by one airframe.
 
     Each set is replayed with the mass that its vehicle.toml believes.
 
@@ -52,11 +43,13 @@ def diagnose_change(
         LogError: The two sets are not driven by the same input, a flight has several drones, or
             too few flights are usable.
     """
+    flights, reference, decision = question.flights, question.reference, question.decision
+    assert reference is not None
     inputs, before = driven_alike(flights, reference)
-    replay = twin_replay(flights, inputs, simulator, exclude)
+    replay = twin_replay(flights, inputs, question.simulator, question.exclude)
     beside = replay
     if reference.vehicle.mass != flights.vehicle.mass:
-        beside = twin_replay(reference, before, simulator, exclude)
+        beside = twin_replay(reference, before, question.simulator, question.exclude)
     neutral = replay.library.neutral
     fly = flight_of(replay, inputs.flights)
     progress("learning how the reference flies", 0.3)
