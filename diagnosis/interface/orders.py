@@ -33,18 +33,8 @@ def accelerometer(windows: Windows) -> Chosen | None:
     """What the specific force holds instead of the body's."""
     if windows.acc is None or windows.turned_acc is None:
         return None
-    world = {"": windows.turned_acc, "the specific force in the world frame": None}
-    readings = []
-    for frame, turned in world.items():
-        for words, changes, matrix in signed_orders(3):
-            predicted = (
-                windows.acc @ matrix.T
-                if turned is None
-                else np.einsum("nijk,jk->ni", turned, matrix)
-            )
-            error = _error(windows.force, predicted)
-            readings.append(Reading(_joined(frame, words), error, changes + bool(frame)))
-    return choose(readings, _spread(windows.force), windows.force.size)
+    other = "the specific force in the world frame"
+    return _vector(windows.force, windows.turned_acc, windows.acc, other)
 
 
 def attitude(windows: Windows) -> Chosen | None:
@@ -122,15 +112,19 @@ def _pointed(windows: Windows, axis: Float[np.ndarray, "windows 3"]) -> float:
 
 def _vector(
     truth: Float[np.ndarray, "windows 3"],
-    logged: Float[np.ndarray, "windows 3"],
-    turned: Float[np.ndarray, "windows 3 3 3"],
+    asked: Float[np.ndarray, "windows 3 ..."],
+    in_other: Float[np.ndarray, "windows 3 ..."],
     other: str,
 ) -> Chosen | None:
-    """The reading of a vector in the frame asked for or the other one, in any order and sign."""
+    """The reading of a vector in the frame asked for or the other one, in any order and sign.
+
+    One of the two is turned, by a matrix that depends on order and sign.
+    """
     readings = []
-    for frame in ("", other):
+    for frame, seen in (("", asked), (other, in_other)):
         for words, changes, matrix in signed_orders(3):
-            predicted = np.einsum("nijk,jk->ni", turned, matrix) if frame else logged @ matrix.T
+            turned = seen.ndim > 2
+            predicted = np.einsum("nijk,jk->ni", seen, matrix) if turned else seen @ matrix.T
             readings.append(
                 Reading(_joined(frame, words), _error(truth, predicted), changes + bool(frame))
             )
