@@ -8,7 +8,6 @@ comes from them, this residual closes part of it.
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
@@ -18,9 +17,8 @@ from methods.residuals.contract import (
     AbstractResidualModel,
     Scale,
     Transitions,
-    make_scale,
 )
-from methods.residuals.mlp import fit_nets, fresh_nets, members_of
+from methods.residuals.mlp import fit_ensemble, members_of
 
 
 class HistoryModel(AbstractHistoryModel):
@@ -57,14 +55,5 @@ class History(AbstractResidual):
         key: PRNGKeyArray,
         init: AbstractResidualModel | None = None,
     ) -> HistoryModel:
-        draw_key, net_key = jax.random.split(key)
-        features, n = transitions.recalled(), len(transitions.target)
-        shape = (self.members, min(n, self.max_samples))
-        drawn = jax.random.randint(draw_key, shape, 0, n)
-        if isinstance(init, HistoryModel):
-            scale, nets = init.scale, init.nets
-        else:
-            scale = make_scale(features)
-            nets = fresh_nets(self.members, features.shape[1], self.width, net_key)
-        rows = scale(features)[drawn], transitions.target[drawn], transitions.weight[drawn]
-        return HistoryModel(scale, fit_nets(nets, *rows, self.lr, self.epochs))
+        fitted = (init.scale, init.nets) if isinstance(init, HistoryModel) else None
+        return HistoryModel(*fit_ensemble(self, transitions.recalled(), transitions, key, fitted))

@@ -1,7 +1,7 @@
 """MLP residual: five bagged networks 12-128-128-3, averaged; the paper's default."""
 
 import functools
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -60,29 +60,33 @@ class MLPEnsemble(AbstractResidual):
         key: PRNGKeyArray,
         init: AbstractResidualModel | None = None,
     ) -> MLPModel:
-        draw_key, net_key = jax.random.split(key)
-        scale = make_scale(transitions.features)
-        n = len(transitions.target)
-        shape = (self.members, min(n, self.max_samples))
-        drawn = jax.random.randint(draw_key, shape, 0, n)
-        if isinstance(init, MLPModel):
-            scale, nets = init.scale, init.nets
-        else:
-            nets = fresh_nets(self.members, 12, self.width, net_key)
-        z = scale(transitions.features)[drawn]
-        nets = fit_nets(
-            nets, z, transitions.target[drawn], transitions.weight[drawn], self.lr, self.epochs
-        )
-        return MLPModel(scale=scale, nets=nets)
+        fitted = (init.scale, init.nets) if isinstance(init, MLPModel) else None
+        return MLPModel(*fit_ensemble(self, transitions.features, transitions, key, fitted))
 
 
-def fresh_nets(members: int, n_features: int, width: int, key: PRNGKeyArray) -> eqx.nn.MLP:
-    """An ensemble that is not fitted yet, its members stacked."""
+def fit_ensemble(
+    settings: Any,
+    features: Float[Array, "samples features"],
+    transitions: Transitions,
+    key: PRNGKeyArray,
+    fitted: tuple[Scale, eqx.nn.MLP] | None,
+) -> tuple[Scale, eqx.nn.MLP]:
+    """Scale and members, fitted to resamples of the rows; the fit goes on from `fitted`.
 
-    def make(key: PRNGKeyArray) -> eqx.nn.MLP:
-        return eqx.nn.MLP(n_features, 3, width, 2, activation=jnp.tanh, key=key)
-
-    return eqx.filter_vmap(make)(jax.random.split(key, members))
+    `settings` has the fields of an `MLPEnsemble`.
+    """
+    draw_key, net_key = jax.random.split(key)
+    n = len(features)
+    shape = (settings.members, min(n, settings.max_samples))
+    drawn = jax.random.randint(draw_key, shape, 0, n)
+    if fitted is None:
+        size, width = features.shape[1], settings.width
+        make = lambda key: eqx.nn.MLP(size, 3, width, 2, activation=jnp.tanh, key=key)  # noqa: E731
+        nets = eqx.filter_vmap(make)(jax.random.split(net_key, settings.members))
+        fitted = make_scale(features), nets
+    scale, nets = fitted
+    rows = scale(features)[drawn], transitions.target[drawn], transitions.weight[drawn]
+    return scale, fit_nets(nets, *rows, settings.lr, settings.epochs)
 
 
 @functools.cache

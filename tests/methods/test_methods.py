@@ -29,7 +29,7 @@ from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import Ledger, Setup
 from methods.domain_randomization import DomainRandomization, randomized
 from methods.hf_hotstart import HFHotStart
-from methods.residuals import history, mlp
+from methods.residuals import mlp
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.evaluate import evaluate, fly
@@ -88,8 +88,7 @@ def _identified_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(identification, "_no_candidates", lambda: others)
         patch.setattr(grey_box, "identify", identify)
-        for residual in (mlp, history):
-            patch.setattr(residual, "fit_nets", lambda *given: fit_nets(*given[:-1], 3))
+        patch.setattr(mlp, "fit_nets", lambda *given: fit_nets(*given[:-1], 3))
         yield
 
 
