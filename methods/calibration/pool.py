@@ -167,11 +167,33 @@ def refined(nominal: AbstractSimulator) -> bool:
     return bool(nominal.effects) or getattr(nominal, "dt", CONTROL_DT) < CONTROL_DT
 
 
-def as_flown(nominal: AbstractSimulator, shadow: Any, flight: Flight) -> Any:
-    """The state of the nominal simulator, at the motion of `flight` if it is `refined`."""
-    if not refined(nominal):
-        return shadow  # only its attitude and thrust are looked at
-    return replayable(nominal).with_motion(shadow, flight.pos, flight.vel)
+def tracked(
+    nominal: AbstractSimulator,
+    reality: AbstractSimulator,
+    states: tuple[Any, Any],
+    before: Flight,
+    action: Float[Array, "drones 3"],
+    clipped: Bool[Array, " drones"],
+) -> tuple[tuple[Any, Any], TrackingFlight]:
+    """The states of reality and of a nominal lag after an action in the flight `before`, and both.
+
+    If it is `refined`, the nominal simulator starts from the motion of the flight.
+    """
+    state, shadow = states
+    if refined(nominal):  # else only its attitude and thrust are looked at
+        shadow = replayable(nominal).with_motion(shadow, before.pos, before.vel)
+    shadow, state = nominal.step(shadow, action), reality.step(state, action)
+    after, lagged = reality.flight(state), nominal.flight(shadow)
+    return (state, shadow), TrackingFlight(
+        before=before,
+        after=after,
+        nominal_quat=lagged.quat,
+        nominal_thrust=lagged.thrust,
+        nominal_vel=lagged.vel,
+        action=action,
+        clipped=clipped,
+        contact=in_contact(after.pos, after.t),
+    )
 
 
 def _histories(
@@ -260,19 +282,7 @@ def track_dithered(
         if attitude == "measured":
             history = nominal.action_space.to_cmd(action)[None]
             shadow = nominal.restore(before, history, key)
-        shadow = as_flown(nominal, shadow, before)
-        shadow, state = nominal.step(shadow, action), reality.step(state, action)
-        after, lagged = reality.flight(state), nominal.flight(shadow)
-        return (state, shadow), TrackingFlight(
-            before=before,
-            after=after,
-            nominal_quat=lagged.quat,
-            nominal_thrust=lagged.thrust,
-            nominal_vel=lagged.vel,
-            action=action,
-            clipped=clipped,
-            contact=in_contact(after.pos, after.t),
-        )
+        return tracked(nominal, reality, (state, shadow), before, action, clipped)
 
     # The reference was drawn from `key`; effects that draw numbers must not repeat it.
     drawn = jax.random.fold_in(key, DRAWN)

@@ -5,10 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Key, PRNGKeyArray
 
-from methods.calibration.pool import TrackingFlight, as_flown
+from methods.calibration.pool import TrackingFlight, tracked
 from methods.training.policy import AbstractPolicy, PolicyController
 from simulators.contract import AbstractSimulator
-from tasks.contact import in_contact
 from tasks.contract import AbstractTask, TaskState
 from tasks.rollout import start
 
@@ -29,22 +28,10 @@ def fly_team(
         shadow = nominal.reset(reality.flight(state).pos, key)
 
         def step(carry: tuple, k: Array) -> tuple[tuple, TrackingFlight]:
-            state, shadow = carry
-            before = reality.flight(state)
-            action = controller(TaskState(reality.sensed(state), goal, k))
-            shadow = as_flown(nominal, shadow, before)
-            shadow, state = nominal.step(shadow, action), reality.step(state, action)
-            after, lagged = reality.flight(state), nominal.flight(shadow)
-            return (state, shadow), TrackingFlight(
-                before=before,
-                after=after,
-                nominal_quat=lagged.quat,
-                nominal_thrust=lagged.thrust,
-                nominal_vel=lagged.vel,
-                action=action,
-                clipped=jnp.zeros(task.n_drones, bool),
-                contact=in_contact(after.pos, after.t),
-            )
+            before = reality.flight(carry[0])
+            action = controller(TaskState(reality.sensed(carry[0]), goal, k))
+            clipped = jnp.zeros(task.n_drones, bool)
+            return tracked(nominal, reality, carry, before, action, clipped)
 
         return jax.lax.scan(step, (state, shadow), jnp.arange(task.horizon))[1]
 
