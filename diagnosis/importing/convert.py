@@ -121,7 +121,7 @@ def _import_all(
             flights[name] = flight
         except (LogError, OSError) as error:
             left_out.append(LeftOut(source.name, " ".join(f"{source}: {error}".split())))
-    checked = _checked(part, flights) if flights else ()
+    checked = _checked(part) if flights else ()
     for bad in checked:
         name = bad.name.removesuffix(".parquet")
         (folder / bad.name).unlink()
@@ -133,15 +133,14 @@ def _import_all(
     return Imported(tuple(flights.values()), tuple(left_out))
 
 
-def _checked(part: Path, flights: Mapping[str, ImportedFlight]) -> tuple[LeftOut, ...]:
+def _checked(part: Path) -> tuple[LeftOut, ...]:
     """The flights that the diagnosis would not take."""
     try:
         return load_flights(part).left_out
     except LogError as error:
-        # Not one is usable: each line names a file of the folder.
+        # Not one is usable: each line begins with the file that it is about.
         lines = [line.removeprefix(f"{part}/") for line in str(error).splitlines()]
-        names = [f"{name}.parquet" for name in flights]
-        return tuple(LeftOut(name, line) for name, line in zip(names, lines, strict=True))
+        return tuple(LeftOut(Path(line.partition(":")[0]).name, line) for line in lines)
 
 
 def _expanded(sources: Sequence[Path], request: Request) -> list[Path]:

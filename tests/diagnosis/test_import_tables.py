@@ -125,3 +125,18 @@ def test_a_table_without_columns_toml_is_of_no_known_format(tmp_path):
         import_logs([file], tmp_path / "out", VEHICLE)
     columns = tmp_path / "elsewhere.toml"
     assert import_logs([file], tmp_path / "out", VEHICLE, columns=columns).flights
+
+
+def test_each_refused_table_is_named_with_its_own_reason(tmp_path):
+    """The sources do not stand in order of the alphabet."""
+    good = pd.read_csv(write(tmp_path, circle()))
+    speeds = {name: 1e3 * good[name] for name in ("vn", "ve", "vd")}
+    changes = {"b": speeds, "a": {"thrust": 1e3 * good["thrust"]}}
+    for name, change in changes.items():
+        good.assign(**change).to_csv(tmp_path / f"{name}.csv", index=False)
+    with pytest.raises(ValueError, match="newtons") as caught:
+        import_logs([tmp_path / f"{name}.csv" for name in changes], tmp_path / "out", VEHICLE)
+    lines = sorted(str(caught.value).splitlines())
+    assert [line[: line.index(":")] for line in lines] == ["a.csv", "b.csv"]
+    assert lines[0].startswith("a.csv: column 'cmd_thrust': the median")
+    assert lines[1].startswith("b.csv: columns vel_x to vel_z: velocities say")
