@@ -92,7 +92,8 @@ class CrazyflieCsvReader(AbstractReader):
             found, unit = _read_csv(file)
             variables |= found
             notes.append(f"Times of {file.name} are read as {unit}.")
-        streams, missing = crazyflie_streams(variables, request)
+        with reading("CSV file"):
+            streams, missing = crazyflie_streams(variables, request)
         return Recording({"": tuple(streams)}, tuple(missing), tuple(notes))
 
 

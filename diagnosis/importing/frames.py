@@ -6,10 +6,13 @@ up. With the matrices W (world) and B (body), both their own inverses,
     v' = W v,   w' = B w,   R' = W R B
 
 so that roll stays, pitch changes its sign, and a heading of 0 (north) becomes a yaw of 90 degrees.
+
+A row that holds no attitude becomes NaN, so that it is dropped and counted like any other row
+without a number (`diagnosis.importing.resample`).
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 WORLD = np.asarray([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -32,13 +35,22 @@ def flu(frd: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
     return frd @ BODY.T
 
 
+def is_attitude(quat: Float[np.ndarray, "rows 4"]) -> Bool[np.ndarray, " rows"]:
+    """Rows whose norm is finite and not 0; autopilots log NaN or zeros where they know none."""
+    with np.errstate(over="ignore"):
+        norm = np.linalg.norm(quat, axis=1)
+    return np.isfinite(norm) & (norm > 0.0)
+
+
 def quat_of(
     quat: Float[np.ndarray, "rows 4"], *, ned: bool = True, frd: bool = True
 ) -> Float[np.ndarray, "rows 4"]:
     """Attitudes (scalar last, unit norm) from a body that is FRD, in a world that is NED."""
     world = Rotation.from_matrix(WORLD) if ned else Rotation.identity()
     body = Rotation.from_matrix(BODY) if frd else Rotation.identity()
-    return (world * Rotation.from_quat(quat) * body).as_quat()
+    known, out = is_attitude(quat), np.full(quat.shape, np.nan)
+    out[known] = (world * Rotation.from_quat(quat[known]) * body).as_quat()
+    return out
 
 
 def quat_of_rpy(rpy: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 4"]:

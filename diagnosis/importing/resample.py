@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 
+from diagnosis.importing.frames import is_attitude
 from diagnosis.importing.reader import FIELDS, Stream
 from diagnosis.logs.columns import Columns, LogError
 
@@ -69,7 +70,7 @@ class Taken:
     resampling: str
     """How its rows became those of the flight."""
     dropped: int
-    """Rows without a number, or at a time that was there before."""
+    """Rows without a number or an attitude, or at a time that was there before."""
     hole: float
     """Longest time between two of its rows [s]."""
 
@@ -124,6 +125,8 @@ def _cleaned(streams: Sequence[Stream]) -> tuple[dict[str, Stream], dict[str, in
     clean, dropped = {}, {}
     for stream in streams:
         good = np.isfinite(stream.values).all(axis=1) & np.isfinite(stream.t)
+        if stream.field == "quat":
+            good &= is_attitude(stream.values)
         t, values = stream.t[good], stream.values[good]
         steps = np.diff(t)
         back = steps < 0.0

@@ -69,30 +69,42 @@ class TableReader(AbstractReader):
         with reading("table"):
             parquet = path.suffix.lower() == ".parquet"
             frame = pd.read_parquet(path) if parquet else _csv(path, request.truncated)
-        if frame.empty:
-            raise LogError("the table has no rows.")
-        t, _ = _column(frame, said["time"], "s", request, "time", place)
-        known = said["columns"]
-        streams = []
-        for field, names in GROUPS.items():
-            there = [name for name in names if name in known]
-            if not there:
-                continue
-            if len(there) < len(names):
-                lacking = next(name for name in names if name not in known)
-                raise LogError(f"{place}: '{lacking}' is missing beside '{there[0]}' in [columns].")
-            unit = UNIT_OF[field]
-            parts = [_column(frame, known[n], unit, request, n, place) for n in names]
-            values = np.stack([values for values, _ in parts], axis=1)
-            source = ", ".join(dict.fromkeys(_name(known[name]) for name in names))
-            change = ", ".join(dict.fromkeys(word for _, words in parts for word in words))
-            streams.append(_turned(field, t, values, source, change, said))
+            streams = _streams(frame, said, request, place)
         missing = tuple(
             f"{field} is not named in {place.name}."
             for field in ("vel", "cmd_angles", "cmd_thrust", "battery")
-            if not set(FIELDS[field]) & set(known)
+            if not set(FIELDS[field]) & set(said["columns"])
         )
         return Recording({"": tuple(streams)}, missing)
+
+
+def _streams(
+    frame: pd.DataFrame, said: dict[str, Any], request: Request, place: Path
+) -> list[Stream]:
+    """A stream for each field that columns.toml names.
+
+    Raises:
+        LogError: The table has no rows, or columns.toml does not fit it.
+    """
+    if frame.empty:
+        raise LogError("the table has no rows.")
+    t, _ = _column(frame, said["time"], "s", request, "time", place)
+    known = said["columns"]
+    streams = []
+    for field, names in GROUPS.items():
+        there = [name for name in names if name in known]
+        if not there:
+            continue
+        if len(there) < len(names):
+            lacking = next(name for name in names if name not in known)
+            raise LogError(f"{place}: '{lacking}' is missing beside '{there[0]}' in [columns].")
+        unit = UNIT_OF[field]
+        parts = [_column(frame, known[n], unit, request, n, place) for n in names]
+        values = np.stack([values for values, _ in parts], axis=1)
+        source = ", ".join(dict.fromkeys(_name(known[name]) for name in names))
+        change = ", ".join(dict.fromkeys(word for _, words in parts for word in words))
+        streams.append(_turned(field, t, values, source, change, said))
+    return streams
 
 
 def _csv(path: Path, truncated: bool) -> pd.DataFrame:

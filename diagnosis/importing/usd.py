@@ -49,7 +49,7 @@ class UsdReader(AbstractReader):
             end = len(data)
         with reading("uSD log"):
             variables = _variables(data, start, end, types, scale)
-        streams, missing = crazyflie_streams(variables, request)
+            streams, missing = crazyflie_streams(variables, request)
         return Recording({"": tuple(streams)}, tuple(missing), tuple(notes))
 
 

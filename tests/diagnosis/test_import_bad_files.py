@@ -4,12 +4,13 @@ import gc
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from import_logs_for_tests import FORMATS, VEHICLE, WEIGHT, circle
 from log_tables import examples
-from log_writers import write_cflib, write_usd
+from log_writers import variables, write_cflib, write_usd
 
 from diagnosis.importing.convert import READERS, import_logs
 from diagnosis.logs.columns import LogError
@@ -209,3 +210,14 @@ def test_a_bad_row_of_a_csv_is_named(tmp_path, row, message):
     with (folder / "pos-20261123.csv").open("a") as file:
         file.write(row + "\n")
     assert message in why_not(folder)
+
+
+def test_a_crazyflie_without_any_attitude_gives_one_line(tmp_path):
+    """Mellinger's controller commands an axis; its yaw is that of the measured attitude."""
+    log = circle()
+    columns = {n: v for n, v in variables(log, 0.48).items() if not n.startswith("controller")}
+    columns |= {f"stateEstimate.q{n}": 0.0 * log.t for n in "xyzw"}
+    columns |= {"ctrlMel.zdx": 0.0 * log.t, "ctrlMel.zdy": 0.0 * log.t, "ctrlMel.zdz": log.t + 1.0}
+    file = tmp_path / "mellinger.csv"
+    pd.DataFrame({"Timestamp": 1e3 * log.t, **columns}).to_csv(file, index=False)
+    why_not(file)
