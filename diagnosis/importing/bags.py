@@ -22,9 +22,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.spatial.transform import Rotation
 
-from diagnosis.importing.frames import rpy_of
+from diagnosis.importing.frames import rpy_of, to_world
 from diagnosis.importing.reader import FIELDS, AbstractReader, Recording, Request, Stream, reading
 from diagnosis.importing.ulog import HOVER, TOPICS, px4_streams
 from diagnosis.logs.columns import LogError
@@ -172,7 +171,7 @@ def _odometry(topic: str, t: np.ndarray, messages: list[Any], request: Request) 
     if all(m.child_frame_id in ("", m.header.frame_id) for m in messages):
         change = "as it is: child_frame_id names the world"
     else:
-        vel = Rotation.from_quat(quat.values).apply(vel)
+        vel = to_world(quat.values, vel)
     rates = _xyz(twist.angular for twist in twists)
     return [pos, quat, Stream("vel", t, vel, topic, change), Stream("ang_vel", t, rates, topic)]
 

@@ -200,9 +200,10 @@ def _angles(variables: Mapping[str, Variable]) -> list[Stream]:
     axis = _group(variables, "ctrlMel.zdx zdy zdz")
     if axis is not None and np.any(axis[1]):
         attitude = _quat(variables)
-        if attitude:
-            yaw = np.unwrap(rpy_of(attitude[0].values)[:, 2])
-            yaw = np.interp(axis[0], attitude[0].t, yaw)
+        yaw = rpy_of(attitude[0].values)[:, 2] if attitude else np.zeros(0)
+        known = np.isfinite(yaw)
+        if known.any():
+            yaw = np.interp(axis[0], attitude[0].t[known], np.unwrap(yaw[known]))
             change = "direction of thrust to roll, pitch at the measured yaw"
             values = _tilt(axis[1], yaw)
             return [Stream("cmd_angles", axis[0], values, "ctrlMel.zdx zdy zdz", change)]

@@ -60,4 +60,15 @@ def quat_of_rpy(rpy: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 4"]
 
 def rpy_of(quat: Float[np.ndarray, "rows 4"]) -> Float[np.ndarray, "rows 3"]:
     """Roll, pitch, yaw [rad] of attitudes, extrinsic about x, y, z."""
-    return Rotation.from_quat(quat).as_euler("xyz")
+    known, out = is_attitude(quat), np.full((len(quat), 3), np.nan)
+    out[known] = Rotation.from_quat(quat[known]).as_euler("xyz")
+    return out
+
+
+def to_world(
+    quat: Float[np.ndarray, "rows 4"], body: Float[np.ndarray, "rows 3"]
+) -> Float[np.ndarray, "rows 3"]:
+    """Body vectors turned into the world by attitudes."""
+    known, out = is_attitude(quat), np.full(body.shape, np.nan)
+    out[known] = Rotation.from_quat(quat[known]).apply(body[known])
+    return out

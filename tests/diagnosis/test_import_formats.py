@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from types import SimpleNamespace as Namespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from import_logs_for_tests import FLOWN, FORMATS
 from log_writers import RATES, write_bag
 from scipy.spatial.transform import Rotation
 
+from diagnosis.importing.bags import _odometry
 from diagnosis.importing.convert import import_logs
 from diagnosis.importing.crazyflie import Variable, crazyflie_streams, unpacked
 from diagnosis.importing.reader import Request
@@ -79,6 +81,22 @@ def test_columns_are_the_same_to_resolution(log, written, tmp_path, kind):
     assert found.left_out == ()
 
 
+@pytest.mark.parametrize("kind", ["ulog", "ros1", "ros2", "mcap", "usd"])
+def test_rows_without_an_attitude_are_dropped_and_counted(log, tmp_path, kind):
+    """PX4 logs NaN before its first attitude setpoint, an estimator zeros before its start."""
+    quat, cmd = log.quat.copy(), log.cmd.copy()
+    quat[[0, 300]], cmd[0, :3] = 0.0, np.nan
+    changed = dataclasses.replace(log, quat=quat, cmd=cmd)
+    source = FORMATS[kind](tmp_path, changed, HOVER_THRUST, SPEC.thrust_max)
+    (drone,), found = imported(source, tmp_path / "out")
+    (rows,) = found.flights[0].drones.values()
+    dropped = {taken.field: taken.dropped for taken in rows.taken}
+    assert (dropped["quat"], dropped["cmd_angles"], dropped["pos"]) == (2, 1, 0)
+    at = np.searchsorted(log.t, drone.t - 1e-6)
+    turn = Rotation.from_quat(drone.quat).inv() * Rotation.from_quat(log.quat[at])
+    assert turn.magnitude().max() < 1e-3
+
+
 @pytest.mark.parametrize("kind", ["ulog", "ardupilot"])
 def test_the_thrust_is_what_the_logged_hover_share_says(written, tmp_path, kind):
     source = written(kind)
@@ -105,17 +123,43 @@ def test_a_topic_that_is_not_there_is_named(written, tmp_path):
         imported(written("ros1"), tmp_path / "out", topics={"vel": "/speed"})
 
 
-def test_mellingers_axis_of_thrust_becomes_roll_and_pitch(log):
+@pytest.mark.parametrize("first", [0, 5])
+def test_mellingers_axis_of_thrust_becomes_roll_and_pitch(log, first):
+    """Also where the estimator logs zeros before it starts."""
     yaw = Rotation.from_quat(log.quat).as_euler("xyz")[:, 2]
     asked = Rotation.from_euler("xyz", np.column_stack([log.cmd[:, :2], yaw]))
     axis = asked.apply([0.0, 0.0, 1.0])
     values = dict(zip(("zdx", "zdy", "zdz"), axis.T, strict=True))
     named = {f"ctrlMel.{n}": Variable(log.t, v) for n, v in values.items()}
-    quat = dict(zip(("qx", "qy", "qz", "qw"), log.quat.T, strict=True))
+    measured = np.where(np.arange(len(log.t))[:, None] < first, 0.0, log.quat)
+    quat = dict(zip(("qx", "qy", "qz", "qw"), measured.T, strict=True))
     named |= {f"stateEstimate.{n}": Variable(log.t, v) for n, v in quat.items()}
     streams, _ = crazyflie_streams(named, Request(mass=0.0434, thrust_max=0.8))
     (angles,) = [stream for stream in streams if stream.field == "cmd_angles"]
-    np.testing.assert_allclose(angles.values[:, :2], log.cmd[:, :2], atol=1e-9)
+    assert np.isfinite(angles.values).all()
+    np.testing.assert_allclose(angles.values[first:, :2], log.cmd[first:, :2], atol=1e-9)
+
+
+def test_a_velocity_in_the_body_frame_is_turned_where_the_attitude_is_known():
+    """Of three messages of nav_msgs/Odometry the second has a quaternion of zeros."""
+    quats = np.stack(
+        [Rotation.from_euler("z", angle).as_quat() for angle in (0.0, 0.1, 0.5 * np.pi)]
+    )
+    quats[1] = 0.0
+    forward = Namespace(x=1.0, y=0.0, z=0.0)
+    twist = Namespace(twist=Namespace(linear=forward, angular=forward))
+    messages = [
+        Namespace(
+            pose=Namespace(pose=Namespace(position=forward, orientation=quat)),
+            twist=twist,
+            header=Namespace(frame_id="map"),
+            child_frame_id="base_link",
+        )
+        for quat in (Namespace(**dict(zip("xyzw", quat, strict=True))) for quat in quats)
+    ]
+    request = Request(mass=0.0434, thrust_max=0.8)
+    vel = {s.field: s.values for s in _odometry("/odom", np.arange(3.0), messages, request)}["vel"]
+    np.testing.assert_allclose(vel, [[1, 0, 0], [np.nan] * 3, [0, 1, 0]], atol=1e-12)
 
 
 def test_a_packed_quaternion_is_unpacked():
