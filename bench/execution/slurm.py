@@ -21,7 +21,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from bench.execution.environment import environment
 from bench.execution.executor import AbstractExecutor, Ended, Message, Task, one_line
@@ -59,20 +59,13 @@ class _Job:
 class SlurmExecutor(AbstractExecutor):
     """One job a task; a job that dies is not submitted again."""
 
-    def __init__(
-        self,
-        slots: int | None,
-        most: int,
-        folder: Path,
-        cluster: Literal["slurm", "local"] = "slurm",
-    ) -> None:
+    def __init__(self, slots: int | None, most: int, folder: Path) -> None:
         """Submits nothing yet.
 
         Args:
             slots: Jobs at a time; None: as many as there are tasks, up to `USUAL_JOBS`.
             most: Tasks that there will be.
             folder: Where scripts, logs and messages go; every machine must see it.
-            cluster: `local` runs jobs as processes of this machine, for tests.
 
         Raises:
             UsageError: submitit is not installed, or this machine cannot submit jobs.
@@ -80,8 +73,8 @@ class SlurmExecutor(AbstractExecutor):
         self.slots = max(1, min(slots or USUAL_JOBS, most))
         # A folder for each sweep: the messages of an earlier one are nobody's.
         self._folder = folder.absolute() / f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
-        self._executor = _make_submitter(self._folder, cluster, self.slots)
-        self._limit = array_limit() if cluster == "slurm" else USUAL_LIMIT
+        self._executor = _make_submitter(self._folder, self.slots)
+        self._limit = array_limit()
         self._waiting: list[tuple[int, bytes]] = []
         self._lost: list[Ended] = []
         """Tasks that never became a job."""
@@ -184,7 +177,7 @@ def array_limit() -> int:
     return max(1, int(found[1])) if found else USUAL_LIMIT
 
 
-def _make_submitter(folder: Path, cluster: str, slots: int) -> Any:
+def _make_submitter(folder: Path, slots: int) -> Any:
     """Submitit's executor.
 
     Raises:
@@ -198,7 +191,7 @@ def _make_submitter(folder: Path, cluster: str, slots: int) -> Any:
         ) from error
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        made = submitit.AutoExecutor(folder, cluster=cluster, slurm_max_num_timeout=0)
+        made = submitit.AutoExecutor(folder, cluster="slurm", slurm_max_num_timeout=0)
     except RuntimeError as error:
         raise UsageError(
             f"`--executor slurm` must be given on a machine that can submit jobs: {one_line(error)}"
