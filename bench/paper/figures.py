@@ -11,7 +11,7 @@ import pandas as pd
 import seaborn
 
 from bench.paper.rule import relative
-from bench.paper.values import HYBRID, LF, NAMES, name_of, off_spec
+from bench.paper.values import HYBRID, LF, NAMES, name_of, off_spec, sizes
 from bench.report.pictures import cost
 from bench.report.pictures.cost import STYLE
 from bench.report.pictures.looks import look_of, ordered
@@ -106,25 +106,25 @@ def write_worlds(tables: Tables, path: Path) -> bool:
     """
     metric = primary(tables)
     values, returned = off_spec(tables, metric), ROWS.get(metric, "deployed return")
-    rows = [
-        {"task": cell.task, "team": f"N = {cell.team_size}", "what": plain(NAMES[entry])}
-        | {"world": plain(_AT_REST.sub("", cell.deployed_effects)), returned: value}
-        for cell, found in sorted(values.items())
-        for entry, seeds in found.items()
-        for value in seeds.values()
-    ]
+    rows, rewards = [], dict[str, list[float]]()
+    for cell, found in sorted(values.items()):
+        world = plain(_AT_REST.sub("", cell.deployed_effects))
+        where = {"task": plain(cell.task), "team": f"N = {cell.team_size}", "world": world}
+        for entry, seeds in found.items():
+            name = plain(NAMES[entry])
+            rows += [where | {"what": name, returned: value} for value in seeds.values()]
+            rewards.setdefault(name, []).extend(seeds.values())
     if not rows:
         return False
-    shown = pd.DataFrame(rows)
     with plt.rc_context(STYLE):
         grid = seaborn.catplot(
-            shown.assign(task=shown["task"].map(plain)),
+            pd.DataFrame(rows),
             kind="strip",
             x=returned,
             y="what",
-            order=shown.groupby("what")[returned].mean().sort_values(ascending=False).index,
+            order=sorted(rewards, key=lambda name: -estimate(rewards[str(name)]).mean),
             hue="team",
-            hue_order=sorted(set(shown["team"]), key=lambda name: int(name[4:])),
+            hue_order=[f"N = {size}" for size in sizes(values)],
             palette="viridis",
             dodge=True,
             jitter=False,
@@ -138,7 +138,7 @@ def write_worlds(tables: Tables, path: Path) -> bool:
         grid.set_axis_labels(f"{returned} (right is better)", "")
         for panel in grid.axes.flat:
             panel.set_xscale("symlog", linthresh=LINEAR)
-            panel.set_xlim(right=max(0.0, shown[returned].max()))
+            panel.set_xlim(right=max(0.0, *map(max, rewards.values())))
             panel.set_xticks([-100, -10, -1, 0])
             panel.xaxis.set_major_formatter("{x:g}")
             panel.grid(axis="both", color="0.92")
@@ -165,16 +165,16 @@ def write_flights(tables: Tables, path: Path) -> bool:
             few_seeds, whole = matched(own[entry], own[HYBRID])
             base = estimate(whole.values()).mean
             rows += [
-                {"task": cell.task, "N": cell.team_size, "calibration flights": n}
+                {"task": plain(cell.task), "N": cell.team_size, "calibration flights": n}
                 | {"loses more [%]": 100.0 * relative(base - value, base)}
                 for value in few_seeds.values()
             ]
     if not rows:
         return False
-    shown, flights, loss = pd.DataFrame(rows), "calibration flights", "loses more [%]"
+    flights, loss = "calibration flights", "loses more [%]"
     with plt.rc_context(STYLE):
         grid = seaborn.relplot(
-            shown.assign(task=shown["task"].map(plain)),
+            pd.DataFrame(rows),
             kind="line",
             x=flights,
             y=loss,
@@ -189,7 +189,7 @@ def write_flights(tables: Tables, path: Path) -> bool:
             aspect=1.4,
         )
         grid.set_titles("N = {col_name}")
-        grid.set(xscale="symlog", xlim=(-0.3, 2.0 * max(1.0, shown[flights].max())))
+        grid.set(xscale="symlog", xlim=(-0.3, 2.0 * max(1, *(row[flights] for row in rows))))
         if grid.legend is not None:
             grid.legend.set_title("")
         grid.savefig(path, dpi=110)
