@@ -228,7 +228,8 @@ def _rows(recording: Recording, above: float | None) -> dict[str, Rows]:
     Raises:
         LogError: There is none, or one of them has no rows.
     """
-    starts = [s.t[0] for streams in recording.drones.values() for s in streams if len(s.t)]
+    times = [s.t[np.isfinite(s.t)] for streams in recording.drones.values() for s in streams]
+    starts = [t[0] for t in times if len(t)]
     if not starts:
         raise LogError(" ".join(["nothing that a diagnosis needs was found.", *recording.missing]))
     found = {}

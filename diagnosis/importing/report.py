@@ -85,7 +85,7 @@ def _table(rows: Rows) -> str:
 
 
 def _cells(taken: Taken) -> tuple[str, ...]:
-    rows = taken.resampling + (f", {taken.dropped} dropped" if taken.dropped else "")
+    rows = taken.resampling + (f", {taken.dropped} empty or dropped" if taken.dropped else "")
     return (
         taken.field,
         _text(taken.source),

@@ -91,13 +91,12 @@ def make_rows(streams: Sequence[Stream], zero: float) -> Rows:
     Raises:
         LogError: A field is missing, or streams do not overlap.
     """
-    clean, dropped = _cleaned(streams)
-    inputs = _inputs(clean)
-    notes = []
+    clean, dropped, notes = _cleaned(streams)
+    inputs = _inputs(clean, notes)
     if "vel" not in clean:
         clean["vel"] = _derived_vel(clean["pos"])
         notes.append(
-            "The velocity was not logged: it is derived from positions within "
+            "No usable velocity was logged: it is derived from positions within "
             f"{VEL_SPAN:g} s, so that its noise is not that of a measurement."
         )
     needed = [clean[name] for name in (*REQUIRED, "vel", *inputs)]
@@ -120,9 +119,11 @@ def make_rows(streams: Sequence[Stream], zero: float) -> Rows:
     return Rows(columns, tuple(taken), tuple(notes))
 
 
-def _cleaned(streams: Sequence[Stream]) -> tuple[dict[str, Stream], dict[str, int]]:
-    """Each field's stream in order of time without empty rows, and how many rows went."""
-    clean, dropped = {}, {}
+def _cleaned(
+    streams: Sequence[Stream],
+) -> tuple[dict[str, Stream], dict[str, int], list[str]]:
+    """Each field's stream in order of time without empty rows, how many rows went, and notes."""
+    clean, dropped, notes = {}, {}, []
     for stream in streams:
         good = np.isfinite(stream.values).all(axis=1) & np.isfinite(stream.t)
         if stream.field == "quat":
@@ -141,6 +142,10 @@ def _cleaned(streams: Sequence[Stream]) -> tuple[dict[str, Stream], dict[str, in
         t, values = t[order], values[order]
         new = np.concatenate([[True], np.diff(t) > 0.0]) if len(t) else np.zeros(0, bool)
         if new.sum() < FEWEST:
+            notes.append(
+                f"{stream.field} ({stream.source}) is left out, because {new.sum()} of its "
+                f"{len(stream.t)} rows are usable and {FEWEST} are needed."
+            )
             continue
         t, values = t[new], values[new]
         if stream.field == "quat":
@@ -149,7 +154,7 @@ def _cleaned(streams: Sequence[Stream]) -> tuple[dict[str, Stream], dict[str, in
             values = np.unwrap(values, axis=0)
         clean[stream.field] = dataclasses.replace(stream, t=t, values=values)
         dropped[stream.field] = len(stream.t) - len(t)
-    return clean, dropped
+    return clean, dropped, notes
 
 
 def _unit(quat: Float[np.ndarray, "rows 4"], source: str) -> Float[np.ndarray, "rows 4"]:
@@ -165,22 +170,21 @@ def _unit(quat: Float[np.ndarray, "rows 4"], source: str) -> Float[np.ndarray, "
     return quat * np.concatenate([[1.0], np.cumprod(signs)])[:, None]
 
 
-def _inputs(clean: dict[str, Stream]) -> tuple[str, ...]:
-    """The fields that drive a replay.
+def _inputs(clean: dict[str, Stream], notes: Sequence[str]) -> tuple[str, ...]:
+    """The fields that drive a replay; `notes` say what else was found.
 
     Raises:
         LogError: A field is missing.
     """
     for name in REQUIRED:
         if name not in clean:
-            raise LogError(f"no {_WORDS[name]} was found{_found(clean)}.")
+            raise LogError(" ".join([f"no {_WORDS[name]} was found{_found(clean)}.", *notes]))
     for group in INPUTS:
         if all(name in clean for name in group):
             return group
-    raise LogError(
-        "no input was found: commanded attitude and thrust are expected, or rotor speeds, or motor "
-        f"PWM with battery voltage{_found(clean)}."
-    )
+    expected = "commanded attitude and thrust are expected, or rotor speeds, or motor PWM with"
+    why = f"no input was found: {expected} battery voltage{_found(clean)}."
+    raise LogError(" ".join([why, *notes]))
 
 
 _WORDS = {"pos": "position", "quat": "attitude"}

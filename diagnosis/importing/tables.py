@@ -169,7 +169,7 @@ def _name(entry: Any) -> Any:
 def _column(
     frame: pd.DataFrame, entry: Any, unit: str, request: Request, name: str, place: Path
 ) -> tuple[Float64[np.ndarray, " rows"], list[str]]:
-    """A column in the format's unit, NaN where a cell is empty, and what was done to it."""
+    """A column in the format's unit, NaN where a cell holds no number, and what was done to it."""
     column = _name(entry)
     if column not in frame.columns:
         hint = did_you_mean(column, [str(c) for c in frame.columns])
@@ -186,22 +186,21 @@ def _column(
     sign = entry.get("sign", 1) if isinstance(entry, dict) else 1
     words = [f"{given} to {unit}"] if given != unit else []
     words += ["sign changed"] if sign < 0 else []
-    return sign * factor * frame[column].to_numpy(np.float64), words
+    values = frame[column].to_numpy(np.float64)
+    return sign * factor * np.where(np.isfinite(values), values, np.nan), words
 
 
 def _turned(
     field: str, t: np.ndarray, values: np.ndarray, source: str, change: str, said: dict[str, Any]
 ) -> Stream:
-    """The stream in the frames of the format; rows with an empty cell are dropped."""
-    good = np.isfinite(values).all(axis=1) & np.isfinite(t)
-    t, values = t[good], values[good]
+    """The stream in the frames of the format."""
     ned, frd = said["world"] == "NED", said["body"] == "FRD"
     frames = []
     if field in ("pos", "vel") and ned:
         values, frames = enu(values), ["NED to ENU"]
     elif field in ("ang_vel", "acc") and frd:
         values, frames = flu(values), ["FRD to FLU"]
-    elif field in ("quat", "rpy", "cmd_angles") and len(values):
+    elif field in ("quat", "rpy", "cmd_angles"):
         quat = values if field == "quat" else quat_of_rpy(values)
         quat = quat_of(quat, ned=ned, frd=frd) if ned or frd else quat
         values = rpy_of(quat) if field == "cmd_angles" and (ned or frd) else values

@@ -160,7 +160,7 @@ def stack(table: Table, name: str, size: int) -> Float64[np.ndarray, "rows colum
 
 
 def _position(table: Table) -> tuple[list[Stream], int]:
-    """Position and velocity where the estimate calls them valid, and how often it was reset."""
+    """Position and velocity, NaN where the estimate does not call them valid, and its resets."""
     t, streams = times(table), []
     for field, names, flags in (
         ("pos", "x y z", ("xy_valid", "z_valid")),
@@ -171,7 +171,8 @@ def _position(table: Table) -> tuple[list[Stream], int]:
             good &= np.asarray(table.get(flag, good)).astype(bool)
         values = np.stack([np.asarray(table[name], float) for name in names.split()], axis=1)
         source = f"vehicle_local_position {names}"
-        streams.append(Stream(field, t[good], enu(values[good]), source, NED))
+        values[~good] = np.nan
+        streams.append(Stream(field, t, enu(values), source, NED))
     counters = [table[name] for name in ("xy_reset_counter", "z_reset_counter") if name in table]
     return streams, sum(int(np.count_nonzero(np.diff(np.asarray(c)))) for c in counters)
 

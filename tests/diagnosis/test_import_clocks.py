@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from import_logs_for_tests import circle, streams, without
 
-from diagnosis.importing.reader import Stream
+from diagnosis.importing.reader import Request, Stream
 from diagnosis.importing.resample import make_rows
+from diagnosis.importing.ulog import px4_streams
 
 
 def column(rows, *names):
@@ -114,6 +115,28 @@ def test_a_quaternion_of_zeros_is_dropped():
     assert [taken.dropped for taken in rows.taken if taken.field == "quat"] == [2]
     at = np.searchsorted(log.t, rows.columns["t"] - 1e-6)
     np.testing.assert_allclose(rows.columns["quat_w"], log.quat[at, 3], atol=1e-6)
+
+
+def test_positions_that_px4_calls_invalid_are_dropped_and_counted():
+    log = circle()
+    columns = np.concatenate([log.pos, log.vel], axis=1).T[[1, 0, 2, 4, 3, 5]]
+    table = dict(zip(("x", "y", "z", "vx", "vy", "vz"), columns, strict=True))
+    table |= {"timestamp": 1e6 * log.t, "xy_valid": np.arange(len(log.t)) >= 7}
+    request = Request(mass=0.032, thrust_max=0.6)
+    parts, _, _ = px4_streams({"vehicle_local_position": table}, request, None)
+    rows = make_rows([*parts, *streams(log)[2:]], 0.0)
+    assert [taken.dropped for taken in rows.taken[:2]] == [7, 0]
+    assert rows.columns["t"][0] == pytest.approx(log.t[7])
+
+
+def test_a_field_with_too_few_rows_is_left_out_and_the_report_says_so():
+    log = circle()
+    acc = Stream("acc", log.t[:3], np.zeros((3, 3)), "imu")
+    rows = make_rows([*streams(log), acc], 0.0)
+    assert "acc_x" not in rows.columns
+    assert rows.notes == (
+        "acc (imu) is left out, because 3 of its 3 rows are usable and 4 are needed.",
+    )
 
 
 @pytest.mark.parametrize(
