@@ -27,7 +27,7 @@ from bench.text.numbers import number, significant
 
 STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
 """Settings of a figure in a file."""
-BUDGET = re.compile(r"flights=\d+|flown=grey_box|trainer\.share=[\d.]+")
+BUDGET = re.compile(r"flights=\d+|trainer\.share=[\d.]+")
 """Variants that differ from the default in their budget of flight alone."""
 FINEST = 1e-3
 """Gap below which the axis is linear; scores of five seeds tell no finer apart."""
@@ -120,8 +120,11 @@ def points(tables: Tables, values: Values | None = None) -> dict[int, list[Point
         for entry in sorted({e for cell in cells for e in scores[cell]}):
             if minutes := [x for c in cells for x in bills.get(c, {}).get(entry, {}).values()]:
                 own = [estimate(scores[c][entry].values()) for c in cells if entry in scores[c]]
-                # Means over other tasks than the others' are no comparison.
-                if values is None or len(own) == len(cells):
+                # Means over other tasks are no comparison: of another budget than the default's,
+                # of `values` than the others'.
+                default = entry._replace(variant="")
+                asked = [c for c in cells if values is not None or default in scores[c]]
+                if all(entry in scores[c] for c in asked):
                     found.setdefault(n, []).append(_point(entry, minutes, own))
     return found
 

@@ -159,6 +159,19 @@ def test_a_sweep_in_another_simulator_is_judged_like_one_in_crazyflow():
     assert [p.gap for p in points(tables)[3]] == pytest.approx([0.51])
 
 
+def test_a_budget_is_drawn_only_where_it_flew_every_task_of_its_default():
+    sheet = Sheet()
+    for task in ("spread", "circle"):
+        sheet.add_upper(100.0, task=task).add(task=task, rewards=(-400.0, -420.0))
+        sheet.add("hybrid", "mlp", task=task, rewards=(-300.0, -310.0), fleet_minutes=40.0)
+        few = {"task": task, "rewards": (-350.0, -360.0), "fleet_minutes": 1.0}
+        sheet.add("hybrid", "mlp", variant="flights=8", **few)
+        if task == "circle":
+            sheet.add("hybrid", "mlp", variant="flights=1", **few)
+    drawn = {point.entry.variant for point in points(sheet.tables())[3]}
+    assert drawn == {"", "flights=8"}
+
+
 def test_the_summary_has_a_column_a_task_and_a_row_a_metric(tmp_path, figures, full_tables):
     write_summary(full_tables, tmp_path / "summary.png")
     grid = np.array(figures[0].axes).reshape(3, 4)
