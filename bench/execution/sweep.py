@@ -161,9 +161,8 @@ def sweep(
     say(console, f"Tables: {tables_dir}")
     failed = [*standing.failed, *(run for run in missing if status.get(run.name) == "failed")]
     if failed:
-        causes = recorded.column("cause") | found.column(
-            "cause"
-        )  # rows that stay may know nothing of it
+        # Rows that stay may know nothing of it.
+        causes = recorded.column("cause") | found.column("cause")
         first = next((run for run in failed if causes.get(run.name)), failed[0])
         said = f"{first.label}: {causes.get(first.name, '')}"
         say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {said}")

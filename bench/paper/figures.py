@@ -92,10 +92,7 @@ def write_summary(tables: Tables, path: Path) -> bool:
         for panel in grid.axes[1:].flat:
             panel.set_title("")
         grid.set_axis_labels("team size N", None)
-        if grid.legend is not None:
-            grid.legend.set_title("")
-        grid.savefig(path, dpi=110)
-        plt.close(grid.figure)
+        _save(grid, path)
     return True
 
 
@@ -142,10 +139,7 @@ def write_worlds(tables: Tables, path: Path) -> bool:
             panel.set_xticks([-100, -10, -1, 0])
             panel.xaxis.set_major_formatter("{x:g}")
             panel.grid(axis="both", color="0.92")
-        if grid.legend is not None:
-            grid.legend.set_title("")
-        grid.savefig(path, dpi=110)
-        plt.close(grid.figure)
+        _save(grid, path)
     return True
 
 
@@ -190,10 +184,7 @@ def write_flights(tables: Tables, path: Path) -> bool:
         )
         grid.set_titles("N = {col_name}")
         grid.set(xscale="symlog", xlim=(-0.3, 2.0 * max(1, *(row[flights] for row in rows))))
-        if grid.legend is not None:
-            grid.legend.set_title("")
-        grid.savefig(path, dpi=110)
-        plt.close(grid.figure)
+        _save(grid, path)
     return True
 
 
@@ -229,9 +220,17 @@ def write_gaps(
 
 
 _AT_REST = re.compile(r", \w+=0(?=[,)])")
-"""Parameters of an effect that do nothing."""
+"""Parameters that are 0; the title of a panel leaves them out."""
 FEW = re.compile(r"flights=(\d+)")
 """Variant of a Hybrid of which nothing differs but the number of flights."""
+
+
+def _save(grid: seaborn.FacetGrid, path: Path) -> None:
+    """Writes the picture, whose legend needs no title."""
+    if grid.legend is not None:
+        grid.legend.set_title("")
+    grid.savefig(path, dpi=110)
+    plt.close(grid.figure)
 
 
 def plain(name: str) -> str:

@@ -43,8 +43,8 @@ GRID = (
 )
 """What the second figure shows."""
 WORLDS = (
-    "Deployed on drones that are off their specification, a row a world, a column a task: means "
-    "over seeds with one standard deviation"
+    "Deployed on drones that are off their specification, a row a world, a column a task: a dot "
+    "for each seed"
 )
 """What the figure of the off-spec drones shows."""
 FLIGHTS = (

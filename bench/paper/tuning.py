@@ -94,10 +94,11 @@ def write_tuning(tables: Tables, path: Path) -> None:
     parts = [
         "# How the optimiser was chosen",
         "Settled loss of every trial (lower is better) by task, with the geometric mean over "
-        "tasks; three drones, one seed of tuning, on initial states that no result uses. In bold: "
-        "what the configuration takes. Configurations without trials take the setting of the one "
-        "that they are made from: `hybrid_once`, `recalibrated` and `online` that of `hybrid`, "
-        "`upper_reference` that of `hf_hotstart`. Flight and time are sums over the tasks.",
+        "tasks; three drones, one seed of tuning, on initial states that no result uses. In "
+        "bold: what the configuration takes. Configurations that are not listed had no trials: "
+        "`hybrid_once`, `recalibrated`, `online` and Hybrid with other residuals take the "
+        "setting of `hybrid (mlp)`, `upper_reference` takes the setting of `hf_hotstart`. The "
+        "columns of flight and time are sums over the tasks.",
         "`bench run tuning`, then `python -m bench.paper.tuning results/tuning reports/tuning.md`.",
         markdown.table(headings, lines),
     ]

@@ -83,10 +83,10 @@ def _table(title: str) -> Table:
 
 
 def _lines(cls: type, instance: object, prefix: str) -> Iterator[tuple[str, str, str]]:
-    """Key, default and meaning of every setting of a class, those of the modules in it included.
+    """Key, default and meaning of every setting of a class and of the modules in it.
 
     A key is what `--setting` takes, such as `trainer.epochs`; a default is JSON, or `REQUIRED`.
-    Defaults are those of `instance`, if there is one.
+    With an `instance`, its values are the defaults.
     """
     docs = _docstrings(cls)
     for field in dataclasses.fields(cls):

@@ -19,13 +19,14 @@ from blind.score.injected import power, shares
 
 TITLE = "Diagnosis of faults that were injected into logs"
 METHOD = (
-    "Every case splits the flights of a set at random into two halves. A fault is written into one "
-    "half as its vehicle, clocks or columns would have logged it, with arithmetic on columns "
-    "alone; a quarter of the cases get none. Each diagnosis runs in a process of its own that is "
-    "given folders of flights with a random name. What was done stands in a salted file whose "
-    "SHA-256 was printed before the first diagnosis and checked after the last. Halves of one set "
-    "are not independent: they share their flights, so that intervals are those of more draws "
-    "from these flights, not of other vehicles."
+    "Every case splits the flights of a set at random into two halves. One half gets a fault: "
+    "its columns are changed by arithmetic, such that they are what a vehicle, a clock or a "
+    "logger with this fault would have logged. A quarter of the cases get no fault. Each "
+    "diagnosis runs in a process of its own that is given folders of flights with a random "
+    "name. What was done stands in a salted file whose SHA-256 was printed before the first "
+    "diagnosis and checked after the last. Halves of one set are not independent: they share "
+    "their flights, so that intervals are those of more draws from these flights, not of other "
+    "vehicles."
 )
 WORDS = (
     "*Found*: the verdict is neither `none` nor `too_few`, or a part of the interface is said to "
