@@ -45,12 +45,12 @@ def is_attitude(quat: Float[np.ndarray, "rows 4"]) -> Bool[np.ndarray, " rows"]:
 def quat_of(
     quat: Float[np.ndarray, "rows 4"], *, ned: bool = True, frd: bool = True
 ) -> Float[np.ndarray, "rows 4"]:
-    """Attitudes (scalar last, unit norm) from a body that is FRD, in a world that is NED."""
+    """Attitudes (scalar last) from a body that is FRD, in a world that is NED; norms are kept."""
     world = Rotation.from_matrix(WORLD) if ned else Rotation.identity()
     body = Rotation.from_matrix(BODY) if frd else Rotation.identity()
     known, out = is_attitude(quat), np.full(quat.shape, np.nan)
     out[known] = (world * Rotation.from_quat(quat[known]) * body).as_quat()
-    return out
+    return out * np.linalg.norm(quat, axis=1, keepdims=True)
 
 
 def quat_of_rpy(rpy: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 4"]:

@@ -139,6 +139,9 @@ def read_columns_file(path: Path) -> dict[str, Any]:
     if not isinstance(said["columns"], dict):
         raise LogError(f"{path}: 'columns' must be a table, got {said['columns']!r}.")
     _known(said["columns"], [name for names in GROUPS.values() for name in names], path)
+    twice = [next((n for n in GROUPS[f] if n in said["columns"]), None) for f in ("quat", "rpy")]
+    if all(twice):
+        raise LogError(f"{path}: '{twice[0]}' and '{twice[1]}' both give the attitude; keep one.")
     for key, allowed in (("world", ("ENU", "NED")), ("body", ("FLU", "FRD"))):
         if said.setdefault(key, allowed[0]) not in allowed:
             raise LogError(f"{path}: {key} must be {' or '.join(allowed)}, got {said[key]!r}.")

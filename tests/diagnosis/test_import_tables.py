@@ -80,6 +80,7 @@ def test_units_and_frames_are_turned_into_ours(tmp_path):
         ('"vn"', "7", "'vel_x' must name a column of the table, got 7"),
         ('unit = "gf"', 'unit = ["gf"]', "unit of 'cmd_thrust' must be a text, got ['gf']"),
         ("[columns]", "[columns", "this is not TOML"),
+        ("[columns]\n", '[columns]\nroll = "r"\n', "'quat_x' and 'roll' both give the attitude"),
         ('time = {column = "stamp", unit = "us"}', "", "key 'time' is missing"),
     ],
 )
@@ -104,6 +105,16 @@ def test_a_table_that_breaks_off_is_refused(tmp_path, change, message):
     file = write(tmp_path, circle())
     file.write_text(change(file.read_text()))
     with pytest.raises(ValueError, match=message):
+        import_logs([file], tmp_path / "out", VEHICLE)
+
+
+def test_a_quaternion_that_is_too_long_is_refused_in_any_frame(tmp_path):
+    """Turning it into another frame does not hide it."""
+    file = write(tmp_path, circle())
+    frame = pd.read_csv(file)
+    frame[["q0", "q1", "q2", "q3"]] *= 1.2
+    frame.to_csv(file, index=False)
+    with pytest.raises(ValueError, match=r"a quaternion has the norm 1\.2; 1 is expected"):
         import_logs([file], tmp_path / "out", VEHICLE)
 
 
