@@ -114,6 +114,7 @@ FAULTS: Mapping[str, Fault] = {
         lambda log, p, v: made.shifted(log, p["seconds"]),
         made.INPUTS,
         lambda p: {"delay": {"seconds": p["seconds"]}},
+        parts=("motor clock since the reference",),
     ),
     "trim": Fault(
         _tilted(0.75, 1.5, 3.0),
@@ -148,13 +149,13 @@ FAULTS: Mapping[str, Fault] = {
         made.INPUTS,
         # Nothing in a log tells a clock from commands that act earlier.
         lambda p: {"delay": {"seconds": -p["seconds"]}},
-        parts=("command clock",),
+        parts=("command clock", "motor clock since the reference"),
     ),
     "clock_drift": Fault(
         signed("rate", 0.005, 0.01, 0.02),
         lambda log, p, v: made.shifted(log, 0.0, p["rate"]),
         made.INPUTS,
-        parts=("command clock",),
+        parts=("command clock", "motor clock since the reference"),
     ),
     "pwm_scale": Fault(
         fixed("scale", 0.05, 0.1, 0.2),

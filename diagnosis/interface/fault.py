@@ -44,6 +44,7 @@ PARTS = (
     "command clock",
     "thrust",
     "motor order",
+    "motor clock since the reference",
     "frame of the path",
     "frame of the path since the reference",
     "frame of the commands",

@@ -5,8 +5,8 @@ with what vehicles do by themselves (`scales`). Later checks read columns as ear
 to be meant where that matters: the lag is that of the order and sign that fit.
 
 Beside a reference the question is what changed. A size that the reference has, too, is then no
-fault, and the path's frame is compared with the reference's: no effect describes its turn, and what
-both sets share of it falls out.
+fault. The path's frame and the time that motors take to turn the drone are compared with the
+reference's: what both sets share falls out, so that small changes show.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ from jaxtyping import Float
 from diagnosis.interface import commands, orders, scales
 from diagnosis.interface.commands import Following
 from diagnosis.interface.fault import PARTS, SIZED, Evidence, InterfaceFault
-from diagnosis.interface.motors import motor_order
+from diagnosis.interface.motors import SINCE, Turning, motor_lag, motor_order, turning
 from diagnosis.interface.readings import Chosen
 from diagnosis.interface.scales import Size
 from diagnosis.interface.windows import Windows, make_windows
@@ -38,28 +38,33 @@ def interface_faults(
 ) -> tuple[InterfaceFault, ...]:
     """Every part of the interface that these flights show to be wrong, in the order of `PARTS`.
 
-    Beside a `reference`, a size that it has, too, is left out, and a turn of the path's frame since
-    then is found.
+    Beside a `reference`, a size that it has, too, is left out, and what changed since then is
+    found: a turn of the path's frame, and the time from the motors' inputs to the turning.
     """
-    windows = _windows(flights)
-    found = _faults(flights, windows)
+    windows, turned = _windows(flights), _turning(flights)
+    found = _faults(flights, windows, turned)
     if reference is None:
         return found
-    before = _windows(reference)
-    then = {fault.part for fault in _faults(reference, before)}
+    before, turned_before = _windows(reference), _turning(reference)
+    then = {fault.part for fault in _faults(reference, before, turned_before)}
     own = [fault for fault in found if fault.part not in then & SIZED]
-    # The turn is read from the attitude of both sets.
-    wrong = "attitude" in then or {"attitude", "frame of the path"} & {f.part for f in own}
-    since = None if wrong else _turned_since(windows, before)
-    return _in_order(own if since is None else [*own, since])
+    now, since = {fault.part for fault in own}, []
+    # Each is read from columns of both sets.
+    if "attitude" not in then and not {"attitude", "frame of the path"} & now:
+        since.append(_turned_since(windows, before))
+    if not {"angular velocity", "motor order"} & (then | now):
+        since.append(_later_since(turned, turned_before, flights))
+    return _in_order([*own, *(fault for fault in since if fault is not None)])
 
 
-def _faults(flights: FlightSet, windows: Windows | None) -> tuple[InterfaceFault, ...]:
+def _faults(
+    flights: FlightSet, windows: Windows | None, turned: Sequence[Sequence[Turning]]
+) -> tuple[InterfaceFault, ...]:
     """Faults that flights show by themselves."""
     vehicle, drones = flights.vehicle, _drones(flights)
     parts = scales.parts_of(len(drones))
     followed = [part for drone in drones for part in commands.following(drone, parts)]
-    compared = _compared(windows, followed, drones)
+    compared = _compared(windows, followed, [piece for drone in turned for piece in drone])
     whole = not _wrong(compared.get("attitude"))
     found = [_ordered(part, chosen) for part, chosen in compared.items()]
     if windows is not None and whole:  # these are read from the attitude
@@ -85,6 +90,11 @@ def _windows(flights: FlightSet) -> Windows | None:
     return None if windows is None or len(windows) < FEWEST_WINDOWS else windows
 
 
+def _turning(flights: FlightSet) -> list[list[Turning]]:
+    """How the motors of each drone turn it."""
+    return [turning(drone) for drone in _drones(flights)]
+
+
 def _thrust(drone: DroneLog, vehicle: VehicleFile) -> Float[np.ndarray, " rows"] | None:
     """Thrust that a drone's inputs stand for [N]: what is commanded, else what its motors tell."""
     if drone.cmd is not None:
@@ -100,10 +110,10 @@ def _thrust(drone: DroneLog, vehicle: VehicleFile) -> Float[np.ndarray, " rows"]
 
 
 def _compared(
-    windows: Windows | None, followed: Sequence[Following], drones: Sequence[DroneLog]
+    windows: Windows | None, followed: Sequence[Following], turned: Sequence[Turning]
 ) -> dict[str, Chosen | None]:
     """Every part that can be read in several ways, with the reading that fits."""
-    found: dict[str, Chosen | None] = {"motor order": motor_order(drones)}
+    found: dict[str, Chosen | None] = {"motor order": motor_order(turned)}
     if followed:
         found["attitude command"] = commands.order(commands.together(followed))[0]
     if windows is None:
@@ -234,6 +244,31 @@ def _turned_since(windows: Windows | None, before: Windows | None) -> InterfaceF
         "drone's body defined anew?",
         size,
         scales.TURN_SINCE,
+    )
+
+
+def _later_since(
+    now: Sequence[Sequence[Turning]], then: Sequence[Sequence[Turning]], flights: FlightSet
+) -> InterfaceFault | None:
+    """A change since the reference of the time from the motors' inputs to the turning."""
+    after, before = motor_lag(now), motor_lag(then)
+    if after is None or before is None:
+        return None
+    size = after.since(before)
+    if not size.beyond(0.0, 0.0) or abs(size.value) < SINCE:
+        return None
+    later = size.value > 0.0
+    word, stamped = ("later", "early") if later else ("sooner", "late")
+    told = any(drone.pwm is not None for drone in _drones(flights))
+    what, cause = ("motor commands", ", and the motors") if told else ("rotor speeds", "")
+    quantity = "time from motors to turning, less that of the reference"
+    slower = (f"{'slower' if later else 'faster'} motors",) if told else ()
+    return InterfaceFault(
+        part="motor clock since the reference",
+        readings=(f"{what} stamped {stamped}", *slower),
+        advice=f"The drone turns {1e3 * abs(size.value):.0f} ms {word} after its {what} than in "
+        f"the reference: check the clocks of {what} and pose{cause}.",
+        evidence=(_sized(quantity, size, "s", -SINCE, SINCE, 1.0),),
     )
 
 

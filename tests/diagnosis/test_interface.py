@@ -13,10 +13,11 @@ from bench.diagnosis_report.page import diagnosis_page
 from bench.diagnosis_report.sentences import remarks
 from bench.diagnosis_report.text import diagnosis_text
 from blind.draw.faults import ALL
+from blind.fly.log_faults import shifted
 from diagnosis.interface import scales
 from diagnosis.interface.fault import PARTS
 from diagnosis.interface.faults import interface_faults as found
-from diagnosis.interface.motors import MOMENTS, motor_order
+from diagnosis.interface.motors import MOMENTS, motor_lag, motor_order, turning as turnings
 from diagnosis.interface.readings import Reading, choose, signed_orders
 from diagnosis.logs.flights import DroneLog, FlightLog, load_flights
 from diagnosis.result import Diagnosis
@@ -180,26 +181,56 @@ def turning(order=(0, 1, 2, 3), n=6, gyro="body", noise=1.0):
     return flights
 
 
+def ordered(logs):
+    return motor_order([piece for log in logs for piece in turnings(log)])
+
+
 @pytest.mark.parametrize("order", [(3, 2, 1, 0), (1, 0, 2, 3), (2, 3, 0, 1)])
 def test_motors_in_another_order_are_named(order):
-    chosen = motor_order(turning(order, n=12))
+    chosen = ordered(turning(order, n=12))
     assert chosen is not None
     numbers = ", ".join(str(i + 1) for i in order)
     assert chosen.names == (f"motors {numbers} in columns 1 to 4",)
 
 
 def test_motors_in_order_and_motors_that_tell_nothing_are_no_fault():
-    assert motor_order(turning(n=12)) is None
+    assert ordered(turning(n=12)) is None
     rng = np.random.default_rng(0)
     logs = [
         dataclasses.replace(log, pwm=rng.uniform(0.4, 0.6, (len(log.t), 4))) for log in turning()
     ]
-    assert motor_order(logs) is None
+    assert ordered(logs) is None
+    assert motor_lag([turnings(log) for log in logs]) is None
 
 
-def parts(logs):
-    flights = flight_set([FlightLog(f"f{i}", (log,)) for i, log in enumerate(logs)])
-    return {fault.part: fault.readings for fault in found(flights) if fault.part != "thrust"}
+def flown(logs):
+    return flight_set([FlightLog(f"f{i}", (log,)) for i, log in enumerate(logs)])
+
+
+def parts(logs, reference=None):
+    faults = found(flown(logs), reference)
+    return {fault.part: fault.readings for fault in faults if fault.part != "thrust"}
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [
+        (0.02, ("motor commands stamped early", "slower motors")),
+        (-0.04, ("motor commands stamped late", "faster motors")),
+        (0.0, None),
+    ],
+)
+def test_beside_a_reference_motors_that_act_later_are_named(seconds, expected):
+    logs = turning(n=16)
+    since = parts([shifted(log, seconds) for log in logs[:8]], flown(logs[8:]))
+    assert since == ({"motor clock since the reference": expected} if expected else {})
+
+
+def test_the_time_that_motors_take_is_measured():
+    lags = [motor_lag([turnings(shifted(log, s)) for log in turning(n=8)]) for s in (0.0, 0.03)]
+    for lag, true in zip(lags, (0.0, 0.03), strict=True):
+        assert lag is not None
+        assert lag.value == pytest.approx(true, abs=0.006)  # inputs are held for a row of 0.01 s
 
 
 def test_gyroscope_and_accelerometer_are_checked_against_attitude_and_path():
