@@ -17,7 +17,8 @@ from blind.fly.log_faults import shifted
 from diagnosis.interface import scales
 from diagnosis.interface.fault import PARTS
 from diagnosis.interface.faults import interface_faults as found
-from diagnosis.interface.motors import MOMENTS, motor_lag, motor_order, turning as turnings
+from diagnosis.interface.motors import MOMENTS, motor_lag, motor_order
+from diagnosis.interface.motors import turning as turnings
 from diagnosis.interface.readings import Reading, choose, signed_orders
 from diagnosis.logs.flights import DroneLog, FlightLog, load_flights
 from diagnosis.result import Diagnosis
