@@ -15,7 +15,6 @@ from diagnosis.fit import gap, shrinkage
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.outliers import standing_out
 from diagnosis.fit.search import Fits
-from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.noise import CHANNELS, UNITS
 from diagnosis.recorded import flights_used, limits_of, settings_of, this_program
@@ -97,7 +96,6 @@ def answer(question: Question, study: Study) -> Diagnosis:
         settings=settings,
         program=this_program(),
         details=_details(study, seen, settings.withheld),
-        interface=interface_faults(question.flights, question.reference),
     )
 
 

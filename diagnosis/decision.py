@@ -228,6 +228,10 @@ class Decision:
         0.5, "-", "convention", "an answer is not stated that is likelier wrong than right"
     )
     """Probability below which an effect, with those that look like it, is not named."""
+    most_left: float = _decided(
+        0.5, "-", "convention", "a cause explains most of what is seen, or it is not the cause"
+    )
+    """Share of the gap above which an effect beside a twin is not named."""
     few_flights: int = _decided(
         5, "flights", "guess", "the t quantile of four flights is 1.4 times that of many"
     )

@@ -6,7 +6,8 @@ are described so; then a twin is learned from the reference (`twin/`). So are tw
 vehicles were weighed anew: each is flown with its own mass.
 
 Logs whose columns are swapped, flipped or in another frame are not explained by physics: where the
-interface has such a fault, nothing is blamed until it is mended.
+interface has such a fault, nothing is blamed until it is mended. A path whose frame is turned
+against the reference's is turned back first.
 """
 
 import dataclasses
@@ -17,6 +18,8 @@ from diagnosis.answer import answer
 from diagnosis.decide.prepared import Progress, Question, prepare, silent
 from diagnosis.decide.study import study
 from diagnosis.decision import Decision
+from diagnosis.interface.faults import interface_faults
+from diagnosis.interface.mended import mended
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.replay.believed import default_simulator
 from diagnosis.result import Diagnosis
@@ -60,7 +63,8 @@ def diagnose(
     compared = None if reference is None else _loaded(reference)
     flown = _loaded(flights)
     against = simulator or default_simulator(flown)
-    question = Question(flown, against, compared, exclude, decision)
+    faults = interface_faults(flown, compared)
+    question = Question(mended(flown, faults), against, compared, exclude, decision)
     if weighed_anew(question):
         found = beside_twin(question, progress)
     else:
@@ -71,7 +75,7 @@ def diagnose(
         else:
             found = answer(question, study(question, prepared, progress))
     progress("done", 1.0)
-    return stated(found)
+    return stated(dataclasses.replace(found, interface=faults))
 
 
 def stated(found: Diagnosis) -> Diagnosis:

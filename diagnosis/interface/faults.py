@@ -48,13 +48,14 @@ def interface_faults(
     before, turned_before = _windows(reference), _turning(reference)
     then = {fault.part for fault in _faults(reference, before, turned_before)}
     own = [fault for fault in found if fault.part not in then & SIZED]
-    now, since = {fault.part for fault in own}, []
-    # Each is read from columns of both sets.
-    if "attitude" not in then and not {"attitude", "frame of the path"} & now:
-        since.append(_turned_since(windows, before))
-    if not {"angular velocity", "motor order"} & (then | now):
-        since.append(_later_since(turned, turned_before, flights))
-    return _in_order([*own, *(fault for fault in since if fault is not None)])
+    wrong = then | {fault.part for fault in own}  # each is read from columns of both sets
+    turn = None if "attitude" in wrong else _turned_since(windows, before)
+    later = None
+    if not {"angular velocity", "motor order"} & wrong:
+        later = _later_since(turned, turned_before, flights)
+    if turn is not None:  # it says more than that the path is turned
+        own = [fault for fault in own if fault.part != "frame of the path"]
+    return _in_order(fault for fault in (*own, turn, later) if fault is not None)
 
 
 def _faults(
@@ -241,7 +242,7 @@ def _turned_since(windows: Windows | None, before: Windows | None) -> InterfaceF
         "frame of the path since the reference",
         "position and velocity are turned",
         "the attitude, compared with the reference: was the motion capture calibrated anew, or the "
-        "drone's body defined anew?",
+        "drone's body defined anew? All else is said of flights that are turned back.",
         size,
         scales.TURN_SINCE,
     )

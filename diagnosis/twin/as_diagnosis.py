@@ -12,7 +12,6 @@ from diagnosis.decide.prepared import Progress, Question, silent
 from diagnosis.decide.support import supported
 from diagnosis.decision import Decision
 from diagnosis.fit.shrinkage import unknown_shrink
-from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.inputs import Inputs
 from diagnosis.recorded import flights_used, limits_of, settings_of, this_program
 from diagnosis.result import (
@@ -45,7 +44,7 @@ from diagnosis.statements import (
 from diagnosis.twin.answer import ChangedParameter
 from diagnosis.twin.channels import CHANNELS, FEWEST_SAMPLES, UNITS
 from diagnosis.twin.diagnose_change import ChangeStudy, diagnose_change
-from diagnosis.twin.drift import Scored, drift_shrink, misfit_ratios
+from diagnosis.twin.drift import Scored, drift_shrink, excess_of, left_share, misfit_ratios
 
 MOST_CANDIDATES = 8
 """Effects that are listed."""
@@ -117,7 +116,6 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
         settings=settings_of(question),
         program=this_program(),
         details=_details(study, seen),
-        interface=interface_faults(question.flights, question.reference),
     )
 
 
@@ -179,23 +177,11 @@ def _parameters(
     )
 
 
-def _excess(
-    study: ChangeStudy, errors: Sequence[Float[np.ndarray, "time 6"]]
-) -> Float[np.ndarray, " 6"]:
-    """Squared error of each channel beyond the twin's own, over the latter."""
-    each = [one.rms(e) for one, e in zip(study.scored, errors, strict=True)]
-    floor = study.twin.error**2
-    excess = np.maximum(np.mean(np.square(each), axis=0) - floor, 0.0) / np.maximum(floor, 1e-300)
-    unseen = [c for c in range(len(excess)) if c not in study.twin.colour.seen]
-    excess[unseen] = 0.0
-    return excess
-
-
 def _where(
     study: ChangeStudy, errors: Sequence[Float[np.ndarray, "time 6"]], decision: Decision
 ) -> tuple[ChannelGap, ...]:
     """What is left beside the twin, channel by channel."""
-    excess = _excess(study, errors)
+    excess = excess_of(study.twin, study.scored, errors)
     shares = (excess / max(float(excess.sum()), 1e-300)).tolist()
     main = main_channels(shares, decision)
     each = np.stack([one.rms(e) for one, e in zip(study.scored, errors, strict=True)])
@@ -231,17 +217,14 @@ def _interval(values: Float[np.ndarray, " flights"]) -> tuple[float | None, floa
 
 
 def _remainder(study: ChangeStudy, verdict: str, decision: Decision) -> Remainder:
-    after = [one.after for one in study.scored]
-    before = float(_excess(study, [one.before for one in study.scored]).sum())
-    share = float(_excess(study, after).sum()) / before if before > 0.0 else 0.0
-    share = 0.0 if verdict in ("none", "too_few") else min(share, 1.0)
+    share = 0.0 if verdict in ("none", "too_few") else left_share(study.twin, study.scored)
     return Remainder(
         share=share,
         noteworthy=noteworthy(share, decision),
         mostly_explained=mostly_explained(share, decision),
         structure_before=None,
         structure=None,
-        where=_where(study, after, decision),
+        where=_where(study, [one.after for one in study.scored], decision),
     )
 
 

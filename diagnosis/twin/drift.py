@@ -99,6 +99,25 @@ def _squares(twin: Twin, one: Scored, when: str) -> Float[np.ndarray, " numbers"
     return twin.colour.whiten(getattr(one, when), one.valid).ravel() ** 2
 
 
+def excess_of(
+    twin: Twin, scored: Sequence[Scored], errors: Sequence[Float[np.ndarray, "time 6"]]
+) -> Float[np.ndarray, " 6"]:
+    """Squared error of each channel beyond the twin's own, over the latter."""
+    each = [one.rms(e) for one, e in zip(scored, errors, strict=True)]
+    floor = twin.error**2
+    excess = np.maximum(np.mean(np.square(each), axis=0) - floor, 0.0) / np.maximum(floor, 1e-300)
+    unseen = [c for c in range(len(excess)) if c not in twin.colour.seen]
+    excess[unseen] = 0.0
+    return excess
+
+
+def left_share(twin: Twin, scored: Sequence[Scored]) -> float:
+    """Share of the gap that the named effects leave; 0 where there is none beyond the twin's own."""
+    before = float(excess_of(twin, scored, [one.before for one in scored]).sum())
+    after = float(excess_of(twin, scored, [one.after for one in scored]).sum())
+    return min(after / before, 1.0) if before > 0.0 else 0.0
+
+
 def drift_shrink(
     scored: Sequence[Scored], by_channel: tuple[ChannelShrink, ...], decision: Decision
 ) -> Shrink:

@@ -17,6 +17,7 @@ from blind.fly.log_faults import shifted
 from diagnosis.interface import scales
 from diagnosis.interface.fault import PARTS
 from diagnosis.interface.faults import interface_faults as found
+from diagnosis.interface.mended import mended
 from diagnosis.interface.motors import MOMENTS, motor_lag, motor_order
 from diagnosis.interface.motors import turning as turnings
 from diagnosis.interface.readings import Reading, choose, signed_orders
@@ -127,7 +128,18 @@ def test_beside_a_reference_what_both_have_is_no_change(clean):
         off = with_fault(clean, name, **parameters)
         (fault,) = found(off)
         assert found(off, off) == (), name
-        assert [one.part for one in found(off, clean)] == [fault.part], name
+        since = " since the reference" if fault.part == "frame of the path" else ""
+        assert [one.part for one in found(off, clean)] == [fault.part + since], name
+
+
+def test_a_path_that_is_turned_since_the_reference_is_turned_back(clean):
+    turned = with_fault(clean, "path_turned_in_yaw", angle=0.17)
+    back = mended(turned, found(turned, clean))
+    assert found(back, clean) == ()
+    for one, was in zip(back.flights, clean.flights, strict=True):
+        np.testing.assert_allclose(one.drones[0].pos, was.drones[0].pos, atol=0.05)
+        np.testing.assert_array_equal(one.drones[0].quat, was.drones[0].quat)
+    assert mended(clean, found(clean, clean)) is clean
 
 
 def test_an_order_is_wrong_beside_a_reference_that_has_it_too(clean):

@@ -232,17 +232,22 @@ def test_few_flights_name_a_family_of_effects_that_look_alike():
     assert found.probability >= 0.5
 
 
-@pytest.mark.parametrize(("others", "expected"), [(1.05, False), (0.99, True)])
-def test_one_flight_that_fits_far_better_makes_up_for_none_that_fit_worse(others, expected):
+@pytest.mark.parametrize(
+    ("others", "far", "expected"),
+    [(1.2, 2.0, False), (0.99, 3.6, False), (0.9, 2.0, True)],
+    ids=["most fit worse", "most of the gap is left", "it explains them"],
+)
+def test_effects_must_explain_flights_that_they_were_not_fitted_to(others, far, expected):
+    """One flight that fits far better makes up for none that fit worse."""
     twin, rng = plain_twin(), np.random.default_rng(3)
 
     def scored(name, before, after):
-        """A flight whose errors in attitude are scaled, and whose drift stays."""
-        errors = rng.normal(size=(300, 6))
+        """A flight whose errors in attitude are the twin's, scaled, and whose drift stays."""
+        errors = twin.error * rng.normal(size=(300, 6))
         scale = lambda x: errors * np.asarray([x, x, x, 1.0, 1.0, 1.0])  # noqa: E731
         return Scored(name, np.ones(300, bool), scale(before), scale(after))
 
-    flights = [scored(f"{i}", 1.0, others) for i in range(7)] + [scored("far", 3.0, 2.6)]
+    flights = [scored(f"{i}", 1.0, others) for i in range(7)] + [scored("far", 4.0, far)]
     whole = lambda when: np.mean([np.mean(getattr(f, when) ** 2) for f in flights])  # noqa: E731
     assert whole("after") < whole("before")
     assert helps(twin, flights, Decision()) is expected
