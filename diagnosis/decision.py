@@ -231,7 +231,7 @@ class Decision:
     most_left: float = _decided(
         0.5, "-", "convention", "a cause explains most of what is seen, or it is not the cause"
     )
-    """Share of the gap above which an effect beside a twin is not named."""
+    """Share of a gap, larger than what the twin misses, that a named effect leaves at most."""
     few_flights: int = _decided(
         5, "flights", "guess", "the t quantile of four flights is 1.4 times that of many"
     )

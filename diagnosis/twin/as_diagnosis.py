@@ -188,7 +188,7 @@ def _where(
     found = []
     for c in study.twin.colour.seen:
         gap, floor = float(np.sqrt(np.mean(each[:, c] ** 2))), float(study.twin.error[c])
-        low, high = _interval(each[:, c])
+        low, high = _interval(each[:, c], decision)
         found.append(
             ChannelGap(
                 channel=CHANNELS[c],
@@ -207,9 +207,11 @@ def _where(
     return tuple(found)
 
 
-def _interval(values: Float[np.ndarray, " flights"]) -> tuple[float | None, float | None]:
-    """The 95 % interval of a mean over flights, by the logarithm."""
-    if len(values) < 2 or np.any(values <= 0.0):
+def _interval(
+    values: Float[np.ndarray, " flights"], decision: Decision
+) -> tuple[float | None, float | None]:
+    """The 95 % interval of a mean over flights, by the logarithm; none from too few flights."""
+    if len(values) < decision.fewest_flights or np.any(values <= 0.0):
         return None, None
     log = np.log(values)
     half = stats.t.ppf(0.975, len(log) - 1) * np.std(log, ddof=1) / np.sqrt(len(log))

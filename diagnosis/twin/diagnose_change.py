@@ -11,7 +11,7 @@ from diagnosis.decision import Decision
 from diagnosis.logs.inputs import Inputs, driven_alike
 from diagnosis.twin.answer import TwinAnswer, followed
 from diagnosis.twin.channels import Channels
-from diagnosis.twin.drift import Scored, drift_shrink, left_share, misfit, misfit_ratios, score_flights
+from diagnosis.twin.drift import Scored, drift_shrink, excess_of, left_share, misfit, misfit_ratios, score_flights
 from diagnosis.twin.flown import Fly, flight_of, seen, twin_replay
 from diagnosis.twin.naming import name_change
 from diagnosis.twin.twin import Twin, make_twin, standing_out
@@ -108,13 +108,15 @@ def answer_change(
 def helps(twin: Twin, scored: Sequence[Scored], decision: Decision) -> bool:
     """Whether effects that were fitted to other flights explain them.
 
-    They lower the misfit, no drift grows, and they explain most of the gap: of two sets that differ
-    in many ways, something small is always like some effect. The misfit is compared flight by flight, and the mean flight decides: pooled over samples, one
+    They lower the misfit, no drift grows, and they do not leave most of a gap that is larger than
+    what the twin itself misses: of two sets that differ in some other way, something small is
+    always like some effect. The misfit is compared flight by flight, and the mean flight decides: pooled over samples, one
     flight that fits far better would outweigh several that fit worse.
     """
     if len(scored) < 2:
         return True  # there is no other flight
     shrink = drift_shrink(scored, (), decision)
     grows = shrink.high is not None and shrink.high < 0.0
-    most = left_share(twin, scored) <= decision.most_left
-    return float(misfit_ratios(twin, scored).mean()) < 0.0 and not grows and most
+    left = excess_of(twin, scored, [one.after for one in scored])[list(twin.colour.seen)]
+    other = float(left.mean()) > 1.0 and left_share(twin, scored) > decision.most_left
+    return float(misfit_ratios(twin, scored).mean()) < 0.0 and not grows and not other

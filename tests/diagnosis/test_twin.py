@@ -234,7 +234,7 @@ def test_few_flights_name_a_family_of_effects_that_look_alike():
 
 @pytest.mark.parametrize(
     ("others", "far", "expected"),
-    [(1.2, 2.0, False), (0.99, 3.6, False), (0.9, 2.0, True)],
+    [(1.2, 3.0, False), (0.99, 5.4, False), (0.9, 3.0, True)],
     ids=["most fit worse", "most of the gap is left", "it explains them"],
 )
 def test_effects_must_explain_flights_that_they_were_not_fitted_to(others, far, expected):
@@ -247,7 +247,7 @@ def test_effects_must_explain_flights_that_they_were_not_fitted_to(others, far, 
         scale = lambda x: errors * np.asarray([x, x, x, 1.0, 1.0, 1.0])  # noqa: E731
         return Scored(name, np.ones(300, bool), scale(before), scale(after))
 
-    flights = [scored(f"{i}", 1.0, others) for i in range(7)] + [scored("far", 4.0, far)]
+    flights = [scored(f"{i}", 1.0, others) for i in range(7)] + [scored("far", 6.0, far)]
     whole = lambda when: np.mean([np.mean(getattr(f, when) ** 2) for f in flights])  # noqa: E731
     assert whole("after") < whole("before")
     assert helps(twin, flights, Decision()) is expected
