@@ -11,7 +11,15 @@ from diagnosis.decision import Decision
 from diagnosis.logs.inputs import Inputs, driven_alike
 from diagnosis.twin.answer import TwinAnswer, followed
 from diagnosis.twin.channels import Channels
-from diagnosis.twin.drift import Scored, drift_shrink, excess_of, left_share, misfit, misfit_ratios, score_flights
+from diagnosis.twin.drift import (
+    Scored,
+    drift_shrink,
+    excess_of,
+    left_share,
+    misfit,
+    misfit_ratios,
+    score_flights,
+)
 from diagnosis.twin.flown import Fly, flight_of, seen, twin_replay
 from diagnosis.twin.naming import name_change
 from diagnosis.twin.twin import Twin, make_twin, standing_out
@@ -110,8 +118,8 @@ def helps(twin: Twin, scored: Sequence[Scored], decision: Decision) -> bool:
 
     They lower the misfit, no drift grows, and they do not leave most of a gap that is larger than
     what the twin itself misses: of two sets that differ in some other way, something small is
-    always like some effect. The misfit is compared flight by flight, and the mean flight decides: pooled over samples, one
-    flight that fits far better would outweigh several that fit worse.
+    always like some effect. The misfit is compared flight by flight, and the mean flight decides:
+    pooled over samples, one that fits far better would outweigh several that fit worse.
     """
     if len(scored) < 2:
         return True  # there is no other flight

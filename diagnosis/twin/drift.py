@@ -112,7 +112,7 @@ def excess_of(
 
 
 def left_share(twin: Twin, scored: Sequence[Scored]) -> float:
-    """Share of the gap that the named effects leave; 0 where there is none beyond the twin's own."""
+    """Share of the gap that the named effects leave; 0 without a gap beyond the twin's own."""
     before = float(excess_of(twin, scored, [one.before for one in scored]).sum())
     after = float(excess_of(twin, scored, [one.after for one in scored]).sum())
     return min(after / before, 1.0) if before > 0.0 else 0.0
