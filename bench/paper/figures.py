@@ -11,12 +11,19 @@ import pandas as pd
 import seaborn
 
 from bench.paper.rule import relative
-from bench.paper.values import HYBRID, LF, NAMES, name_of, off_spec, sizes
+from bench.paper.values import HYBRID, LF, NAMES, name_of, off_spec, sizes, varied
 from bench.report.pictures import cost
 from bench.report.pictures.cost import STYLE
 from bench.report.pictures.looks import look_of, ordered
 from bench.stats.scores import UPPER, primary, undisturbed
-from bench.stats.statistics import COUNTED, entry_of, estimate, matched, records
+from bench.stats.statistics import (
+    COUNTED,
+    difference,
+    entry_of,
+    estimate,
+    matched,
+    records,
+)
 from bench.store.tables import Tables
 
 ROWS = {
@@ -185,6 +192,54 @@ def write_flights(tables: Tables, path: Path) -> bool:
         grid.set_titles("N = {col_name}")
         grid.set(xscale="symlog", xlim=(-0.3, 2.0 * max(1, *(row[flights] for row in rows))))
         _save(grid, path)
+    return True
+
+
+def write_settings(tables: Tables, path: Path) -> bool:
+    """Writes a PNG: what each setting changes beside its default, a row a setting, a mark a cell.
+
+    Budgets of flight have a figure of their own. Nothing is written, and False returned, where no
+    setting was varied in two seeds or more.
+    """
+    shown = [
+        (one, difference(one.other, one.base), abs(estimate(one.base.values()).mean))
+        for one in varied(tables)
+        if min(len(one.other), len(one.base)) > 1 and not cost.BUDGET.fullmatch(one.entry.variant)
+    ]
+    entries = sorted({one.entry for one, _, _ in shown})
+    cells = sorted({(one.cell.task, one.cell.team_size) for one, _, _ in shown})
+    if not entries:
+        return False
+    with plt.rc_context(STYLE):
+        size = (6.0, 1.0 + 0.26 * len(entries))
+        figure, axes = plt.subplots(figsize=size)
+        colors = seaborn.color_palette("colorblind", len(cells))
+        for k, (task, n) in enumerate(cells):
+            own = [x for x in shown if (x[0].cell.task, x[0].cell.team_size) == (task, n)]
+            at = [
+                entries.index(one.entry) + 0.5 * (k + 0.5) / len(cells) - 0.25 for one, _, _ in own
+            ]
+            scale = 100.0 / np.asarray([base for _, _, base in own])
+            mean, low, high = (
+                scale * np.asarray([getattr(apart, name) for _, apart, _ in own])
+                for name in ("mean", "low", "high")
+            )
+            axes.errorbar(
+                mean, at, xerr=(mean - low, high - mean), fmt="osD^v<>Ph*"[k % 10], color=colors[k],
+                label=f"{plain(task)}, N = {n}", markersize=5, elinewidth=1.2,
+            )  # fmt: skip
+        axes.axvline(0.0, color="0.4", linewidth=0.8)
+        labels = [plain(f"{name_of(e._replace(variant=''))}, {e.variant}") for e in entries]
+        axes.set(yticks=range(len(entries)), yticklabels=labels)
+        axes.set_xscale("symlog", linthresh=10.0)
+        axes.set_xticks([-1000, -100, -10, 0, 10, 100])
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.set_xlabel("settled reward beside the default [%] (right is better)")
+        axes.invert_yaxis()
+        axes.grid(axis="both", color="0.92")
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        figure.savefig(path, dpi=110, bbox_inches="tight")
+        plt.close(figure)
     return True
 
 

@@ -6,22 +6,28 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench.paper.claims import BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
-from bench.paper.figures import data_uri, write_cost, write_flights, write_summary, write_worlds
+from bench.paper.figures import (
+    data_uri,
+    write_cost,
+    write_flights,
+    write_settings,
+    write_summary,
+    write_worlds,
+)
 from bench.paper.pictures import write_pipeline, write_top_views
 from bench.paper.rule import Finding
-from bench.paper.values import name_of
+from bench.paper.values import name_of, varied
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
 from bench.stats.choices import BUDGETS, Tie, choices
 from bench.stats.scores import (
     PRIMARY,
     STEADY,
-    UPPER,
     fallen_references,
     primary,
     steadied_references,
 )
-from bench.stats.statistics import difference, estimate, matched, seed_values
+from bench.stats.statistics import difference, estimate
 from bench.stats.verdicts import Verdict, in_cell
 from bench.store.tables import Tables
 from bench.text import markdown
@@ -52,6 +58,12 @@ FLIGHTS = (
     "team size: means over seeds with one standard deviation; 0 flights: the LF baseline"
 )
 """What the figure of the budgets shows."""
+SETTINGS = (
+    "What single settings do: mean change of the settled reward in percent of that of the default, "
+    "right is better, with the 95 % t-interval of the difference paired by seed; logarithmic "
+    "beyond 10 %"
+)
+"""What the figure of the settings shows."""
 HOW = (
     "Every number is computed from the tables of the sweep. The settled reward, from 2 s on, is "
     "judged first; the verdict by the whole return stands beside it. A claim about every cell (a "
@@ -88,6 +100,7 @@ FIGURES = {
     "summary": (GRID, write_summary),
     "flights": (FLIGHTS, write_flights),
     "worlds": (WORLDS, write_worlds),
+    "settings": (SETTINGS, write_settings),
 }
 """Figures by the end of their file's name: what each shows, and who draws it."""
 SHOWN = {PAPER: "summary", BUDGET: "flights", OFF_SPEC: "worlds"}
@@ -132,7 +145,7 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
     Args:
         tables: What the sweep found.
         path_md: Where to write; the HTML gets the suffix `.html`, the figures `_cost.png`,
-            `_summary.png`, `_flights.png`, `_worlds.png`, `_pipeline.png` and `_views.png`.
+            `_summary.png`, and so on (`FIGURES`).
         notes: A Markdown file to append, e.g. why a claim fails.
 
     Raises:
@@ -206,7 +219,7 @@ def document(
             parts += [markdown.table(j.finding.headings, j.finding.lines)]
     headings, lines = variants(tables)
     if lines:
-        parts += ["## Settings that differ from the default"]
+        parts += ["## Settings that differ from the default", *figures.get("settings", [])]
         parts += [markdown.table(headings, lines, (0, 1))]
     if made := made_by_text(tables):
         parts += ["## Where the rows come from", markdown.escape(made)]
@@ -299,27 +312,24 @@ def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     headings = ("cell", "method", "default", "variant", "difference", "95 % t-interval", "verdict")
     words = {Verdict.SUPPORTED: "better", Verdict.REFUTED: "worse", Verdict.UNDECIDED: "tied"}
     lines = []
-    for cell, found in seed_values(tables.results, primary(tables)).items():
-        for entry in sorted(entry for entry in found if entry.variant and entry.method != UPPER):
-            default = found.get(entry._replace(variant=""), {})
-            if cell.deployed_effects and not default:
-                continue  # made for another reality, where nothing flies by default
-            # Only the seeds that both have: a row of few seeds is compared with the same few.
-            other, base = matched(found[entry], default)
-            apart, first = difference(other, base), estimate(base.values())
-            second = estimate((other or found[entry]).values())
-            shown = (f"{mean_std(x.mean, x.std)} (n = {x.n})" if x.n else MISSING
-                     for x in (first, second))  # fmt: skip
-            lines.append(
-                (
-                    markdown.escape(cell.label),
-                    markdown.escape(entry.label),
-                    *shown,
-                    number(apart.mean, 1),
-                    span(apart.low, apart.high, 1),
-                    words.get(in_cell(other, base).verdict, "one seed: no order"),
-                )
+    for cell, entry, other, base in varied(tables):
+        apart, first, second = (
+            difference(other, base),
+            estimate(base.values()),
+            estimate(other.values()),
+        )
+        shown = (f"{mean_std(x.mean, x.std)} (n = {x.n})" if x.n else MISSING
+                 for x in (first, second))  # fmt: skip
+        lines.append(
+            (
+                markdown.escape(cell.label),
+                markdown.escape(entry.label),
+                *shown,
+                number(apart.mean, 1),
+                span(apart.low, apart.high, 1),
+                words.get(in_cell(other, base).verdict, "one seed: no order"),
             )
+        )
     return headings, lines
 
 

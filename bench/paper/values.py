@@ -1,10 +1,11 @@
 """What claims are about: the methods by name, and their values by cell, entry and seed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 from bench.plan.realities import joined
-from bench.stats.scores import home_of, undisturbed
-from bench.stats.statistics import Entry, Values, seed_values
+from bench.stats.scores import UPPER, home_of, primary, undisturbed
+from bench.stats.statistics import Cell, Entry, Values, matched, seed_values
 from bench.store.tables import Tables
 
 LF = Entry("lf_baseline")
@@ -54,6 +55,31 @@ def off_spec(tables: Tables, metric: str) -> Values:
         }
         if named[RECALIBRATED]:
             found[cell] = {entry: values for entry, values in named.items() if values}
+    return found
+
+
+class Varied(NamedTuple):
+    """A method with a setting that is not its default."""
+
+    cell: Cell
+    """Where it flew."""
+    entry: Entry
+    """The method and its setting."""
+    other: Mapping[int, float]
+    """Its settled reward by seed: of the seeds that the default has, too, where there are two."""
+    base: Mapping[int, float]
+    """That of the default."""
+
+
+def varied(tables: Tables) -> list[Varied]:
+    """Every method whose settings differ from its default, cell by cell."""
+    found = []
+    for cell, values in seed_values(tables.results, primary(tables)).items():
+        for entry in sorted(e for e in values if e.variant and e.method != UPPER):
+            default = values.get(entry._replace(variant=""), {})
+            other, base = matched(values[entry], default)
+            if default or not cell.deployed_effects:  # elsewhere nothing flies by default
+                found.append(Varied(cell, entry, other or values[entry], base))
     return found
 
 

@@ -1,5 +1,7 @@
 """Figures beside the claims: what is in them, and that pictures of it are written."""
 
+import dataclasses
+
 import matplotlib.image
 import matplotlib.pyplot as plt
 import numpy as np
@@ -9,7 +11,14 @@ from matplotlib.lines import Line2D
 from paper_tables import WORLDS, around
 from tables_for_tests import Sheet, empty, typical
 
-from bench.paper.figures import data_uri, write_cost, write_flights, write_summary, write_worlds
+from bench.paper.figures import (
+    data_uri,
+    write_cost,
+    write_flights,
+    write_settings,
+    write_summary,
+    write_worlds,
+)
 from bench.paper.values import HYBRID
 from bench.report.pictures.cost import points
 from bench.report.pictures.looks import BUILT_IN, COLORS
@@ -206,6 +215,22 @@ def test_few_flights_are_shown_by_what_they_lose_beside_the_same_seeds(tmp_path,
     assert panel.get_title() == "N = 3"
 
 
+def test_a_setting_is_shown_by_what_it_changes_beside_its_default(tmp_path, figures):
+    """Budgets of flight have a figure of their own; one seed has no interval."""
+    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
+    sheet.add("hybrid", "mlp", variant="x=1", rewards=(-40.0, -41.5))
+    sheet.add("hybrid", "mlp", variant="flights=8", rewards=(-60.0, -61.0))
+    sheet.add("hybrid", "mlp", variant="y=2", rewards=(-40.0,))
+    assert write_settings(sheet.tables(), tmp_path / "settings.png")
+    (panel,) = figures[0].axes
+    assert [label.get_text() for label in panel.get_yticklabels()] == ["Hybrid, x=1"]
+    (bar,) = panel.containers
+    (mean,) = bar.lines[0].get_xdata()
+    assert mean == pytest.approx(100.0 * 9.75 / 50.5)
+    ends = bar.lines[2][0].get_segments()[0][:, 0]
+    np.testing.assert_allclose(ends, 100.0 * np.asarray([6.573, 12.927]) / 50.5, rtol=1e-3)
+
+
 def test_a_world_has_a_row_and_every_seed_a_dot(tmp_path, figures, full_tables):
     write_worlds(full_tables, tmp_path / "worlds.png")
     (worlds,) = figures
@@ -227,9 +252,12 @@ def test_a_world_has_a_row_and_every_seed_a_dot(tmp_path, figures, full_tables):
     np.testing.assert_allclose(sorted(hybrid), sorted(x for n in sizes for x in around(n)))
 
 
-@pytest.mark.parametrize("write", [write_flights, write_worlds])
+@pytest.mark.parametrize("write", [write_flights, write_settings, write_worlds])
 def test_what_was_not_studied_is_not_drawn(tmp_path, write):
-    assert not write(typical(), tmp_path / "figure.png")
+    defaults = typical()
+    plain = defaults.results["variant"].eq("")
+    defaults = dataclasses.replace(defaults, results=defaults.results[plain])
+    assert not write(defaults, tmp_path / "figure.png")
     assert not write(empty(), tmp_path / "figure.png")
     assert not list(tmp_path.iterdir())
 

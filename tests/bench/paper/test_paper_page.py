@@ -213,7 +213,7 @@ def test_the_same_tables_make_the_same_bytes(tmp_path):
         {path.name: path.read_bytes() for path in (tmp_path / folder).iterdir()}
         for folder in ("first", "second")
     )
-    assert len(first) == 5
+    assert len(first) == 6
     assert first == second
 
 
@@ -251,7 +251,7 @@ def test_hostile_names_stay_text(hostile):
     body = html[html.index("<main") : html.index("</main>")]
     assert "<script" not in body
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in body
-    assert re.findall(r'<img src="([^"]{10})', body) == ["data:image"] * 5
+    assert re.findall(r'<img src="([^"]{10})', body) == ["data:image"] * 6
     for table in re.findall(r"(?:^\|.*\n)+", found, re.MULTILINE):
         bars = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
         assert len(bars) == 1, table
@@ -264,7 +264,7 @@ def test_a_hostile_page_opens_without_a_complaint_or_a_request(hostile, tmp_path
         opened.open(path)
         assert "alert(1)" in opened.run("document.body.textContent")
         drawn = "[...document.images].map((image) => image.naturalWidth)"
-        assert len(opened.run(drawn)) == 5
+        assert len(opened.run(drawn)) == 6
         assert min(opened.run(drawn)) > 100
         assert opened.complaints == []
         assert all(url.startswith(("file:", "data:")) for url in opened.requests)
