@@ -57,7 +57,7 @@ golden: $(READY)
 	@$(BIN)/python -m tests.golden --jobs $(JOBS) $(GOLDEN)
 
 # Suites whose runs the paper's claims are about: one page judges them together.
-CLAIMED := paper off_spec budget
+CLAIMED := paper off_spec budget ablations
 
 reports: $(READY)
 	@echo "Writing the pages in reports/ from the tables in results/."

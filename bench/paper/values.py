@@ -27,6 +27,7 @@ NAMES = {
     HYBRID: "Hybrid",
     ONCE: "Hybrid once",
     GREY_BOX: "grey box",
+    Entry("grey_box", "mlp"): "grey box with a residual (MLP)",
     RANDOMIZED: "domain randomization",
     RECALIBRATED: "recalibrated",
     TRACKED: "PD tracking",

@@ -120,11 +120,7 @@ def points(tables: Tables, values: Values | None = None) -> dict[int, list[Point
         for entry in sorted({e for cell in cells for e in scores[cell]}):
             if minutes := [x for c in cells for x in bills.get(c, {}).get(entry, {}).values()]:
                 own = [estimate(scores[c][entry].values()) for c in cells if entry in scores[c]]
-                # Means over other tasks are no comparison: of another budget than the default's,
-                # of `values` than the others'.
-                default = entry._replace(variant="")
-                asked = [c for c in cells if values is not None or default in scores[c]]
-                if all(entry in scores[c] for c in asked):
+                if len(own) == len(cells):  # means over other tasks are no comparison
                     found.setdefault(n, []).append(_point(entry, minutes, own))
     return found
 
