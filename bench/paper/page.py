@@ -19,7 +19,7 @@ from bench.paper.rule import Finding
 from bench.paper.values import name_of, varied
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
-from bench.stats.choices import BUDGETS, Tie, choices
+from bench.stats.choices import BUDGETS, Choice, Tie, choices
 from bench.stats.scores import (
     PRIMARY,
     STEADY,
@@ -76,9 +76,13 @@ HOW = (
 """How verdicts are made."""
 TIES = (
     "Not shown to be worse does not mean as good: where seeds scatter widely, a method cannot be "
-    "told from a far better one. The deficit is how far below the best its mean may lie."
+    "told from a far better one."
 )
 """What a tie in the table of whom to choose means."""
+CHOSEN = "Which method to choose, and how far below it the others may be"
+"""Heading of the table with all numbers."""
+SLUG = "which-method-to-choose-and-how-far-below-it-the-others-may-be"
+"""Where a page has it."""
 WHOLE = "These tables have no settled reward: every verdict is by the whole return."
 """What is said besides of tables of the first protocol."""
 
@@ -186,8 +190,8 @@ def document(
         figures: Paragraphs of each figure, by its name in `FIGURES`.
     """
     settled = primary(tables) == PRIMARY
-    parts = [f"# {TITLE}", _ended(tables), *_answer(found), *_whom(tables)]
-    parts += figures.get("cost", [])
+    chosen = choices(tables)
+    parts = [f"# {TITLE}", *_whom(chosen, tables), *_answer(found), *figures.get("cost", [])]
     sections = list(dict.fromkeys(j.claim.section for j in found))
     for section in sections:
         own = [j for j in found if j.claim.section == section]
@@ -212,7 +216,7 @@ def document(
         headings = ("claim", theirs, ours, "verdict", "by the whole return")
         parts += [markdown.table(headings, lines, range(5))]
         parts += figures.get(SHOWN.get(section, ""), [])
-    parts += ["## In detail"]
+    parts += ["## In detail", *(_chosen(chosen) if chosen else [])]
     for j in found:
         if j.finding.lines:
             parts += [f"### {j.claim.title}", f"Supported if {j.claim.rule.text}."]
@@ -221,8 +225,8 @@ def document(
     if lines:
         parts += ["## Settings that differ from the default", *figures.get("settings", [])]
         parts += [markdown.table(headings, lines, (0, 1))]
-    if made := made_by_text(tables):
-        parts += ["## Where the rows come from", markdown.escape(made)]
+    made = f"{_ended(tables)} {markdown.escape(made_by_text(tables) or '')}".strip()
+    parts += ["## Where the rows come from", made]
     return "\n\n".join([*parts, notes] if notes else parts) + "\n"
 
 
@@ -250,40 +254,28 @@ def _answer(found: Sequence[Judged]) -> list[str]:
     return ["## What holds", "\n".join(lines)]
 
 
-def _whom(tables: Tables) -> list[str]:
-    """Which method to choose at which budget."""
-    found = choices(tables)
+def _whom(found: Sequence[Choice], tables: Tables) -> list[str]:
+    """Which method to choose at which budget: a line a team size, a column a budget."""
     if not found:
         return []
-    tasks = [markdown.escape(", ".join(c.tasks)) for c in found]
-    alike = len(set(tasks)) == 1
-    lines = [
-        (
-            f"N = {c.team_size}" + ("" if alike else f" ({scored})"),
-            f"from {significant(c.budget)}",
-            f"**{markdown.escape(name_of(c.best))}**",
-            number(c.score, 3),
-            significant(c.minutes),
-            "; ".join(map(_tie_text, c.tied)) or MISSING,
-        )
-        for c, scored in zip(found, tasks, strict=True)
-    ]
-    headings = (
-        "team size" if alike else "team size (tasks)",
-        "budget [fleet-minutes]",
-        "best method",
-        "score",
-        "it needs",
-        "not shown to be worse: score (95 % interval of the deficit)",
-    )
-    asked = ", ".join(significant(budget) for budget in BUDGETS)
-    means = f"Scores are means over {tasks[0]}. " if alike else ""
+    means = f"Scores are means over {_tasks(found[0])}. " if _alike(found) else ""
+    shown = sorted({c.budget for c in found})
+    lines = []
+    for size in sorted({c.team_size for c in found}):
+        own = {c.budget: c for c in found if c.team_size == size}
+        cells, last = [], None
+        for budget in shown:
+            last = own.get(budget, last)
+            cells.append(MISSING if last is None else _cell(last))
+        lines.append((_team(next(iter(own.values())), found), *cells))
+    budgets = [f"{significant(b)} fleet-minutes" if b else "no flight" for b in shown]
     parts = [
         "## Which method to choose",
-        markdown.table(headings, lines, (0, 2, 5)),
-        f"{means}Asked at {asked} fleet-minutes; there is a row wherever the answer changes. "
-        "`bench choose` answers for any other budget. Hybrid without a residual's name has the MLP "
-        "ensemble.",
+        markdown.table(("team size", *budgets), lines, range(len(shown) + 1)),
+        "For a team and the high-fidelity flight that may be spent: the best method, its score (0: "
+        "a team that stays at its spawn; 1: the upper reference), and which others are not shown "
+        f"to be worse ([by how much](#{SLUG})). {means}Hybrid without a residual's name has the "
+        f"MLP ensemble. {TIES}",
     ]
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:
@@ -294,7 +286,57 @@ def _whom(tables: Tables) -> list[str]:
             "The upper reference diverged, and a score of 1 is what it reaches with "
             f"`{STEADY}`: {'; '.join(steadied)}."
         )
-    return [*parts, TIES]
+    return parts
+
+
+def _chosen(found: Sequence[Choice]) -> list[str]:
+    """The same with what the best needs and how far below it the others may be."""
+    lines = [
+        (
+            _team(c, found),
+            f"from {significant(c.budget)}",
+            f"**{markdown.escape(name_of(c.best))}**",
+            number(c.score, 3),
+            significant(c.minutes),
+            "; ".join(map(_tie_text, c.tied)) or MISSING,
+        )
+        for c in found
+    ]
+    headings = (
+        "team size" if _alike(found) else "team size (tasks)",
+        "budget [fleet-minutes]",
+        "best method",
+        "score",
+        "it needs",
+        "not shown to be worse: score (95 % interval of the deficit)",
+    )
+    asked = ", ".join(significant(budget) for budget in BUDGETS)
+    return [
+        f"### {CHOSEN}",
+        markdown.table(headings, lines, (0, 2, 5)),
+        f"Asked at {asked} fleet-minutes; there is a row wherever the answer changes. "
+        "`bench choose` answers for any other budget. The deficit is how far below the best a mean "
+        "may lie.",
+    ]
+
+
+def _cell(choice: Choice) -> str:
+    others = ", ".join(markdown.escape(name_of(tie.entry)) for tie in choice.tied)
+    best = f"**{markdown.escape(name_of(choice.best))}** {number(choice.score, 3)}"
+    return f"{best} (or {others})" if others else best
+
+
+def _tasks(choice: Choice) -> str:
+    return markdown.escape(", ".join(choice.tasks))
+
+
+def _alike(found: Sequence[Choice]) -> bool:
+    """Whether all choices rest on the same tasks."""
+    return len({c.tasks for c in found}) == 1
+
+
+def _team(choice: Choice, found: Sequence[Choice]) -> str:
+    return f"N = {choice.team_size}" + ("" if _alike(found) else f" ({_tasks(choice)})")
 
 
 def _tie_text(tie: Tie) -> str:

@@ -5,6 +5,8 @@ its content security policy forbids the rest. A click on a method or run opens i
 metrics, training curve and flight.
 """
 
+import itertools
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -97,9 +99,19 @@ def write_page(markdown_text: str, path: Path, title: str) -> None:
 
 
 def render_markdown(text: str, inline: bool = False) -> Markup:
-    """Markdown as HTML; HTML in `text` is shown, never interpreted."""
+    """Markdown as HTML; HTML in `text` is shown, never interpreted.
+
+    A heading's `id` is its text in small letters with hyphens, as on GitHub, so that links find it.
+    """
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
-    return Markup(parser.renderInline(text) if inline else parser.render(text))
+    if inline:
+        return Markup(parser.renderInline(text))
+    tokens = parser.parse(text)
+    for heading, content in itertools.pairwise(tokens):
+        if heading.type == "heading_open":
+            words = re.sub(r"[^\w\s-]", "", content.content.lower())
+            heading.attrSet("id", re.sub(r"\s", "-", words.strip()))
+    return Markup(parser.renderer.render(tokens, parser.options, {}))
 
 
 def library(name: str) -> Markup:

@@ -3,7 +3,7 @@
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
-from bench.paper.page import _whom
+from bench.paper.page import _chosen, _whom
 from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH, name_of
 from bench.stats.choices import BUDGETS, choices, minutes_of
 from bench.stats.scores import UPPER
@@ -84,7 +84,8 @@ def test_a_tie_says_how_far_below_a_scattered_method_may_lie():
     assert (tie.entry, tie.score) == (HOTSTART, pytest.approx(0.2, abs=0.01))
     assert tie.low < 0.0 < 0.7 < tie.high
     assert tie.low + tie.high == pytest.approx(2.0 * (found.score - tie.score))
-    page = "\n\n".join(_whom(sheet.tables()))
+    page = "\n\n".join([*_whom([found], sheet.tables()), *_chosen([found])])
+    assert f"**Hybrid** {found.score:.3f} (or hot start)" in page
     assert f"hot start: {tie.score:.3f} (" in page
     assert "does not mean as good" in page
 

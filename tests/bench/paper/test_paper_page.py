@@ -12,7 +12,7 @@ from tables_for_tests import Sheet, empty, typical
 
 from bench.paper import claims
 from bench.paper.claims import CLAIMS
-from bench.paper.page import HOW, TITLE, WHOLE, document, judged, variants, write_claims
+from bench.paper.page import HOW, SLUG, TITLE, WHOLE, document, judged, variants, write_claims
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 
@@ -70,8 +70,8 @@ def test_markdown_html_and_all_figures_are_written(full):
 
 def test_sections_come_in_order(text):
     assert [line.removeprefix("## ") for line in lines_of(text, "## ")] == [
-        "What holds",
         "Which method to choose",
+        "What holds",
         claims.PAPER,
         claims.BUDGET,
         claims.OFF_SPEC,
@@ -94,7 +94,8 @@ def test_what_decides_stands_over_the_table_that_shows_it(text):
     for claim in CLAIMS:
         if f"### {claim.title}\n" in text:
             assert f"### {claim.title}\n\nSupported if {claim.rule.text}.\n\n| " in text
-    assert text.count("\n### ") == len(CLAIMS) - 4  # those of one number have no table
+    # Those of one number have no table; one table is of whom to choose.
+    assert text.count("\n### ") == len(CLAIMS) - 4 + 1
 
 
 def test_figures_stand_in_the_markdown_by_name_and_in_the_html_whole(text, html):
@@ -112,16 +113,19 @@ def test_notes_come_last(text, html):
 
 def test_programs_that_made_the_rows_are_named(text, full_tables):
     n = len(full_tables.runs)
-    (first,) = lines_of(text, f"{n} runs")
-    assert first == f"{n} runs: {n} ok."
     _, source = text.split("## Where the rows come from\n\n")
-    assert source.startswith(f"Rows made: {n} of {n} at 0123abcd on a processor.\n")
+    made = f"Rows made: {n} of {n} at 0123abcd on a processor.\n"
+    assert source.startswith(f"{n} runs: {n} ok. {made}")
 
 
-def test_whom_to_choose_is_told_by_team_size_and_budget(text):
-    assert "\nScores are means over circle, figure8, pitchandexpand, spread. " in text
+def test_whom_to_choose_is_told_by_team_size_and_budget(text, html):
+    assert " Scores are means over circle, figure8, pitchandexpand, spread. " in text
     lines = lines_of(text, "| N = 12 | from ")
     score = (900.0 - 95.0) / (900.0 - 90.0)
+    (line,) = lines_of(text, "| N = 12 | **")
+    assert line == f"| N = 12 | **domain randomization** 0.938 | **grey box** {score:.3f} |"
+    assert f'href="#{SLUG}"' in html
+    assert f'id="{SLUG}"' in html
     assert lines == [
         "| N = 12 | from 0 | **domain randomization** | 0.938 | 0 | - |",
         f"| N = 12 | from 0.5 | **grey box** | {score:.3f} | 0.5 | - |",
@@ -196,7 +200,8 @@ def test_sections_without_anything_tested_are_left_out():
 def test_a_page_of_no_rows_is_complete_and_has_no_figure_of_rows(tmp_path):
     write_claims(empty(), tmp_path / "page.md")
     found = (tmp_path / "page.md").read_text(encoding="utf-8")
-    assert found.startswith(f"# {TITLE}\n\n0 runs.\n\n## What holds\n\n- **Not tested** (")
+    assert found.startswith(f"# {TITLE}\n\n## What holds\n\n- **Not tested** (")
+    assert found.endswith("## Where the rows come from\n\n0 runs.\n")
     n_paper = sum(claim.section == claims.PAPER for claim in CLAIMS)
     assert found.count("| - | not tested | not tested |") == n_paper
     assert sorted(path.name for path in tmp_path.iterdir()) == [
