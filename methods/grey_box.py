@@ -59,6 +59,8 @@ class GreyBox(AbstractMethod):
     """Calibration flights; with more than three, the paths are flown again under another dither."""
     excitation: float = eqx.field(static=True, default=DITHER, metadata={"neutral": True})
     """Amplitude of the dither on their actions [-]."""
+    all_candidates: bool = eqx.field(static=True, default=False, metadata={"neutral": True})
+    """Whether effects are identified, too, that a point mass can hardly tell from others."""
     dt: float = eqx.field(static=True, default=0.01)
     """Integration step of the point mass [s]."""
     spread: float = eqx.field(static=True, default=0.5)
@@ -96,7 +98,7 @@ class GreyBox(AbstractMethod):
         with setup.context.in_turn():
             start = time.perf_counter()
             setup.context.progress("identification", 0, 1, float("nan"))
-            chosen = (self.flights, self.excitation)
+            chosen = (self.flights, self.excitation, self.all_candidates)
             found = identify(nominal, setup.reality, self.dt, self.largest, flight_key, *chosen)
             corrected, model, notes = with_effects(nominal, found.effects), None, dict(found.notes)
             if self.residual is not None:

@@ -77,9 +77,9 @@ SETTLING = 0.1
 """Time after that which is left out, because the rotors spin up otherwise than they run [s]."""
 EQUAL = 2.0
 """Sets whose log evidence differs by less count as equally likely [nats]; a choice."""
-NO_CANDIDATES = ("rotor_drag",)
-"""A point mass cannot tell drag of the rotors, which acts along the axis too, from the way in which
-thrust follows its command."""
+HARD_TO_TELL = ("rotor_drag",)
+"""No candidates, unless all are asked for: a point mass can hardly tell drag of the rotors, which
+acts along the axis too, from the way in which thrust follows its command."""
 PATHS = ("rise", "steps", "turns")
 """Names of the paths, in the order in which they are flown."""
 _HEIGHT = 1.2
@@ -118,11 +118,12 @@ def identify(
     key: PRNGKeyArray,
     n_flights: int = len(PATHS),
     excitation: float = DITHER,
+    all_candidates: bool = False,
 ) -> Identification:
     """At most `largest` named effects, and a floor, that `nominal` lacks; flown in `reality`.
 
     `dt` is the integration step of `nominal` [s]; `key` draws dither and noise; `excitation` is the
-    amplitude of the dither [-].
+    amplitude of the dither [-]; `all_candidates` tries those of `HARD_TO_TELL`, too.
 
     Raises:
         ValueError: A drone never left the ground.
@@ -130,7 +131,8 @@ def identify(
     flights = fly(nominal, reality, key, n_flights, excitation)
     names = [f"{name} {i + 1}" for i, name in enumerate(flown_paths(n_flights))]
     logs = [_log(nominal, flights, i, name) for i, name in enumerate(names)]
-    library = make_library(with_effects(nominal, [Delay(dt / 2)]), exclude=_no_candidates())
+    excluded = _no_candidates() if all_candidates else [*HARD_TO_TELL, *_no_candidates()]
+    library = make_library(with_effects(nominal, [Delay(dt / 2)]), exclude=excluded)
     likelihood = Likelihood(make_replay(library, dt), cut(logs, dt), SIGMA)
     fit = choose(likelihood, len(logs), largest)
     found: dict[str, dict[str, Any]] = {
@@ -155,7 +157,7 @@ def identify(
 def _no_candidates() -> list[str]:
     """Effects that are not identified: those that set in at a moment of one flight."""
     kinds = registry.load_all("effect").items()
-    return [*NO_CANDIDATES, *(name for name, kind in kinds if issubclass(kind, OnsetEffect))]
+    return [name for name, kind in kinds if issubclass(kind, OnsetEffect)]
 
 
 def _acts(library: Library, name: str, values: Mapping[str, float]) -> bool:

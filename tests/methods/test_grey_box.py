@@ -200,8 +200,8 @@ def test_a_run_identifies_anew_by_its_own_key_and_is_billed_in_full(found, monke
     """
     asked, found = [], dataclasses.replace(found, effects=(effect(found, Drag),))
 
-    def identify(nominal, reality, dt, largest, key, n_flights, excitation):
-        assert (n_flights, excitation) == (3, identification.DITHER)
+    def identify(nominal, reality, dt, largest, key, n_flights, excitation, all_candidates):
+        assert (n_flights, excitation, all_candidates) == (3, identification.DITHER, False)
         identification.fly(nominal, reality, key, n_flights, excitation)
         asked.append((float(nominal.dt), dt, largest, jax.random.key_data(key).tolist()))
         return found
@@ -218,6 +218,25 @@ def test_a_run_identifies_anew_by_its_own_key_and_is_billed_in_full(found, monke
     assert asked[0] == asked[1]
     assert asked[0][:3] == asked[2][:3] == (DT, DT, LARGEST)
     assert asked[0][3] != asked[2][3]
+
+
+@pytest.mark.parametrize("all_candidates", [False, True])
+def test_drag_of_the_rotors_is_a_candidate_if_all_are_asked_for(monkeypatch, all_candidates):
+    class Asked(Exception):  # noqa: N818 - no error, a way to stop
+        pass
+
+    def make_library(simulator, exclude):
+        raise Asked(exclude)
+
+    monkeypatch.setattr(identification, "fly", lambda *_: None)
+    monkeypatch.setattr(identification, "_log", lambda *_: None)
+    monkeypatch.setattr(identification, "make_library", make_library)
+    asked = (PointMass(), Crazyflow(), DT, LARGEST, jax.random.key(0))
+    with pytest.raises(Asked) as caught:
+        identification.identify(*asked, all_candidates=all_candidates)
+    (excluded,) = caught.value.args
+    assert ("rotor_drag" in excluded) is not all_candidates
+    assert "gust" in excluded  # it sets in at a moment of one flight
 
 
 def test_what_is_left_vanishes_where_the_simulator_is_the_reality(found):
