@@ -36,7 +36,7 @@ from bench.stats.statistics import Entry
 from bench.stats.verdicts import Verdict
 from bench.store.tables import Tables
 from bench.text import markdown
-from bench.text.numbers import MISSING, measured, significant
+from bench.text.numbers import MISSING, measured, number, significant
 from bench.text.pages import read_notes, refuse_folder, write_text
 from bench.text.say import say
 
@@ -77,7 +77,7 @@ def lines(found: Matrix) -> list[tuple[str, ...]]:
                 else markdown.escape(name),
                 *(measured(*score) for score in scores),
                 standing.worst.name if standing.worst else MISSING,
-                significant(standing.worst_score, 3) if standing.worst else MISSING,
+                number(standing.worst_score, 3) if standing.worst else MISSING,
                 significant(standing.minutes) if standing.scores else MISSING,
             )
         )
@@ -167,7 +167,7 @@ def _summary(made: Matrix, claims: Mapping[str, Mapping[str, Verdict]]) -> list[
     complete = [s for s in made.standings if s.worst is not None]
     bullets = [
         f"- **{markdown.escape(_name(s.entry))}** keeps a score of "
-        f"{significant(s.worst_score, 3)} in its worst world ({s.worst.name}) for "
+        f"{number(s.worst_score, 3)} in its worst world ({s.worst.name}) for "
         f"{significant(s.minutes)} fleet-minutes."
         for s in sorted(complete, key=lambda s: s.minutes)
         if s.entry in made.front and s.worst is not None
