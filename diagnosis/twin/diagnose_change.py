@@ -97,10 +97,15 @@ def answer_change(
     reference = make_group(twin.scores, width)
     target = make_group([s for s, out in zip(scores, odd, strict=True) if not out], width)
     named = name_change(library, reference, target, decision, refly if fly else None)
-    scored = score_flights(twin, kept, flown_at(named.at.change), named.at)
-    if named.effects and not helps(twin, scored, decision):
-        named = named.unexplained()
-        scored = score_flights(twin, kept, kept, named.at)
+    # Of effects that look alike, one may explain most of what is seen where the first does not.
+    scored = score_flights(twin, kept, kept, named.nothing)
+    for one in (named, *named.instead) if named.effects else ():
+        tried = score_flights(twin, kept, flown_at(one.at.change), one.at)
+        if helps(twin, tried, decision):
+            named, scored = one, tried
+            break
+    else:
+        named = named.unexplained() if named.effects else named
     fields = {field.name for field in dataclasses.fields(TwinAnswer)}
     own = {name: value for name, value in vars(named).items() if name in fields}
     answer = TwinAnswer(

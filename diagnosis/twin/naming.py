@@ -24,6 +24,8 @@ class Named(Naming):
     """The named effects, linearised where they fit; without any, no change."""
     nothing: Hypothesis
     """No change."""
+    instead: tuple["Named", ...] = ()
+    """The same with each alias in the place of the first effect, the most probable first."""
 
     def unexplained(self) -> "Named":
         """The same without a name: the effects do not help flights that they were not fitted to."""
@@ -35,6 +37,7 @@ class Named(Naming):
             probability=0.0,
             parameters=(),
             at=self.nothing,
+            instead=(),
         )
 
 
@@ -77,15 +80,26 @@ def name_change(
         tried = settle(at.of(library, named), library, every, refly)
         named = _clear(library, tried, n, decision)
         at = tried if named == tried.effects else alone[sure[0].effect].of(library, named)
-    return Named(
-        change="partly" if at.p_left < decision.alarm_chance else "effect",
-        effects=named,
-        aliases=aliases,
-        probability=share,
-        parameters=changed(library, named, at.estimate, n, decision),
-        at=at,
-        **rest,
+
+    def with_first(at: Hypothesis, aliases: tuple[str, ...], instead: tuple[Named, ...]) -> Named:
+        return Named(
+            change="partly" if at.p_left < decision.alarm_chance else "effect",
+            effects=at.effects,
+            aliases=aliases,
+            probability=share,
+            parameters=changed(library, at.effects, at.estimate, n, decision),
+            at=at,
+            instead=instead,
+            **rest,
+        )
+
+    alike = (sure[0].effect, *aliases)
+    instead = tuple(
+        with_first(alone[e], tuple(x for x in alike if x != e), ())
+        for e in aliases
+        if any(p.clear for p in changed(library, (e,), alone[e].estimate, n, decision))
     )
+    return with_first(at, aliases, instead)
 
 
 def _free(library: Library, effect: str) -> bool:

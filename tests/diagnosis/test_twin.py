@@ -9,6 +9,7 @@ import pytest
 from diagnosis.decision import Decision
 from diagnosis.logs.flights import LogError
 from diagnosis.replay.library import make_library
+from diagnosis.twin import diagnose_change
 from diagnosis.twin.channels import Channels, headed
 from diagnosis.twin.diagnose_change import answer_change, helps
 from diagnosis.twin.drift import Scored
@@ -230,6 +231,29 @@ def test_few_flights_name_a_family_of_effects_that_look_alike():
     found, _ = answer_change(twin, [flight(100 + i, [(at, size)]) for i in range(3)])
     assert "attitude_gain" in (*found.effects, *found.aliases)
     assert found.probability >= 0.5
+
+
+def test_an_effect_that_looks_alike_is_named_where_the_first_does_not_explain_flights(monkeypatch):
+    at, like = column("attitude_gain", "g"), column("thrust_gain", "e")
+
+    def alike(one):
+        """The flight with two effects that move it in the same way."""
+        slopes = one.slopes.copy()
+        slopes[like] = slopes[at]
+        return dataclasses.replace(one, slopes=slopes)
+
+    twin = make_twin([alike(flight(i)) for i in range(5)], LIBRARY, EVERY)
+    flights = [alike(flight(100 + i, [(at, 0.05)])) for i in range(5)]
+    found, _ = answer_change(twin, flights)
+    assert {*found.effects, *found.aliases} == {"attitude_gain", "thrust_gain"}
+    answers = iter([False, True])
+    monkeypatch.setattr(diagnose_change, "helps", lambda *_: next(answers))
+    other, _ = answer_change(twin, flights)
+    assert other.effects == found.aliases[:1]
+    assert {*other.effects, *other.aliases} == {*found.effects, *found.aliases}
+    assert {p.effect for p in other.parameters} == {*other.effects}
+    monkeypatch.setattr(diagnose_change, "helps", lambda *_: False)
+    assert answer_change(twin, flights)[0].change == "unexplained"
 
 
 @pytest.mark.parametrize(
