@@ -19,7 +19,7 @@ from jaxtyping import Float
 from diagnosis.interface import commands, orders, scales
 from diagnosis.interface.commands import Following
 from diagnosis.interface.fault import PARTS, SIZED, Evidence, InterfaceFault
-from diagnosis.interface.motors import SINCE, Turning, motor_lag, motor_order, turning
+from diagnosis.interface.motors import SINCE, Turning, motor_order, turning, turning_lag
 from diagnosis.interface.readings import Chosen
 from diagnosis.interface.scales import Size
 from diagnosis.interface.windows import Windows, make_windows
@@ -252,7 +252,7 @@ def _later_since(
     now: Sequence[Sequence[Turning]], then: Sequence[Sequence[Turning]], flights: FlightSet
 ) -> InterfaceFault | None:
     """A change since the reference of the time from the motors' inputs to the turning."""
-    after, before = motor_lag(now), motor_lag(then)
+    after, before = turning_lag(now), turning_lag(then)
     if after is None or before is None:
         return None
     size = after.since(before)

@@ -93,7 +93,7 @@ def motor_order(pieces: Sequence[Turning]) -> Chosen | None:
     return Chosen((f"motors {order} in columns 1 to 4",), explained, asked)
 
 
-def motor_lag(drones: Sequence[Sequence[Turning]]) -> Size | None:
+def turning_lag(drones: Sequence[Sequence[Turning]]) -> Size | None:
     """Time from what motors are given to the turning [s]; None if these pieces do not tell."""
     pieces = [piece for drone in drones for piece in drone]
     if len(pieces) < FEWEST or not _beyond_chance(_told(pieces, ORDERS[0]), len(LAGS)):

@@ -18,7 +18,7 @@ from diagnosis.interface import scales
 from diagnosis.interface.fault import PARTS
 from diagnosis.interface.faults import interface_faults as found
 from diagnosis.interface.mended import mended
-from diagnosis.interface.motors import MOMENTS, motor_lag, motor_order
+from diagnosis.interface.motors import MOMENTS, motor_order, turning_lag
 from diagnosis.interface.motors import turning as turnings
 from diagnosis.interface.readings import Reading, choose, signed_orders
 from diagnosis.logs.flights import DroneLog, FlightLog, load_flights
@@ -213,7 +213,7 @@ def test_motors_in_order_and_motors_that_tell_nothing_are_no_fault():
         dataclasses.replace(log, pwm=rng.uniform(0.4, 0.6, (len(log.t), 4))) for log in turning()
     ]
     assert ordered(logs) is None
-    assert motor_lag([turnings(log) for log in logs]) is None
+    assert turning_lag([turnings(log) for log in logs]) is None
 
 
 def flown(logs):
@@ -240,7 +240,7 @@ def test_beside_a_reference_motors_that_act_later_are_named(seconds, expected):
 
 
 def test_the_time_that_motors_take_is_measured():
-    lags = [motor_lag([turnings(shifted(log, s)) for log in turning(n=8)]) for s in (0.0, 0.03)]
+    lags = [turning_lag([turnings(shifted(log, s)) for log in turning(n=8)]) for s in (0.0, 0.03)]
     for lag, true in zip(lags, (0.0, 0.03), strict=True):
         assert lag is not None
         assert lag.value == pytest.approx(true, abs=0.006)  # inputs are held for a row of 0.01 s
