@@ -9,6 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import seaborn
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bench.paper.rule import relative
 from bench.paper.values import HYBRID, LF, NAMES, name_of, off_spec, sizes, varied
@@ -210,36 +212,24 @@ def write_settings(tables: Tables, path: Path) -> bool:
     cells = sorted({(one.cell.task, one.cell.team_size) for one, _, _ in shown})
     if not entries:
         return False
-    with plt.rc_context(STYLE):
-        size = (6.0, 1.0 + 0.26 * len(entries))
-        figure, axes = plt.subplots(figsize=size)
-        colors = seaborn.color_palette("colorblind", len(cells))
-        for k, (task, n) in enumerate(cells):
-            own = [x for x in shown if (x[0].cell.task, x[0].cell.team_size) == (task, n)]
-            at = [
-                entries.index(one.entry) + 0.5 * (k + 0.5) / len(cells) - 0.25 for one, _, _ in own
-            ]
-            scale = 100.0 / np.asarray([base for _, _, base in own])
-            mean, low, high = (
-                scale * np.asarray([getattr(apart, name) for _, apart, _ in own])
-                for name in ("mean", "low", "high")
-            )
-            axes.errorbar(
-                mean, at, xerr=(mean - low, high - mean), fmt="osD^v<>Ph*"[k % 10], color=colors[k],
-                label=f"{plain(task)}, N = {n}", markersize=5, elinewidth=1.2,
-            )  # fmt: skip
-        axes.axvline(0.0, color="0.4", linewidth=0.8)
-        labels = [plain(f"{name_of(e._replace(variant=''))}, {e.variant}") for e in entries]
-        axes.set(yticks=range(len(entries)), yticklabels=labels)
-        axes.set_xscale("symlog", linthresh=10.0)
-        axes.set_xticks([-1000, -100, -10, 0, 10, 100])
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.set_xlabel("settled reward beside the default [%] (right is better)")
-        axes.invert_yaxis()
-        axes.grid(axis="both", color="0.92")
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-        figure.savefig(path, dpi=110, bbox_inches="tight")
-        plt.close(figure)
+    series = {}
+    for k, (task, n) in enumerate(cells):
+        own = [x for x in shown if (x[0].cell.task, x[0].cell.team_size) == (task, n)]
+        beside = 0.5 * (k + 0.5) / len(cells) - 0.25
+        series[f"{task}, N = {n}"] = [
+            (entries.index(one.entry) + beside, *(100.0 / base * x for x in ends))
+            for one, apart, base in own
+            for ends in [(apart.mean, apart.low, apart.high)]
+        ]
+    names = [f"{name_of(e._replace(variant=''))}, {e.variant}" for e in entries]
+    figure, axes = _intervals(names, series)
+    axes.axvline(0.0, color="0.4", linewidth=0.8)
+    axes.set_xscale("symlog", linthresh=10.0)
+    axes.set_xticks([-1000, -100, -10, 0, 10, 100])
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_xlabel("settled reward beside the default [%] (right is better)")
+    figure.savefig(path, dpi=110, bbox_inches="tight")
+    plt.close(figure)
     return True
 
 
@@ -253,25 +243,38 @@ def write_gaps(
         gaps: Mean with the ends of its interval by world, as long as `names`; NaN where unknown.
         path: Of the picture.
     """
-    places = np.arange(len(names))
+    series = {
+        # An interval that reaches a score of 1 would have no end on a logarithmic axis.
+        world: [(i, mean, max(low, 0.1 * mean), high) for i, (mean, low, high) in enumerate(values)]
+        for world, values in gaps.items()
+    }
+    figure, axes = _intervals(names, series)
+    axes.set(xscale="log", xlabel="1 minus the score, mean over the cells (left is better)")
+    figure.savefig(path, dpi=110, bbox_inches="tight")
+    plt.close(figure)
+
+
+def _intervals(
+    names: Sequence[str], series: Mapping[str, Sequence[tuple[float, float, float, float]]]
+) -> tuple[Figure, Axes]:
+    """A line a name, a colour and mark a series: of each point the line, mean, low and high end.
+
+    An end that is no number is not drawn.
+    """
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(7.5, 0.8 + 0.36 * len(names)), layout="constrained")
-        colors = seaborn.color_palette("colorblind", len(gaps))
-        for i, (world, values) in enumerate(gaps.items()):
-            mean, low, high = np.asarray(values, float).T
-            # An interval that reaches a score of 1 would have no end on a logarithmic axis.
-            ends = np.nan_to_num([np.minimum(mean - low, 0.9 * mean), high - mean])
+        figure, axes = plt.subplots(figsize=(6.0, 0.8 + 0.3 * len(names)))
+        colors = seaborn.color_palette("colorblind", len(series))
+        for i, (label, points) in enumerate(series.items()):
+            at, mean, low, high = np.asarray(points, float).T
             axes.errorbar(
-                mean, places, xerr=ends, fmt="osD^v<>Ph*"[i % 10], color=colors[i],
-                label=plain(world), markersize=6, elinewidth=1.2,
+                mean, at, xerr=np.nan_to_num([mean - low, high - mean]), fmt="osD^v<>Ph*"[i % 10],
+                color=colors[i], label=plain(label), markersize=5, elinewidth=1.2,
             )  # fmt: skip
-        axes.set(yticks=places, yticklabels=[plain(name) for name in names], xscale="log")
-        axes.set_xlabel("1 minus the score, mean over the cells (left is better)")
+        axes.set(yticks=range(len(names)), yticklabels=[plain(name) for name in names])
         axes.invert_yaxis()
-        axes.grid(axis="y", color="0.92")
+        axes.grid(axis="both", color="0.92")
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-        figure.savefig(path, dpi=110)
-        plt.close(figure)
+    return figure, axes
 
 
 _AT_REST = re.compile(r", \w+=0(?=[,)])")

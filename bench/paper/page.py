@@ -59,9 +59,9 @@ FLIGHTS = (
 )
 """What the figure of the budgets shows."""
 SETTINGS = (
-    "What single settings do: mean change of the settled reward in percent of that of the default, "
-    "right is better, with the 95 % t-interval of the difference paired by seed; logarithmic "
-    "beyond 10 %"
+    "What a single setting changes: the settled reward less that of the default setting, in "
+    "percent of the default's; right is better. Bars are 95 % t-intervals of the difference, "
+    "paired by seed; the axis is logarithmic beyond 10 %"
 )
 """What the figure of the settings shows."""
 HOW = (
@@ -81,8 +81,6 @@ TIES = (
 """What a tie in the table of whom to choose means."""
 CHOSEN = "Which method to choose, and how far below it the others may be"
 """Heading of the table with all numbers."""
-SLUG = "which-method-to-choose-and-how-far-below-it-the-others-may-be"
-"""Where a page has it."""
 WHOLE = "These tables have no settled reward: every verdict is by the whole return."
 """What is said besides of tables of the first protocol."""
 
@@ -216,7 +214,7 @@ def document(
         headings = ("claim", theirs, ours, "verdict", "by the whole return")
         parts += [markdown.table(headings, lines, range(5))]
         parts += figures.get(SHOWN.get(section, ""), [])
-    parts += ["## In detail", *(_chosen(chosen) if chosen else [])]
+    parts += ["## In detail", *_chosen(chosen)]
     for j in found:
         if j.finding.lines:
             parts += [f"### {j.claim.title}", f"Supported if {j.claim.rule.text}."]
@@ -225,7 +223,7 @@ def document(
     if lines:
         parts += ["## Settings that differ from the default", *figures.get("settings", [])]
         parts += [markdown.table(headings, lines, (0, 1))]
-    made = f"{_ended(tables)} {markdown.escape(made_by_text(tables) or '')}".strip()
+    made = f"{_ended(tables)} {markdown.escape(made_by_text(tables))}".strip()
     parts += ["## Where the rows come from", made]
     return "\n\n".join([*parts, notes] if notes else parts) + "\n"
 
@@ -274,8 +272,8 @@ def _whom(found: Sequence[Choice], tables: Tables) -> list[str]:
         markdown.table(("team size", *budgets), lines, range(len(shown) + 1)),
         "For a team and the high-fidelity flight that may be spent: the best method, its score (0: "
         "a team that stays at its spawn; 1: the upper reference), and which others are not shown "
-        f"to be worse ([by how much](#{SLUG})). {means}Hybrid without a residual's name has the "
-        f"MLP ensemble. {TIES}",
+        f"to be worse ([by how much](#{markdown.anchor(CHOSEN)})). {means}Hybrid without a "
+        f"residual's name has the MLP ensemble. {TIES}",
     ]
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:
@@ -291,6 +289,8 @@ def _whom(found: Sequence[Choice], tables: Tables) -> list[str]:
 
 def _chosen(found: Sequence[Choice]) -> list[str]:
     """The same with what the best needs and how far below it the others may be."""
+    if not found:
+        return []
     lines = [
         (
             _team(c, found),

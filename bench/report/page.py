@@ -6,7 +6,6 @@ metrics, training curve and flight.
 """
 
 import itertools
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,6 +37,7 @@ from bench.report.run_details import details, first_runs, run_lines, settings_gr
 from bench.report.standings import HOW_TO_READ_STANDINGS, STANDING_HEADINGS, standing_lines
 from bench.stats.pooled import Pool, pools
 from bench.store.tables import Tables
+from bench.text import markdown
 from bench.text.numbers import MISSING
 from bench.text.pages import environment, write_text
 
@@ -101,16 +101,17 @@ def write_page(markdown_text: str, path: Path, title: str) -> None:
 def render_markdown(text: str, inline: bool = False) -> Markup:
     """Markdown as HTML; HTML in `text` is shown, never interpreted.
 
-    A heading's `id` is its text in small letters with hyphens, as on GitHub, so that links find it.
+    A heading's `id` is that of `markdown.anchor`, the first time; links find it.
     """
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     if inline:
         return Markup(parser.renderInline(text))
-    tokens = parser.parse(text)
+    tokens, seen = parser.parse(text), set[str]()
     for heading, content in itertools.pairwise(tokens):
-        if heading.type == "heading_open":
-            words = re.sub(r"[^\w\s-]", "", content.content.lower())
-            heading.attrSet("id", re.sub(r"\s", "-", words.strip()))
+        place = markdown.anchor(content.content)
+        if heading.type == "heading_open" and place not in seen:
+            heading.attrSet("id", place)
+            seen.add(place)
     return Markup(parser.renderer.render(tokens, parser.options, {}))
 
 

@@ -34,3 +34,8 @@ def text_table(
 
 def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cells) + " |"
+
+
+def anchor(heading: str) -> str:
+    """Where links find a heading: its text in small letters with hyphens, as on GitHub."""
+    return re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", heading.lower()).strip())

@@ -262,7 +262,7 @@ def _later_since(
     word, stamped = ("later", "early") if later else ("sooner", "late")
     told = any(drone.pwm is not None for drone in _drones(flights))
     what, cause = ("motor commands", ", and the motors") if told else ("rotor speeds", "")
-    quantity = "time from motors to turning, less that of the reference"
+    quantity = "time from motor inputs to turning, minus the same time in the reference"
     slower = (f"{'slower' if later else 'faster'} motors",) if told else ()
     return InterfaceFault(
         part="motor clock since the reference",

@@ -32,7 +32,7 @@ STEP = 0.02
 LAG_STEP = 0.01
 """Time between two lags [s]."""
 LAGS = np.round(np.arange(-0.1, 0.201, LAG_STEP), 6)
-"""Lags that are tried [s]: those of motors and their loop, and of clocks that are off."""
+"""Lags that are tried [s]: motors and their loop delay the turning, a wrong clock shifts it."""
 PIECE = 4.0
 """Duration of a piece [s], far longer than a gyroscope's noise remembers."""
 SINCE = 0.01

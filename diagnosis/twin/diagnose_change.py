@@ -98,14 +98,14 @@ def answer_change(
     target = make_group([s for s, out in zip(scores, odd, strict=True) if not out], width)
     named = name_change(library, reference, target, decision, refly if fly else None)
     # Of effects that look alike, one may explain most of what is seen where the first does not.
-    scored = score_flights(twin, kept, kept, named.nothing)
-    for one in (named, *named.instead) if named.effects else ():
-        tried = score_flights(twin, kept, flown_at(one.at.change), one.at)
-        if helps(twin, tried, decision):
-            named, scored = one, tried
+    for one in (named, *named.instead):
+        scored = score_flights(twin, kept, flown_at(one.at.change), one.at)
+        if not one.effects or helps(twin, scored, decision):
+            named = one
             break
     else:
-        named = named.unexplained() if named.effects else named
+        named = named.unexplained()
+        scored = score_flights(twin, kept, kept, named.at)
     fields = {field.name for field in dataclasses.fields(TwinAnswer)}
     own = {name: value for name, value in vars(named).items() if name in fields}
     answer = TwinAnswer(
@@ -124,7 +124,7 @@ def helps(twin: Twin, scored: Sequence[Scored], decision: Decision) -> bool:
     They lower the misfit, no drift grows, and they do not leave most of a gap that is larger than
     what the twin itself misses: of two sets that differ in some other way, something small is
     always like some effect. The misfit is compared flight by flight, and the mean flight decides:
-    pooled over samples, one that fits far better would outweigh several that fit worse.
+    pooled over samples, one flight that fits far better would outweigh several that fit worse.
     """
     if len(scored) < 2:
         return True  # there is no other flight

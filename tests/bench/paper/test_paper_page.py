@@ -12,8 +12,9 @@ from tables_for_tests import Sheet, empty, typical
 
 from bench.paper import claims
 from bench.paper.claims import CLAIMS
-from bench.paper.page import HOW, SLUG, TITLE, WHOLE, document, judged, variants, write_claims
+from bench.paper.page import CHOSEN, HOW, TITLE, WHOLE, document, judged, variants, write_claims
 from bench.store.tables import Tables
+from bench.text import markdown
 from bench.text.errors import UsageError
 
 ROOT = Path(__file__).parents[3]
@@ -124,8 +125,8 @@ def test_whom_to_choose_is_told_by_team_size_and_budget(text, html):
     score = (900.0 - 95.0) / (900.0 - 90.0)
     (line,) = lines_of(text, "| N = 12 | **")
     assert line == f"| N = 12 | **domain randomization** 0.938 | **grey box** {score:.3f} |"
-    assert f'href="#{SLUG}"' in html
-    assert f'id="{SLUG}"' in html
+    assert f'href="#{markdown.anchor(CHOSEN)}"' in html
+    assert f'id="{markdown.anchor(CHOSEN)}"' in html
     assert lines == [
         "| N = 12 | from 0 | **domain randomization** | 0.938 | 0 | - |",
         f"| N = 12 | from 0.5 | **grey box** | {score:.3f} | 0.5 | - |",
