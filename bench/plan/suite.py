@@ -116,7 +116,7 @@ class QuickPart:
     methods: tuple[str, ...]
     """Registered names, among those of the suite's rows."""
     residuals: tuple[str, ...]
-    """Registered names of the residuals of methods that take one."""
+    """Registered names: rows with another residual are left out, rows without one stay."""
 
 
 @pydantic.with_config(NO_OTHER_KEYS)
@@ -190,7 +190,14 @@ class Suite:
                 f"{', '.join(able)}. Or choose a part with --task, --team-size, --method, --seeds."
             )
         part = self.quick
-        return self.select(part.tasks, part.team_sizes, part.methods, part.residuals, part.seeds)
+        rows = (row for row in self.methods if row.method in part.methods)
+        return dataclasses.replace(
+            self,
+            tasks=part.tasks,
+            team_sizes=part.team_sizes,
+            seeds=part.seeds,
+            methods=tuple(r for r in rows if not r.residual or r.residual in part.residuals),
+        )
 
     def deploying(self) -> "Suite":
         """The suite with the rows that train nothing.

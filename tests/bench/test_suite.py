@@ -207,6 +207,8 @@ def test_the_quick_part_of_the_worlds_has_every_world():
     per_world = {world: [row for row in quick.methods if row.world == world]
                  for world in ("rotorpy", "contact", "field")}  # fmt: skip
     assert [len(rows) for rows in per_world.values()] == [6, 6, 6]
+    whole = {run.name for run in expand(load_suite("worlds")).runs}
+    assert {run.name for run in expand(quick).runs} < whole  # it fills in no residual
 
 
 def test_a_suite_without_a_quick_part_says_which_have_one(load):
