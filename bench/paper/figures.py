@@ -28,10 +28,12 @@ from bench.stats.statistics import (
 )
 from bench.store.tables import Tables
 
+CONTACT = "training_crash_step_rate"
+"""Share of training steps in contact; drawn of methods that train in high fidelity."""
 ROWS = {
     "settled_reward": "settled reward",
     "fleet_minutes": "HF flight\n[fleet-minutes]",
-    "training_crash_step_rate": "share of training\nsteps in contact",
+    CONTACT: "training steps\nin contact [%]",
 }
 """Metrics from top to bottom, and their axis labels."""
 LINEAR = 0.5
@@ -62,6 +64,16 @@ def write_summary(tables: Tables, path: Path) -> bool:
     shown = results.loc[chosen & results["method"].ne(UPPER)]
     if shown.empty:
         return False
+    # In percent, of methods that have any: the others never train in high fidelity.
+    crashed = shown["metric"].eq(CONTACT)
+    any_contact = shown.loc[crashed & shown["value"].gt(0.0), "method"].unique()
+    shown = shown.loc[~crashed | shown["method"].isin(any_contact)]
+    shown = shown.assign(
+        value=shown["value"].where(shown["metric"].ne(CONTACT), 100 * shown["value"])
+    )
+    # A line needs two team sizes, where there are two.
+    teams = shown.groupby(["method", "residual"])["team_size"].transform("nunique")
+    shown = shown.loc[teams.gt(1) | (shown["team_size"].nunique() == 1)]
     found = [entry_of(row) for row in records(shown)]
     entries = ordered(set(found))
     names = {entry: plain(name_of(entry)) for entry in entries}
@@ -79,7 +91,7 @@ def write_summary(tables: Tables, path: Path) -> bool:
             style_order=list(names.values()),
             markers={name: look_of(e, entries)[1] for e, name in names.items()},
             dashes=False,
-            errorbar="sd",
+            errorbar=("pi", 100),
             err_style="bars",
             row="metric",
             row_order=list(rows),
@@ -94,7 +106,10 @@ def write_summary(tables: Tables, path: Path) -> bool:
             axes[0].set_ylabel(label)
         for panel in grid.axes[0]:
             panel.set_yscale("symlog", linthresh=LINEAR)
-            panel.set_ylim(top=max(0.0, shown.loc[shown["metric"].eq(first), "value"].max()))
+            panel.set_yticks([-1000, -100, -10, -1])
+            top = max(0.0, shown.loc[shown["metric"].eq(first), "value"].max())
+            panel.set_ylim(1.5 * min(panel.dataLim.y0, -1.0), top)
+            panel.yaxis.set_major_formatter("{x:g}")
         for panel in grid.axes[1]:
             panel.set_yscale("symlog", linthresh=1)
             panel.set_ylim(-0.2, max(10.0, 2.0 * panel.dataLim.y1))
@@ -144,7 +159,9 @@ def write_worlds(tables: Tables, path: Path) -> bool:
         grid.set_axis_labels(f"{returned} (right is better)", "")
         for panel in grid.axes.flat:
             panel.set_xscale("symlog", linthresh=LINEAR)
-            panel.set_xlim(right=max(0.0, *map(max, rewards.values())))
+            panel.set_xlim(
+                1.5 * min(map(min, rewards.values())), max(0.0, *map(max, rewards.values()))
+            )
             panel.set_xticks([-100, -10, -1, 0])
             panel.xaxis.set_major_formatter("{x:g}")
             panel.grid(axis="both", color="0.92")
@@ -193,6 +210,13 @@ def write_flights(tables: Tables, path: Path) -> bool:
         )
         grid.set_titles("N = {col_name}")
         grid.set(xscale="symlog", xlim=(-0.3, 2.0 * max(1, *(row[flights] for row in rows))))
+        for panel in grid.axes.flat:
+            panel.set_yscale("symlog", linthresh=10.0)
+            panel.set_yticks([-10, 0, 10, 100, 1000, 10000])
+            panel.yaxis.set_major_formatter("{x:g}")
+            panel.set_ylim(-20.0, 2.0 * max(10.0, *(row[loss] for row in rows)))
+            for claimed in (10.0, 15.0):
+                panel.axhline(claimed, color="0.6", linewidth=0.8, linestyle="--")
         _save(grid, path)
     return True
 

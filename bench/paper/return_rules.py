@@ -18,7 +18,16 @@ from bench.paper.rule import (
 from bench.paper.values import HYBRID, NAMES, Source
 from bench.stats.scores import scored, undisturbed
 from bench.stats.statistics import Cell, Entry, Values, difference, estimate, matched, seed_values
-from bench.stats.verdicts import Test, Verdict, below, by_cell, every, in_cell, over_cells, test_of
+from bench.stats.verdicts import (
+    Verdict,
+    below,
+    by_cell,
+    every,
+    holm,
+    in_cell,
+    over_cells,
+    test_of,
+)
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.numbers import number, span
@@ -65,26 +74,37 @@ class Above(AbstractRule):
     def judge(self, tables: Tables, metric: str) -> Finding:
         metric = self.metric or metric
         values = self.source(tables, metric)
-        pairs = pairs_of(values, self.first, self.second, self.task)
+        pairs = self._claimed(values)
         if not pairs:
             return UNTESTED
         tests = [in_cell(a, worse_by(self.share, b)) for _, a, b in pairs]
         verdicts = by_cell(tests)
-        counted = [
-            v
-            for (c, _, _), v in zip(pairs, verdicts, strict=True)
-            if (c.task, c.team_size) not in self.but
-        ]
-        verdict = _enough(counted, self.at_least) if self.at_least < 1.0 else every(counted)
+        verdict = _enough(verdicts, self.at_least) if self.at_least < 1.0 else every(verdicts)
         names = NAMES[self.first], NAMES[self.second]
-        headings = ("cell", *names, "difference", "95 % interval", "verdict")
+        apart = f"above {100 * self.share:.0f} % more loss" if self.share else "difference"
+        headings = ("cell", *names, apart, "95 % interval", "p (Holm)", "verdict")
+        p_values = holm([test.p for test in tests])
         lines = tuple(
-            _line(cell, a, b, test, verdict)
-            for (cell, a, b), test, verdict in zip(pairs, tests, verdicts, strict=True)
+            (
+                markdown.escape(cell.label),
+                summary(a.values()),
+                summary(b.values()),
+                number(test.mean, 1),
+                span(test.low, test.high, 1),
+                number(p, 3),
+                verdict.value,
+            )
+            for (cell, a, b), test, p, verdict in zip(pairs, tests, p_values, verdicts, strict=True)
         )
-        pooled = self._pooled(tables, metric, len(pairs))
-        text = counts_text(verdicts) + self._alone(values) + pooled
+        text = counts_text(verdicts) + self._alone(values) + self._pooled(tables, metric)
         return Finding(text, verdict, headings, lines)
+
+    def _claimed(
+        self, values: Values
+    ) -> list[tuple[Cell, Mapping[int, float], Mapping[int, float]]]:
+        """What both have in the cells that the claim is about."""
+        pairs = pairs_of(values, self.first, self.second, self.task)
+        return [pair for pair in pairs if (pair[0].task, pair[0].team_size) not in self.but]
 
     def _alone(self, values: Values) -> str:
         """In how many cells one of both left no policy, so that nothing is compared."""
@@ -92,18 +112,22 @@ class Above(AbstractRule):
         alone = sum((self.first in entries) != (self.second in entries) for entries in own)
         return f"; {alone} more where only one of the two was run" if alone else ""
 
-    def _pooled(self, tables: Tables, metric: str, n_cells: int) -> str:
-        """The test over the cells that have scores, where there are some."""
+    def _pooled(self, tables: Tables, metric: str) -> str:
+        """The test over the claimed cells that have scores, where there are some."""
         if self.share or metric != "settled_reward" or self.source is not undisturbed:
             return ""
         scores = seed_values(scored(tables), "score")
         plain = {cell: own for cell, own in scores.items() if cell == Cell(*cell[:2])}
-        pairs = pairs_of(plain, self.first, self.second, self.task)
+        pairs = self._claimed(plain)
         test = over_cells((a, b) for _, a, b in pairs)
         if math.isnan(test.low):
             return ""
-        over = "all cells" if len(pairs) == n_cells else f"the {len(pairs)} cells that have scores"
-        return f"; score {number(test.mean, 4)} ({span(test.low, test.high, 4)}) over {over}"
+        low, high = (test.low, test.high) if test.mean >= 0.0 else (-test.high, -test.low)
+        return (
+            f"; {NAMES[self.first]}'s score is {number(abs(test.mean), 4)} "
+            f"({span(low, high, 4)}) {'higher' if test.mean >= 0.0 else 'lower'} over "
+            f"{len(pairs)} {'cell' if len(pairs) == 1 else 'cells'}"
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,16 +203,20 @@ class Shortfall(AbstractRule):
     behind: Entry
     ahead: Entry
     low: float
+    sizes: tuple[int, ...] = ()
+    """Team sizes that the claim is about; empty: all."""
 
     @property
     def text(self) -> str:
+        among = f" with {', '.join(map(str, self.sizes))} drones" if self.sizes else ""
         return (
             f"{NAMES[self.behind]} loses at least {100 * self.low:.0f} % more than "
-            f"{NAMES[self.ahead]} in every cell, by the paired difference over seeds"
+            f"{NAMES[self.ahead]} in every cell{among}, by the paired difference over seeds"
         )
 
     def judge(self, tables: Tables, metric: str) -> Finding:
-        pairs = pairs_of(undisturbed(tables, metric), self.ahead, self.behind)
+        found = pairs_of(undisturbed(tables, metric), self.ahead, self.behind)
+        pairs = [p for p in found if not self.sizes or p[0].team_size in self.sizes]
         if not pairs:
             return UNTESTED
         verdict = every(by_cell([in_cell(worse_by(self.low, a), b) for _, a, b in pairs]))
@@ -266,15 +294,6 @@ def gaps_by_size(values: Values, behind: Entry, ahead: Entry) -> dict[int, dict[
         if seeds:
             result[n] = {s: estimate(found[n][t][s] for t in tasks).mean for s in seeds}
     return result
-
-
-def _line(
-    cell: Cell, a: Mapping[int, float], b: Mapping[int, float], test: Test, verdict: Verdict
-) -> tuple[str, ...]:
-    shown = (summary(a.values()), summary(b.values()))
-    apart = difference(a, b)
-    ends = span(apart.low, apart.high, 1)
-    return markdown.escape(cell.label), *shown, number(apart.mean, 1), ends, verdict.value
 
 
 def _enough(verdicts: list[Verdict], share: float) -> Verdict:

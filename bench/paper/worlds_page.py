@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bench.paper.claims import OWN, PAPER
+from bench.paper.claims import DEPLOYED, OWN, PAPER
 from bench.paper.figures import data_uri, write_gaps
 from bench.paper.page import judged, word_of
 from bench.paper.values import name_of
@@ -49,6 +49,11 @@ WORST_TENTH = (
     "Settled reward of the worst tenth of all drones; higher is better. Rows that are older than "
     "this metric have none."
 )
+GAPS = (
+    "1 minus the score of each method in each world, left is better: means over these cells, bars "
+    "95 % intervals over seeds; a bar that would reach a score of 1 is cut"
+)
+"""What the figure shows."""
 HEADINGS = ("worst world", "worst score", "flight [fleet-minutes]")
 
 
@@ -100,9 +105,9 @@ def document(
     cells = "; ".join(markdown.escape(cell.label) for cell in made.cells) or "none"
     claims = _claims(found)
     names = [world.name for world in made.worlds]
-    parts = [f"# {title}", *_summary(made, claims)]
+    parts = [f"# {title}", *_summary(made, cells)]
     if picture:
-        parts += [f"![1 minus the score of each method in each world]({picture})"]
+        parts += [f"![{GAPS}]({picture})", f"*{GAPS}.*"]
     parts += ["## Scores"]
     parts += [
         f"{made.scale}; mean over {cells}, which every method here flew in every world, with the "
@@ -129,10 +134,10 @@ def document(
         parts += [markdown.table(("method", *names), tenths)]
     parts += ["## What of the claims holds where"]
     parts += [
-        "Judged in each world by its settled rewards, as on the page of the paper; where policies "
-        "are deployed *as they are*, claims about what was deployed only. A claim about more "
-        "cells than were flown in a world is undecided there unless what was flown refutes it. "
-        "Where worlds have different cells, another verdict need not come from the world."
+        "Claims about policies as deployed, judged in each world by its settled rewards as on the "
+        "page of the paper. A claim about more cells than were flown in a world is undecided "
+        "there unless what was flown refutes it. Where worlds have different cells, another "
+        "verdict need not come from the world."
     ]
     where = list(dict.fromkeys(place for own in claims.values() for place in own))
     rows = [
@@ -151,7 +156,7 @@ def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
     for world, tables in found.items():
         for way, own in ways(tables).items():
             for one in judged(own):
-                if one.claim.section in (PAPER, OWN):
+                if one.claim.section in (PAPER, OWN) and one.claim.of == DEPLOYED:
                     where = ", ".join(filter(None, [world.name, way]))
                     made.setdefault(one.claim.title, {})[where] = one.finding.verdict
     first = next(iter(found)).name
@@ -162,7 +167,7 @@ def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
     }
 
 
-def _summary(made: Matrix, claims: Mapping[str, Mapping[str, Verdict]]) -> list[str]:
+def _summary(made: Matrix, cells: str) -> list[str]:
     """What to take away, in one screen."""
     complete = [s for s in made.standings if s.worst is not None]
     bullets = [
@@ -177,18 +182,13 @@ def _summary(made: Matrix, claims: Mapping[str, Mapping[str, Verdict]]) -> list[
         if not here:
             continue
         best = max(here, key=lambda s: s.scores[world][0])
-        places = (world.name, f"{world.name}, {AS_IS}")
-        verdicts = [own[place] for own in claims.values() for place in places if place in own]
-        counts = ", ".join(
-            f"{verdicts.count(v)} {v.value}"
-            for v in (Verdict.SUPPORTED, Verdict.REFUTED, Verdict.UNDECIDED)
-            if verdicts.count(v)
-        )
         bullets.append(
             f"- {world.name}: best mean {markdown.escape(_name(flown_as(best.entry, world)))} "
-            f"({measured(*best.scores[world])}); claims: {counts or 'none tested'}."
+            f"({measured(*best.scores[world])})."
         )
-    return ["## In short", "\n".join(bullets) or "No method flew in every world."]
+    if not bullets:
+        return ["## In short", "No method flew in every world."]
+    return ["## In short", f"{made.scale}; mean over {cells}.", "\n".join(bullets)]
 
 
 def add_worlds_page(tables_dir: Path, documents_dir: Path) -> None:

@@ -5,7 +5,7 @@ Of the affordable ones that have a score on every task, the best has the highest
 is not shown to be below it (`bench/stats/verdicts.py`, all tasks pooled) is tied with it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from bench.stats.scores import UPPER, at_home, scored, undisturbed
@@ -15,6 +15,11 @@ from bench.store.tables import Tables
 
 BUDGETS = (0.0, 0.5, 5.0, 50.0, 500.0, 5000.0)
 """Fleet-minutes that are asked about."""
+
+
+NEAR = 0.01
+"""A method is named beside the best where the 95 % interval of its deficit ends at most here: a
+hundredth of the way from the spawn to the upper reference; a choice."""
 
 
 class Choice(NamedTuple):
@@ -42,6 +47,27 @@ class Tie(NamedTuple):
     low: float
     """How far below the best it is, lower end of the 95 % interval; NaN without one."""
     high: float
+
+    @property
+    def near(self) -> bool:
+        """Whether it is shown to be at most `NEAR` below the best."""
+        return self.high <= NEAR
+
+
+class Better(NamedTuple):
+    """A method with other settings than its default, shown to be above the best default."""
+
+    team_size: int
+    entry: Entry
+    """The method with the settings that it had on `tasks`; on the others it had its default."""
+    tasks: tuple[str, ...]
+    score: float
+    """Mean over all tasks."""
+    minutes: float
+    """Flight that it is billed for, mean over tasks [fleet-minutes]."""
+    above: Entry
+    """The best default of those that need no more flight."""
+    above_score: float
 
 
 def choices(tables: Tables) -> list[Choice]:
@@ -76,6 +102,42 @@ def _ladders(tables: Tables, budgets: Sequence[float]) -> dict[int, list[Choice]
     return found
 
 
+def better_settings(tables: Tables) -> list[Better]:
+    """Settings with which a method is above whatever is best by default at its bill.
+
+    Settings are compared with the default on the tasks that flew them, all tasks pooled; scores of
+    those that were chosen among many are a little too good.
+    """
+    scores = at_home(seed_values(scored(tables), "score"), tables)
+    bills = undisturbed(tables, "fleet_minutes")
+    found = []
+    for n in sorted({cell.team_size for cell, own in _default(scores).items() if own}):
+        cells = [cell for cell, own in _default(scores).items() if own and cell.team_size == n]
+        for entry in sorted({e for cell in cells for e in scores[cell] if e.variant}):
+            default = entry._replace(variant="")
+            flown = {
+                cell: entry if len(scores[cell].get(entry, {})) >= FEWEST else default
+                for cell in cells
+            }
+            if entry not in flown.values() or not all(e in scores[c] for c, e in flown.items()):
+                continue
+            minutes = _mean(bills[cell][e].values() for cell, e in flown.items())
+            best = choose(tables, n, minutes)
+            if best is None:
+                continue
+            pairs = [(scores[cell][e], scores[cell][best.best]) for cell, e in flown.items()]
+            if over_cells(pairs).verdict is Verdict.SUPPORTED:
+                tasks = tuple(sorted(cell.task for cell, e in flown.items() if e == entry))
+                score = _mean(own.values() for own, _ in pairs)
+                found.append(Better(n, entry, tasks, score, minutes, best.best, best.score))
+    return found
+
+
+def _mean(cells: Iterable[Iterable[float]]) -> float:
+    """Mean over cells of the means over seeds."""
+    return estimate(estimate(own).mean for own in cells).mean
+
+
 def _who(choice: Choice) -> list[Entry]:
     return [choice.best, *(tie.entry for tie in choice.tied)]
 
@@ -108,9 +170,7 @@ def _choose(
     entries = [e for e in bills if all(e in scores[cell] for cell in cells)]
     if not entries or not cells:
         return None
-    mean = {
-        e: estimate(estimate(scores[cell][e].values()).mean for cell in cells).mean for e in entries
-    }
+    mean = {e: _mean(scores[cell][e].values() for cell in cells) for e in entries}
     best = max(entries, key=lambda e: mean[e])
     apart = {
         e: over_cells((scores[cell][best], scores[cell][e]) for cell in cells)

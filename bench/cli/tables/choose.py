@@ -26,6 +26,7 @@ def choose(directory: Path, /, *, team_size: int, budget: float) -> int:
     check_tables(directory)
     from rich.console import Console
 
+    from bench.stats.choices import better_settings
     from bench.stats.choices import choose as find
     from bench.store.tables import Tables
     from bench.text.numbers import number, significant
@@ -52,4 +53,13 @@ def choose(directory: Path, /, *, team_size: int, budget: float) -> int:
             f"Not shown to be worse: {tie.entry.label}, score {number(tie.score, 3)}, at most "
             f"{significant(tie.high)} below.",
         )
+    for b in better_settings(tables):
+        if b.team_size == team_size and b.minutes <= budget and b.score > found.score:
+            say(
+                console,
+                f"With other settings: {b.entry.label} on {', '.join(b.tasks)} "
+                f"({b.entry._replace(variant='').label} elsewhere), score {number(b.score, 4)}, "
+                f"{significant(b.minutes)} fleet-minutes. It was found by comparing many settings "
+                "on these tables, so the score is a little too good.",
+            )
     return 0

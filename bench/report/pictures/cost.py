@@ -35,6 +35,8 @@ GAP = "gap to the upper reference"
 """What the vertical axis shows where there are scores."""
 LOSS = "settled reward / that at the spawn"
 """What it shows elsewhere."""
+IN_A_ROW = 3
+"""Panels side by side in a file."""
 PAGE_SIZE = (4.8, 3.0)
 """Width and height of a panel on a page [in]."""
 
@@ -65,16 +67,21 @@ def write_cost(tables: Tables, path: Path, label: Callable[[Entry], str]) -> boo
         return False
     entries = _entries(found)
     with plt.rc_context(STYLE):
-        width = 2.6 * len(found) + 1.6
+        columns = min(len(found), IN_A_ROW)
+        rows = -(-len(found) // columns)
+        size = (2.6 * columns + 1.6, 2.9 * rows + 0.3)
         figure, axes = plt.subplots(
-            1, len(found), figsize=(width, 3.2), sharex=True, sharey=True, squeeze=False
+            rows, columns, figsize=size, sharex=True, sharey=True, squeeze=False
         )
-        for (n, own), panel in zip(sorted(found.items()), axes[0], strict=True):
+        for (n, own), panel in zip(sorted(found.items()), axes.flat, strict=False):
             _draw(panel, own, entries, look_of, label)
             panel.set_title(f"N = {n}")
-        axes[0][0].set_ylabel(GAP)
+        for panel in axes.flat[len(found) :]:
+            panel.set_axis_off()
+        for row in axes:
+            row[0].set_ylabel(GAP)
         _scale(axes[0][0], found)
-        _legend(figure, axes[0], [label(entry) for entry in entries])
+        _legend(figure, axes.flat, [label(entry) for entry in entries])
         figure.tight_layout()
         figure.savefig(path, dpi=110, bbox_inches="tight")
         plt.close(figure)

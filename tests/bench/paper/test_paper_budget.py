@@ -5,7 +5,7 @@ from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
 from bench.paper.page import _chosen, _whom
 from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH, name_of
-from bench.stats.choices import BUDGETS, choices, minutes_of
+from bench.stats.choices import BUDGETS, better_settings, choices, minutes_of
 from bench.stats.scores import UPPER
 from bench.stats.statistics import Entry
 
@@ -85,9 +85,33 @@ def test_a_tie_says_how_far_below_a_scattered_method_may_lie():
     assert tie.low < 0.0 < 0.7 < tie.high
     assert tie.low + tie.high == pytest.approx(2.0 * (found.score - tie.score))
     page = "\n\n".join([*_whom([found], sheet.tables()), *_chosen([found])])
-    assert f"**Hybrid** {found.score:.3f} (or hot start)" in page
+    assert f"**Hybrid** {found.score:.3f} |" in page  # who may be far worse stands in detail only
     assert f"hot start: {tie.score:.3f} (" in page
-    assert "does not mean as good" in page
+    assert "though they may be far worse" in page
+
+
+def test_who_is_shown_to_be_near_the_best_stands_beside_it():
+    sheet = Scores().bound("spread").give(HYBRID, 0.9).give(HOTSTART, 0.899, scatter=(0.002, 0, 0))
+    (found,) = choices(sheet.tables())
+    assert [tie.near for tie in found.tied] == [True]
+    page = "\n\n".join(_whom([found], sheet.tables()))
+    assert f"**Hybrid** {found.score:.3f} (or hot start)" in page
+
+
+def test_settings_above_every_default_of_the_same_bill_are_told():
+    sheet = Scores().bound("spread").bound("circle").give(HYBRID, 0.6, 20.0).give(LF, 0.2)
+    for entry, score, minutes in ((HYBRID, 0.6, 20.0), (LF, 0.2, 0.0), (HOTSTART, 0.5, 200.0)):
+        sheet.give(entry, score, minutes, task="circle")
+    sheet.give(HOTSTART, 0.5, 200.0)
+    sheet.give(HOTSTART._replace(variant="limit=9"), 0.9, 200.0)
+    sheet.give(HOTSTART._replace(variant="limit=1"), 0.6, 200.0)  # above its default alone
+    sheet.give(LF._replace(variant="limit=9"), 0.55)  # no bill, and above what is free
+    paid, free = better_settings(sheet.tables())
+    assert (free.entry.method, free.above, free.tasks) == ("lf_baseline", LF, ("spread",))
+    assert (paid.entry.variant, paid.above, paid.minutes) == ("limit=9", HYBRID, 200.0)
+    assert (paid.score, paid.above_score) == pytest.approx((0.7, 0.6), abs=0.01)
+    page = "\n\n".join(_whom(choices(sheet.tables()), sheet.tables()))
+    assert "**hot start** with `limit=9` on spread: 0.7" in page
 
 
 def test_a_tie_that_only_a_larger_budget_allows_is_told_then():

@@ -50,8 +50,8 @@ def test_a_single_cell_says_what_its_differences_say(verdict):
 def test_a_line_shows_both_means_with_their_seeds_and_the_paired_difference():
     line = judged(Above(HYBRID, LF), cells((10.0, 11.0, 12.0))).lines[0]
     shown = ("task0, N = 3", "-49.0 ± 1.0 (n = 3)", "-60.0 ± 0.0 (n = 3)")
-    # 11 +- t(0.975, 2) / sqrt(3) = 11 +- 2.48
-    assert line == (*shown, "11.0", "8.5 to 13.5", "supported")
+    # 11 +- t(0.975, 2) / sqrt(3) = 11 +- 2.48; p = 1 - t / sqrt(t^2 + 2) for t = 11 sqrt(3)
+    assert line == (*shown, "11.0", "8.5 to 13.5", "0.003", "supported")
 
 
 def test_equal_returns_are_no_win():
@@ -98,7 +98,8 @@ def test_only_the_papers_own_losses_are_excluded(task, team_size, verdict):
     rule = Above(HYBRID, LF, but=PAPER_LOSSES)
     found = judged(rule, sheet)
     assert found.verdict is verdict
-    assert found.ours == "supported in 1, refuted in 1 of 2"
+    counted = "supported in 1, refuted in 1 of 2" if verdict is REFUTED else "supported in 1 of 1"
+    assert found.ours == counted
     assert "in every cell but circle at N = 3 and figure8 at N = 3," in rule.text
 
 
@@ -164,7 +165,8 @@ def test_the_test_over_all_cells_is_in_scores():
         sheet.add_upper(-20.0, task=task)
     gained = 15.0 / (-20.0 - SPAWN_SETTLED)
     text = judged(Above(HYBRID, LF), sheet).ours
-    assert text.endswith(f"; score {gained:.4f} (0.0170 to 0.0170) over all cells")
+    higher = f"Hybrid's score is {gained:.4f} (0.0170 to 0.0170) higher over 2 cells"
+    assert text.endswith(f"; {higher}")
     assert "score" not in judged(Above(HYBRID, LF), sheet, "reward").ours
 
 
@@ -176,7 +178,8 @@ def test_other_worlds_are_no_evidence():
     for row in sheet.results[before:]:
         row["deployed_effects"] = "wind(x=1.5)"
     found = judged(Above(HYBRID, LF), sheet)
-    assert found.ours == "supported in 1 of 1; score 0.0114 (0.0114 to 0.0114) over all cells"
+    higher = "Hybrid's score is 0.0114 (0.0114 to 0.0114) higher over 1 cell"
+    assert found.ours == f"supported in 1 of 1; {higher}"
 
 
 def test_variants_are_no_evidence():
