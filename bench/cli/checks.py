@@ -2,11 +2,15 @@
 
 import difflib
 import re
+import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from bench.diagnosis_report.numbers import clean
 from bench.plan.names import SENSING, kind_of, require, world_text
 from bench.text.errors import UsageError
+from diagnosis.logs.columns import LogError
+from diagnosis.logs.folder import check_folder
 from simulators import registry
 
 
@@ -67,16 +71,40 @@ def check_tables(directory: Path) -> None:
 
 
 def check_flights(folder: Path) -> None:
-    """Refuses what is no folder of flights.
+    """Refuses what is no folder of flights, as far as names and headers of files tell.
 
     Raises:
-        UsageError: There is no such folder.
+        UsageError: There is no such folder, or it is an earlier diagnosis.
+        LogError: vehicle.toml, flights/ or the headers of all files are wrong; one line for each.
     """
+    if _earlier(folder) is not None or (folder.is_file() and folder.suffix == ".json"):
+        raise UsageError(
+            f"{folder}: a folder with vehicle.toml and flights/ is expected. To write what to "
+            "change after an earlier diagnosis, add --remedy crazyflow, crazyflie or px4."
+        )
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
         raise UsageError(
             f"{folder}: {what}; a folder with vehicle.toml and flights/ is expected.{_near(folder)}"
         )
+    check_folder(folder)
+
+
+def earlier_diagnosis(path: Path) -> Path:
+    """The diagnosis.json in a folder that holds one and no flights; every other path as it is."""
+    return _earlier(path) or path
+
+
+def _earlier(path: Path) -> Path | None:
+    file = path / "diagnosis.json"
+    return file if file.is_file() and not (path / "vehicle.toml").exists() else None
+
+
+def refuse_logs(error: LogError) -> int:
+    """Says what is wrong with logs, a line for each thing, and returns the exit status."""
+    for line in str(error).splitlines():
+        print(f"bench: {clean(line)}", file=sys.stderr)  # noqa: T201
+    return 2
 
 
 def check_files(paths: Iterable[Path]) -> None:

@@ -27,6 +27,7 @@ from diagnosis.importing.reader import (
     Request,
     Stream,
     broken_off,
+    known_voltage,
     reading,
 )
 
@@ -148,5 +149,6 @@ def _streams(tables: dict[str, _Table], request: Request, hover: float | None) -
         streams.append(Stream("cmd_thrust", table.t(), thrust, "RATE AOut", words))
     if "BAT" in tables:
         table = tables["BAT"].of(0)
-        streams.append(Stream("battery", table.t(), table.columns("Volt"), "BAT Volt"))
+        volts = known_voltage(table.columns("Volt"))
+        streams.append(Stream("battery", table.t(), volts, "BAT Volt"))
     return streams

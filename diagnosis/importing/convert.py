@@ -4,6 +4,7 @@ The folder is built beside its place, read back by the diagnosis's own checks, a
 its place. A source that cannot be used is left out with one line that says why.
 """
 
+import dataclasses
 import re
 import shutil
 import tempfile
@@ -25,6 +26,7 @@ from diagnosis.importing.ulog import UlogReader
 from diagnosis.importing.usd import UsdReader
 from diagnosis.logs.columns import LogError, did_you_mean
 from diagnosis.logs.flights import LeftOut, load_flights, read_vehicle
+from diagnosis.logs.units import cells
 
 READERS: Mapping[str, AbstractReader] = {
     reader.name: reader
@@ -235,8 +237,20 @@ def _rows(recording: Recording, above: float | None) -> dict[str, Rows]:
     found = {}
     for name, streams in recording.drones.items():
         try:
-            rows = make_rows(streams, float(min(starts)))
+            rows = _with_cells(make_rows(streams, float(min(starts))))
             found[name] = with_hint(rows) if above is None else airborne(rows, above)
         except LogError as error:
             raise LogError(f"drone '{name}': {error}" if name else str(error)) from error
     return found
+
+
+def _with_cells(rows: Rows) -> Rows:
+    """The same rows, with a note where the battery has several cells."""
+    highest = float(np.max(rows.columns.get("battery", 0.0)))
+    if (n_cells := cells(highest)) == 1:
+        return rows
+    note = (
+        f"The battery's voltage of up to {highest:.3g} V is taken for that of {n_cells} cells in "
+        "series; a diagnosis goes by the voltage of one cell."
+    )
+    return dataclasses.replace(rows, notes=(*rows.notes, note))

@@ -184,3 +184,10 @@ def broken_off(what: str, request: Request, remedy: str = "") -> str:
             f"{what}; copy the file again{remedy}, or use what comes before with --truncated."
         )
     return f"{what}; what comes before is used."
+
+
+def known_voltage(
+    volts: Float64[np.ndarray, "rows columns"],
+) -> Float64[np.ndarray, "rows columns"]:
+    """A battery's voltage [V], NaN where it is zero: so autopilots log what they do not measure."""
+    return np.where(volts > 0.0, volts, np.nan)

@@ -23,7 +23,8 @@ from scipy.interpolate import CubicSpline
 
 from diagnosis.importing.frames import is_attitude
 from diagnosis.importing.reader import FIELDS, Stream
-from diagnosis.logs.columns import Columns, LogError
+from diagnosis.logs.columns import LogError
+from diagnosis.logs.table_files import Columns
 
 RATES = (50.0, 500.0)
 """Slowest and fastest rate of rows [Hz]: nodes of a replay stand at 50 Hz

@@ -30,6 +30,7 @@ from diagnosis.importing.reader import (
     Request,
     Stream,
     broken_off,
+    known_voltage,
     reading,
 )
 from diagnosis.logs.columns import LogError
@@ -140,7 +141,7 @@ def px4_streams(
         streams += speeds
     if "battery_status" in tables:
         table = tables["battery_status"]
-        volts = np.asarray(table["voltage_v"], float)[:, None]
+        volts = known_voltage(np.asarray(table["voltage_v"], float)[:, None])
         streams.append(Stream("battery", times(table), volts, "battery_status voltage_v"))
     return streams, missing, notes
 

@@ -20,24 +20,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from simulators.vehicle import GRAVITY, VEHICLES, VehicleSpec
+from diagnosis.logs.vehicle_file import MASSES
+from simulators.vehicle import VEHICLES, VehicleSpec
 
 RPM = 60.0 / (2.0 * math.pi)
 """Revolutions a minute in a radian a second."""
-CARRIES = (1.1, 20.0)
-"""Smallest and largest plausible thrust over weight [-]."""
-LIMITS = {
-    "thrust_max": (0.01, 1e4),
-    "attitude_lag": (1e-3, 2.0),
-    "rotor_lag": (1e-3, 2.0),
-    "arm": (5e-3, 5.0),
-    "inertia": (1e-7, 1e2),
-    "drag": (0.0, 1e2),
-    "thrust_curve": (-1e3, 1e3),
-}
-"""Range in which a number of a data sheet is taken for one."""
-THREE = ("thrust_curve", "inertia", "drag")
-"""Keys with three numbers."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -84,17 +71,15 @@ ASSUMED: Mapping[str, Any] = {
 
 
 def _named(
-    name: str, mass: float, thrust_max: float, curve: tuple[float, float, float], **more: Any
+    name: str, thrust_max: float, curve: tuple[float, float, float], **more: Any
 ) -> VehicleSpec:
-    return Airframe(thrust_max=thrust_max, thrust_curve=curve, **more).spec(name, mass)
+    return Airframe(thrust_max=thrust_max, thrust_curve=curve, **more).spec(name, MASSES[name])
 
 
-def _rotorpy(
-    name: str, mass: float, k_eta: float, fastest: float, arm: float, **more: Any
-) -> VehicleSpec:
+def _rotorpy(name: str, k_eta: float, fastest: float, arm: float, **more: Any) -> VehicleSpec:
     """RotorPy gives thrust over squared speed [N s^2/rad^2] and the largest speed [rad/s]."""
     curve = (0.0, 0.0, k_eta / RPM**2)
-    return _named(name, mass, 4.0 * k_eta * fastest**2, curve, arm=arm, **more)
+    return _named(name, 4.0 * k_eta * fastest**2, curve, arm=arm, **more)
 
 
 POINT_MASSES = {
@@ -102,7 +87,6 @@ POINT_MASSES = {
     for spec in (
         _named(
             "cf2x_P250",
-            0.0318,
             0.48,
             (0.0, -3.6200226530383495e-7, 1.6060924304100328e-10),
             inertia=(16.8e-6, 16.8e-6, 29.8e-6),
@@ -111,7 +95,6 @@ POINT_MASSES = {
         ),
         _named(
             "cf2x_T350",
-            0.0379,
             0.72,
             (0.0, -7.167227176573658e-7, 2.9401303690194613e-10),
             inertia=(15.7e-6, 17.1e-6, 30.0e-6),
@@ -120,7 +103,6 @@ POINT_MASSES = {
         ),
         _rotorpy(
             "crazyflie",
-            0.03,
             2.3e-08,
             2500.0,
             0.043 * math.sqrt(0.5),
@@ -129,7 +111,6 @@ POINT_MASSES = {
         ),
         _rotorpy(
             "hummingbird",
-            0.5,
             5.57e-06,
             1500.0,
             0.17 * math.sqrt(0.5),
@@ -138,7 +119,6 @@ POINT_MASSES = {
         ),
         _rotorpy(
             "px4_sihsim_quadx",
-            1.0,
             5e-6,
             1000.0,
             0.17,
@@ -157,50 +137,8 @@ CRAZYFLIES = frozenset({*VEHICLES, "cf2x_P250", "cf2x_T350", "crazyflie"})
 """Airframes whose motors the map from duty to thrust was measured on."""
 
 
-def read_airframe(given: object, mass: object) -> tuple[Airframe | None, list[str]]:
-    """The table `[airframe]` of vehicle.toml, and what is wrong with it, a text for each thing."""
-    if not isinstance(given, dict):
-        return None, [f"[airframe]: a table is expected, got {given!r}."]
-    keys = [field.name for field in dataclasses.fields(Airframe)]
-    wrong = [
-        f"[airframe]: unknown key '{key}'. Allowed: {', '.join(keys)}."
-        for key in given
-        if key not in keys
-    ]
-    if "thrust_max" not in given:
-        wrong.append("[airframe]: thrust_max is missing; the largest collective thrust in N.")
-    wrong += [_wrong(key, value) for key, value in given.items() if key in keys]
-    wrong = [text for text in wrong if text]
-    if wrong:
-        return None, wrong
-    numbers: dict[str, Any] = {k: tuple(v) if k in THREE else v for k, v in given.items()}
-    found = Airframe(**numbers)
-    if isinstance(mass, int | float) and not isinstance(mass, bool) and mass > 0:
-        carries = found.thrust_max / (GRAVITY * mass)
-        if not CARRIES[0] <= carries <= CARRIES[1]:
-            return None, [
-                f"[airframe]: thrust_max is {carries:.3g} times the weight of {mass:g} kg; "
-                f"{CARRIES[0]:g} to {CARRIES[1]:g} is plausible. It is the thrust of all rotors "
-                "together, in N."
-            ]
-    return found, []
-
-
-def _wrong(key: str, value: object) -> str:
-    """What is wrong with one number, or with three; empty if nothing is."""
-    low, high = LIMITS[key]
-    numbers = value if key in THREE and isinstance(value, list) else [value]
-    right = len(numbers) == (3 if key in THREE else 1) and all(
-        isinstance(x, int | float) and not isinstance(x, bool) and low <= x <= high for x in numbers
-    )
-    if right:
-        return ""
-    what = "three numbers" if key in THREE else "a number"
-    return f"[airframe]: {key} must be {what} from {low:g} to {high:g}, got {value!r}."
-
-
 def as_toml(airframe: Airframe) -> str:
-    """The table `[airframe]` that `read_airframe` reads back."""
+    """The table `[airframe]` as vehicle.toml holds it."""
     lines = [
         f"{key} = {list(value) if isinstance(value, tuple) else float(value)!r}\n"
         for key, value in vars(airframe).items()

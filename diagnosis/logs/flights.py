@@ -10,7 +10,6 @@ Files that cannot be used are left out with one line each that says why; the oth
 import dataclasses
 import json
 import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -19,14 +18,14 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float64
 
-from diagnosis.logs.airframes import AIRFRAMES, Airframe, as_toml, read_airframe
-from diagnosis.logs.columns import GROUPS, Columns, LogError, did_you_mean, one_line, read_columns
+from diagnosis.logs.airframes import AIRFRAMES, Airframe, as_toml
+from diagnosis.logs.columns import GROUPS, LogError
+from diagnosis.logs.folder import check_header, find_flights, reason_for
+from diagnosis.logs.table_files import Columns, read_columns
+from diagnosis.logs.units import cells
 from diagnosis.logs.validation import split_drones
+from diagnosis.logs.vehicle_file import VehicleText, find_vehicle
 from simulators.vehicle import VehicleSpec
-
-MASS_FACTOR = 3.0
-"""How far the believed mass may be from the airframe's, as a factor; a guess, wider than any
-payload, narrower than another unit."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +53,7 @@ class DroneLog:
     pwm: Float64[np.ndarray, "rows 4"] | None = None
     """Motor duty commands, 0 to 1 [-]."""
     battery: Float64[np.ndarray, " rows"] | None = None
-    """Battery voltage [V]."""
+    """Battery voltage; of one cell where a loaded log has several in series [V]."""
     interpolated: Bool[np.ndarray, " rows"] | None = None
     """Rows whose position and velocity lie between measurements; they are compared with nothing."""
 
@@ -139,16 +138,8 @@ def load_flights(path: Path) -> FlightSet:
             usable. The message has one line for each thing that is wrong.
     """
     path = Path(path)
-    if not path.is_dir():
-        what = "is a file" if path.exists() else "does not exist"
-        raise LogError(f"{path}: {what}; a folder with vehicle.toml and flights/ is expected.")
-    vehicle = read_vehicle(path)
-    folder = path / "flights"
-    if not folder.is_dir():
-        raise LogError(f"{folder}: there is no such folder; log files are expected in it.")
-    files = sorted(file for file in folder.iterdir() if not file.name.startswith("."))
-    if not files:
-        raise LogError(f"{folder}: the folder is empty; NAME.parquet or NAME.csv is expected.")
+    said, files = find_flights(path)
+    vehicle = _vehicle(said)
     flights: dict[str, FlightLog] = {}
     left_out = []
     for file in files:
@@ -157,11 +148,10 @@ def load_flights(path: Path) -> FlightSet:
                 raise LogError(f"another file of this folder is called {file.stem}, too.")
             flights[file.stem] = _read_flight(file, vehicle)
         except LogError as error:
-            reason = " ".join(f"{folder.name}/{file.name}: {error}".split())
-            left_out.append(LeftOut(file.name, reason))
+            left_out.append(LeftOut(file.name, reason_for(file, error)))
     if not flights:
         raise LogError("\n".join(f"{path}/{left.reason}" for left in left_out))
-    return FlightSet(path, vehicle, tuple(flights.values()), tuple(left_out))
+    return FlightSet(path, vehicle, _of_one_cell(tuple(flights.values())), tuple(left_out))
 
 
 def write_flights(
@@ -210,12 +200,29 @@ def write_flights(
 
 def _read_flight(file: Path, vehicle: VehicleFile) -> FlightLog:
     """The flight in one file; a LogError does not name the file."""
-    if not file.is_file():
-        raise LogError("this is not a file; NAME.parquet or NAME.csv is expected.")
-    if file.suffix.lower() not in (".parquet", ".csv"):
-        raise LogError("the name ends in neither .parquet nor .csv; one of them is expected.")
+    check_header(file)
     drones = split_drones(read_columns(file), vehicle.mass, vehicle.spec)
     return FlightLog(file.stem, tuple(_drone_log(drone) for drone in drones))
+
+
+def _of_one_cell(flights: tuple[FlightLog, ...]) -> tuple[FlightLog, ...]:
+    """The flights with the voltage of one cell, which what follows it is made for."""
+    volts = [d.battery for flight in flights for d in flight.drones if d.battery is not None]
+    n_cells = cells(max((float(v.max()) for v in volts), default=0.0))
+    if n_cells == 1:
+        return flights
+    return tuple(
+        dataclasses.replace(
+            flight,
+            drones=tuple(
+                drone
+                if drone.battery is None
+                else dataclasses.replace(drone, battery=drone.battery / n_cells)
+                for drone in flight.drones
+            ),
+        )
+        for flight in flights
+    )
 
 
 def _drone_log(columns: Columns) -> DroneLog:
@@ -259,70 +266,14 @@ def _table(flight: FlightLog) -> pd.DataFrame:
 
 
 def read_vehicle(path: Path) -> VehicleFile:
-    """What vehicle.toml says, or a LogError with one line for each thing that is wrong with it."""
-    file = path / "vehicle.toml"
-    if not file.is_file():
-        hint = f" Did you mean {path.parent}?" if (path.parent / "vehicle.toml").is_file() else ""
-        raise LogError(f"{file}: there is no such file; it says name, drone and mass.{hint}")
-    try:
-        given = tomllib.loads(file.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise LogError(f"{file}: this is not TOML: {one_line(error)}.") from error
-    keys = [field.name for field in dataclasses.fields(VehicleFile)]
-    wrong = [
-        f"unknown key '{key}'.{did_you_mean(key, keys)} Allowed: {', '.join(keys)}."
-        for key in given
-        if key not in keys
-    ]
-    wrong += [f"key '{key}' is missing; {_EXPECTED[key]}" for key in _EXPECTED if key not in given]
-    wrong += [_wrong_value(key, given) for key in _EXPECTED if key in given]
-    airframe = None
-    if "airframe" in given:
-        airframe, more = read_airframe(given["airframe"], given.get("mass"))
-        wrong += more
-    if any(wrong):
-        raise LogError("\n".join(f"{file}: {line}" for line in wrong if line))
-    return VehicleFile(given["name"], given["drone"], float(given["mass"]), airframe)
+    """What the vehicle.toml in a folder says.
+
+    Raises:
+        LogError: It is not there, or wrong; one line for each thing.
+    """
+    return _vehicle(find_vehicle(path))
 
 
-_EXPECTED = {
-    "name": "a text that says what flew is expected.",
-    "drone": f"an airframe is expected: {', '.join(sorted(AIRFRAMES))}, or another with a table "
-    "[airframe] of its numbers.",
-    "mass": "the mass in kg is expected.",
-}
-"""What each key of vehicle.toml is for."""
-
-
-def _wrong_value(key: str, given: dict[str, object]) -> str:
-    """What is wrong with the value of a key of vehicle.toml; empty if nothing is."""
-    value = given[key]
-    if key != "mass":
-        if not isinstance(value, str):
-            return f"key '{key}': got {value!r}; {_EXPECTED[key]}"
-        if key == "drone" and "airframe" in given:
-            return _wrong_own_name(value)
-        if key == "drone" and value not in AIRFRAMES:
-            return f"key 'drone': got '{value}'.{did_you_mean(value, AIRFRAMES)} {_EXPECTED[key]}"
-        return ""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
-        return f"key 'mass': got {value!r}; {_EXPECTED[key]}"
-    if "airframe" in given:  # its thrust says what mass is plausible
-        return "" if value > 0 else f"key 'mass': got {value:g}; {_EXPECTED[key]}"
-    known = [spec for spec in AIRFRAMES.values() if spec.name == given.get("drone")]
-    known = known or list(AIRFRAMES.values())
-    low = min(spec.mass for spec in known) / MASS_FACTOR
-    high = max(spec.mass for spec in known) * MASS_FACTOR
-    if not low <= value <= high:
-        grams = " Is it in grams?" if low <= value / 1000.0 <= high else ""
-        return f"key 'mass': got {value:g}; {low:.3f} to {high:.3f} kg is plausible.{grams}"
-    return ""
-
-
-def _wrong_own_name(name: str) -> str:
-    """What is wrong with the name of an airframe that has a table of its own; empty if nothing."""
-    if name in AIRFRAMES:
-        return f"key 'drone': '{name}' is known; leave out [airframe], or give another name."
-    if not re.fullmatch(r"\w[\w.-]*", name):
-        return f"key 'drone': got '{name}'; letters, digits, '_', '-' and '.' are expected."
-    return ""
+def _vehicle(said: VehicleText) -> VehicleFile:
+    airframe = None if said.airframe is None else Airframe(**said.airframe)
+    return VehicleFile(said.name, said.drone, said.mass, airframe)

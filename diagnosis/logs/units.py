@@ -1,6 +1,6 @@
 """One drone's columns checked for units that cannot be.
 
-Two kinds of check. A limit that no small quadrotor exceeds is broken by a row, which is named. A
+Two kinds of check. A limit that no quadrotor exceeds is broken by a row, which is named. A
 ratio of two columns that measure the same thing, or of a column and what hovering takes, is broken
 by a column as a whole: its median over the windows in which there is enough motion to tell is off
 by more than an order of magnitude, because the units that are mistaken for one another differ by
@@ -11,14 +11,13 @@ such a vehicle does and of what the effects that a diagnosis looks for make of i
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
-from diagnosis.logs.columns import GROUPS, Columns, LogError
+from diagnosis.logs.airframes import CRAZYFLIES, RPM
+from diagnosis.logs.columns import GROUPS, LogError
+from diagnosis.logs.table_files import Columns
 from simulators.vehicle import GRAVITY, VehicleSpec
 
 WINDOW = 0.2
 """Time over which rates are summed up and compared with what they are rates of [s]."""
-
-MAX_SPREAD = 100.0
-"""Largest extent of a flight along an axis [m]."""
 
 MAX_SPEED = 50.0
 """Largest velocity along an axis [m/s]."""
@@ -26,14 +25,21 @@ MAX_SPEED = 50.0
 MAX_ANG_VEL = 60.0
 """Largest angular velocity about an axis [rad/s]; a Crazyflie's gyroscope ends at 35 rad/s."""
 
-MAX_ROTOR_VEL = 4000.0
-"""Largest rotor speed [rad/s]; a Crazyflie's rotors reach 2700 rad/s, which is 26000 rpm."""
+ROTOR_VEL = (0.5, 2.0)
+"""Smallest 90 % quantile of a rotor's speeds over the speed that hovers, and largest speed over
+that of full thrust, by the airframe's curve. Revolutions per second are 0.16 of rad/s; rev/min are
+9.5 times rad/s, and full thrust takes at most 4.5 times the speed that hovers."""
 
-MIN_ROTOR_VEL = 500.0
-"""Smallest 90 % quantile of the rotor speeds [rad/s]; hovering takes 1500 rad/s, 240 rev/s."""
+CELL = (2.0, 5.0)
+"""Voltages of the one cell that a Crazyflie flies on [V]; voltage then makes its thrust of PWM."""
 
-BATTERY = (2.0, 5.0)
-"""Voltages of the one cell that these vehicles fly on [V]."""
+BATTERY = (2.0, 60.0)
+"""Voltages of batteries elsewhere [V]: from one empty cell to 14 full ones."""
+
+PACKS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14)
+"""Usual numbers of cells in series; a full one has 4.2 V, at most `FULL_CELL`."""
+FULL_CELL = 4.35
+"""Voltage of a full cell of the kind that is charged highest, lithium polymer HV [V]."""
 
 MAX_THRUST = 4.0
 """Largest commanded thrust over what the rotors can do; a reserve above full thrust is usual."""
@@ -70,11 +76,12 @@ def check_units(drone: Columns, rows: Rows, mass: float, spec: VehicleSpec) -> N
     if "cmd_thrust" in drone:
         _check_thrust(drone, rows, mass, spec)
     if "rotor_vel_1" in drone:
-        _check_rotors(drone, rows)
+        _check_rotors(drone, rows, mass, spec)
     if "pwm_1" in drone:
         _check_pwm(drone, rows)
     if "battery" in drone:
-        _check_battery(drone["battery"], rows)
+        one_cell = "pwm_1" in drone and spec.name in CRAZYFLIES
+        _check_voltage(drone["battery"], rows, one_cell)
 
 
 def _check_motion(drone: Columns, rows: Rows) -> None:
@@ -94,13 +101,6 @@ def _check_motion(drone: Columns, rows: Rows) -> None:
         )
     for name in GROUPS["vel"]:
         _limit(name, drone[name], rows, MAX_SPEED, "m/s", "Is it in mm/s?")
-    for name in GROUPS["pos"]:
-        spread = np.ptp(drone[name])
-        if spread > MAX_SPREAD:
-            raise LogError(
-                f"column '{name}': positions spread over {spread:.4g}; at most {MAX_SPREAD:g} m "
-                f"is expected. Are they in millimetres?"
-            )
 
 
 def _check_ang_vel(drone: Columns, rows: Rows) -> None:
@@ -186,17 +186,38 @@ def _check_thrust(drone: Columns, rows: Rows, mass: float, spec: VehicleSpec) ->
     )
 
 
-def _check_rotors(drone: Columns, rows: Rows) -> None:
-    """Rotor speeds."""
+def _check_rotors(drone: Columns, rows: Rows, mass: float, spec: VehicleSpec) -> None:
+    """Rotor speeds, where the airframe's curve says which speeds carry it."""
+    if not any(spec.rpm2thrust):
+        return
+    hover = _rotor_speed(mass * GRAVITY, spec)
+    least, most = ROTOR_VEL[0] * hover, ROTOR_VEL[1] * _rotor_speed(spec.thrust_max, spec)
     for name in GROUPS["rotor_vel"]:
         values = drone[name]
-        _range(name, values, rows, (0.0, MAX_ROTOR_VEL), "rad/s", "Is it in rpm?")
-        if np.quantile(values, 0.9) < MIN_ROTOR_VEL:
+        _range(name, values, rows, (0.0, most), "rad/s", "Is it in rpm?")
+        if np.quantile(values, 0.9) < least:
             raise LogError(
                 f"column '{name}': 90 % of the rotor speeds are below "
-                f"{np.quantile(values, 0.9):.4g}; hovering takes more than {MIN_ROTOR_VEL:g} "
-                f"rad/s. Is it in revolutions per second?"
+                f"{np.quantile(values, 0.9):.4g}; this airframe hovers with {hover:.4g} rad/s by "
+                f"its thrust curve. Is it in revolutions per second?"
             )
+
+
+def _rotor_speed(thrust: float, spec: VehicleSpec) -> float:
+    """The speed [rad/s] at which four rotors make a collective thrust [N] by the curve.
+
+    Raises:
+        LogError: They make it at none.
+    """
+    c0, c1, c2 = spec.rpm2thrust
+    roots = np.roots([c2, c1, c0 - thrust / 4.0])
+    speeds = [float(root.real) for root in roots if root.real > 0.0 and abs(root.imag) < 1e-9]
+    if not speeds:
+        raise LogError(
+            f"[airframe]: by the thrust_curve {list(spec.rpm2thrust)} four rotors make {thrust:.3g}"
+            f" N at no speed. It is in N of one rotor over rev/min, the constant term first."
+        )
+    return min(speeds) / RPM
 
 
 def _check_pwm(drone: Columns, rows: Rows) -> None:
@@ -210,10 +231,23 @@ def _check_pwm(drone: Columns, rows: Rows) -> None:
             raise LogError(f"column '{name}': it is never above 0; 0 to 1 is expected.")
 
 
-def _check_battery(battery: Series, rows: Rows) -> None:
+def _check_voltage(volts: Series, rows: Rows, one_cell: bool) -> None:
     """The battery's voltage."""
-    hint = "Is it in millivolts?" if np.median(battery) > 1000.0 else ""
-    _range("battery", battery, rows, BATTERY, "V", hint)
+    hint = "Is it in millivolts?" if np.median(volts) > 1000.0 else ""
+    if one_cell:
+        hint = hint or "How duty becomes thrust is known of one cell alone."
+    _range("battery", volts, rows, CELL if one_cell else BATTERY, "V", hint)
+
+
+def cells(highest: float) -> int:
+    """Cells in series of a battery, by the highest voltage of all flights [V].
+
+    The smallest usual number that can be charged so far. It is too small only where every flight
+    begins nearly empty: below 3.6 V a cell for 6 cells, 3.3 V for 4.
+    """
+    if highest <= CELL[1]:
+        return 1
+    return next((n for n in PACKS if highest <= n * FULL_CELL), PACKS[-1])
 
 
 def _limit(name: str, values: Series, rows: Rows, limit: float, unit: str, hint: str) -> None:

@@ -7,7 +7,8 @@ rows are counted from 1 over the whole file, whichever drone they belong to.
 import numpy as np
 from jaxtyping import Float64, Int
 
-from diagnosis.logs.columns import GROUPS, Columns, LogError
+from diagnosis.logs.columns import GROUPS, LogError
+from diagnosis.logs.table_files import Columns
 from diagnosis.logs.units import check_units
 from simulators.vehicle import VehicleSpec
 

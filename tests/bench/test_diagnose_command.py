@@ -1,6 +1,7 @@
 """What `bench diagnose` asks of the engine, and what it refuses before any work."""
 
 import importlib
+import subprocess
 import sys
 import types
 
@@ -9,8 +10,12 @@ import numpy as np
 import pytest
 
 from bench.cli.app import main
+from bench.cli.checks import check_flights
 from bench.diagnosis_report.documents import NAMES
-from diagnosis.logs.flights import DroneLog, FlightLog, VehicleFile, write_flights
+from diagnosis.logs.columns import LogError
+from diagnosis.logs.flights import DroneLog, FlightLog, VehicleFile, load_flights, write_flights
+
+VEHICLE = 'name = "x"\ndrone = "cf2x_L250"\nmass = 0.032\n'
 
 
 @pytest.fixture
@@ -111,4 +116,63 @@ def test_a_wrong_request_gets_one_line_before_any_work(
     assert message in err
     assert err.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == before
+    assert engine == []
+
+
+BAD_FOLDERS = {
+    "no vehicle.toml": (None, "t\n", "vehicle.toml: there is no such file"),
+    "no TOML": ("name = 3 =", "t\n", "this is not TOML"),
+    "a typo": (VEHICLE.replace("mass", "mas"), "t\n", "Did you mean 'mass'?"),
+    "no flights": (VEHICLE, None, "flights: there is no such folder"),
+    "another name": (VEHICLE, "t,posx\n", "There is a column 'posx': did you mean 'pos_x'?"),
+}
+
+
+def test_what_names_and_headers_tell_is_told_before_jax_is_imported(tmp_path):
+    for name, (vehicle, header, _) in BAD_FOLDERS.items():
+        (tmp_path / name).mkdir()
+        if vehicle is not None:
+            (tmp_path / name / "vehicle.toml").write_text(vehicle)
+        if header is not None:
+            (tmp_path / name / "flights").mkdir()
+            (tmp_path / name / "flights" / "a.csv").write_text(header)
+    (tmp_path / "log.csv").write_text("t\n")
+    calls = [["diagnose", name] for name in BAD_FOLDERS]
+    given = ["--vehicle", "a typo/vehicle.toml", "--out", "out"]
+    script = (
+        "import sys; from bench.cli.app import main\n"
+        f"for arguments in {[*calls, ['import', 'log.csv', *given]]!r}:\n"
+        "    assert main(arguments) == 2, arguments\n"
+        "assert not {'jax', 'equinox', 'pandas'} & set(sys.modules)\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    for *_, message in BAD_FOLDERS.values():
+        assert message in ran.stderr
+    assert ran.stderr.count("bench: vehicle.toml: unknown key 'mas'") == 1
+
+
+def test_the_check_before_the_work_says_what_loading_says(tmp_path):
+    folder = tmp_path / "set"
+    (folder / "flights").mkdir(parents=True)
+    (folder / "vehicle.toml").write_text(VEHICLE)
+    for name, text in {"a.csv": "t,posx\n", "b.txt": "", "c.csv": ""}.items():
+        (folder / "flights" / name).write_text(text)
+    with pytest.raises(LogError) as loading:
+        load_flights(folder)
+    with pytest.raises(LogError) as checking:
+        check_flights(folder)
+    assert str(checking.value) == str(loading.value)
+    assert len(str(checking.value).splitlines()) == 3
+    (folder / "flights" / "d.parquet").write_bytes(b"only loading reads it")
+    check_flights(folder)
+
+
+def test_an_earlier_diagnosis_without_remedy_says_to_add_it(engine, tmp_path, capsys):
+    (tmp_path / "diagnosis.json").write_text("{}")
+    for given in (tmp_path, tmp_path / "diagnosis.json"):
+        assert main(["diagnose", str(given)]) == 2
+        assert "add --remedy crazyflow, crazyflie or px4" in capsys.readouterr().err
     assert engine == []

@@ -49,7 +49,7 @@ def flown(log, hover_thrust):
         quat=aerospace(log.quat),
         cmd_quat=aerospace(Rotation.from_euler("xyz", log.cmd[:, :3]).as_quat()),
         cmd_share=log.cmd[:, 3] * HOVER / hover_thrust,
-        volts=4.0 - 0.01 * log.t,
+        volts=4.0 - 0.01 * log.t if log.battery is None else log.battery,
     )
 
 

@@ -17,6 +17,7 @@ from log_tables import table
 from scipy.spatial.transform import Rotation
 
 import diagnosis
+from diagnosis.logs import vehicle_file
 from diagnosis.logs.airframes import AIRFRAMES, POINT_MASSES, RPM, Airframe
 from diagnosis.logs.flights import (
     DroneLog,
@@ -213,6 +214,38 @@ def test_rotor_speeds_need_a_thrust_curve_and_duty_a_crazyflie():
     sheet = dataclasses.replace(known, flights=(FlightLog("f", (duty,)),))
     with pytest.raises(LogError, match="known of Crazyflies alone"):
         choose_inputs(sheet)
+
+
+def test_the_slow_rotors_of_a_large_airframe_are_used_and_revolutions_per_second_refused(tmp_path):
+    text = SHEET.replace("34.0\n", "34.0\nthrust_curve = [0.0, 0.0, 1.8e-7]\n")
+    hover = np.sqrt(1.5 * GRAVITY / 4.0 / 1.8e-7) / RPM
+    assert 400.0 < hover < 500.0
+    for name, speed in {"a": hover, "rev": hover / (2.0 * np.pi), "rpm": hover * RPM}.items():
+        log = made_log(rotor_vel=np.full((200, 4), speed), cmd=None)
+        log = dataclasses.replace(log, vel=np.gradient(log.pos, log.t, axis=0))
+        written(tmp_path / name, [FlightLog("f", (log,))], text)
+    assert load_flights(tmp_path / "a").left_out == ()
+    with pytest.raises(LogError, match=r"hovers with 473\.4 rad/s by its .* Is it in rev"):
+        load_flights(tmp_path / "rev")
+    with pytest.raises(LogError, match=r"Is it in rpm\?"):
+        load_flights(tmp_path / "rpm")
+
+
+def test_a_thrust_curve_that_carries_nothing_is_named(tmp_path):
+    text = SHEET.replace("34.0\n", "34.0\nthrust_curve = [0.0, 0.0, -1.8e-7]\n")
+    log = made_log(rotor_vel=np.full((200, 4), 450.0), cmd=None)
+    log = dataclasses.replace(log, vel=np.gradient(log.pos, log.t, axis=0))
+    with pytest.raises(LogError, match=r"four rotors make 14\.7 N at no speed"):
+        load_flights(written(tmp_path / "a", [FlightLog("f", (log,))], text))
+
+
+def test_what_a_vehicle_file_is_checked_by_is_what_flies():
+    assert {name: spec.mass for name, spec in AIRFRAMES.items()} == vehicle_file.MASSES
+    assert vehicle_file.GRAVITY == GRAVITY
+    assert list(vehicle_file.LIMITS) == [field.name for field in dataclasses.fields(Airframe)]
+    assert list(vehicle_file.VehicleText._fields) == [
+        field.name for field in dataclasses.fields(VehicleFile)
+    ]
 
 
 @pytest.mark.parametrize("name", ["cf2x_P250", "cf2x_T350"])

@@ -67,11 +67,12 @@ BAD_TABLES = {
     ),
     "near miss": (
         table().rename(columns={"pos_x": "posx"}),
-        "column 'pos_x' is missing. Did you mean 'posx'?",
+        "column 'pos_x' is missing. There is a column 'posx': did you mean 'pos_x'?",
     ),
     "near miss in a group": (
         table().rename(columns={"cmd_roll": "cmd_rol"}),
-        "column 'cmd_roll' is missing. Did you mean 'cmd_rol'? With cmd_pitch, cmd_yaw,",
+        "column 'cmd_roll' is missing. There is a column 'cmd_rol': did you mean 'cmd_roll'? With "
+        "cmd_pitch, cmd_yaw,",
     ),
     "part of a group": (table().drop(columns="acc_y"), "column 'acc_y' is missing. With acc_x"),
     "no input": (
@@ -80,7 +81,8 @@ BAD_TABLES = {
     ),
     "misspelt angles": (
         table().rename(columns={f"cmd_{x}": f"command_{x}" for x in ("roll", "pitch", "yaw")}),
-        "columns 'cmd_roll', 'cmd_pitch', 'cmd_yaw' are missing. Did you mean 'command_roll'?",
+        "columns 'cmd_roll', 'cmd_pitch', 'cmd_yaw' are missing. There is a column 'command_roll': "
+        "did you mean 'cmd_roll'?",
     ),
     "pwm without battery": (
         table().drop(columns=[*GROUPS["cmd"], *GROUPS["rotor_vel"], "battery"]),
@@ -138,10 +140,6 @@ BAD_TABLES = {
         scaled("pos", 1000.0).assign(**1000.0 * table()[list(GROUPS["vel"])]),
         "column 'vel_x', row 4: -59.964; -50 to 50 m/s is expected. Is it in mm/s?",
     ),
-    "far away": (
-        table().assign(pos_z=np.linspace(0, 150, 400), vel_z=37.5),
-        "column 'pos_z': positions spread over 150; at most 100 m is expected",
-    ),
     "deg/s, slowly turning": (
         scaled("ang_vel", 57.3),
         "columns ang_vel_x to ang_vel_z: they say 57.3 times what the attitude turns; rad/s is",
@@ -183,12 +181,12 @@ BAD_TABLES = {
     "no thrust": (table().assign(cmd_thrust=0.0), "the median of what is commanded is 0; newtons"),
     "rpm": (
         table().assign(rotor_vel_2=17000.0),
-        "column 'rotor_vel_2', row 1: 17000; 0 to 4000 rad/s is expected. Is it in rpm?",
+        "column 'rotor_vel_2', row 1: 17000; 0 to 4862.3 rad/s is expected. Is it in rpm?",
     ),
     "rev/s": (
         table().assign(rotor_vel_1=280.0),
-        "column 'rotor_vel_1': 90 % of the rotor speeds are below 280; hovering takes more than "
-        "500 rad/s. Is it in revolutions per second?",
+        "column 'rotor_vel_1': 90 % of the rotor speeds are below 280; this airframe hovers with "
+        "1989 rad/s by its thrust curve. Is it in revolutions per second?",
     ),
     "pwm 65535": (
         scaled("pwm", 65535.0),
@@ -198,8 +196,13 @@ BAD_TABLES = {
     "pwm percent": (scaled("pwm", 100.0), "Is it 0 to 100?"),
     "pwm off": (scaled("pwm", 0.0), "column 'pwm_1': it is never above 0"),
     "millivolts": (
-        table().assign(battery=3700),
-        "column 'battery', row 1: 3700; 2 to 5 V is expected. Is it in millivolts?",
+        table().assign(battery=3700).drop(columns=[*GROUPS["pwm"]]),
+        "column 'battery', row 1: 3700; 2 to 60 V is expected. Is it in millivolts?",
+    ),
+    "duty of several cells": (
+        table().assign(battery=16.0).drop(columns=[*GROUPS["cmd"], *GROUPS["rotor_vel"]]),
+        "column 'battery', row 1: 16; 2 to 5 V is expected. How duty becomes thrust is known of "
+        "one cell alone.",
     ),
 }
 
@@ -297,7 +300,33 @@ def test_a_row_of_another_length_is_named(tmp_path):
 
 def test_semicolons_are_named(tmp_path):
     put(tmp_path, "bad.csv", table().to_csv(index=False, sep=";").encode())
-    assert "The columns must be separated by commas." in why_left_out(tmp_path, name="bad.csv")
+    got = why_left_out(tmp_path, name="bad.csv")
+    assert got.endswith("The columns must be separated by commas, not semicolons.")
+
+
+def test_decimal_commas_are_named(tmp_path):
+    frame = table() + 0.125
+    put(tmp_path, "bad.csv", frame.to_csv(index=False, sep=";", decimal=",").encode())
+    got = why_left_out(tmp_path, name="bad.csv")
+    assert "by commas, not semicolons. Numbers need decimal points, such as 1.5." in got
+    put(tmp_path, "bad.csv", frame.to_csv(index=False, decimal=",").encode())
+    got = why_left_out(tmp_path, name="bad.csv")
+    assert "the text '0,125'; a number is expected. Use a decimal point." in got
+
+
+def test_an_outdoor_flight_over_more_than_a_hundred_metres_is_used(tmp_path):
+    frame = table().assign(pos_z=np.linspace(0, 150, 400), vel_z=37.5)
+    assert load_flights(folder(tmp_path, "a.parquet", frame)).left_out == ()
+
+
+@pytest.mark.parametrize("n_cells", [3, 4, 6, 12])
+def test_the_voltage_of_several_cells_becomes_that_of_one(tmp_path, n_cells):
+    volts = 4.1 - 0.1 * table()["t"]
+    frame = table().assign(battery=n_cells * volts).drop(columns=[*GROUPS["pwm"]])
+    path = folder(tmp_path, "a.parquet", frame)
+    (path / "flights" / "good.parquet").unlink()
+    (flight,) = load_flights(path).flights
+    np.testing.assert_allclose(flight.drones[0].battery, volts)
 
 
 def test_a_column_that_is_there_twice_is_named(tmp_path):

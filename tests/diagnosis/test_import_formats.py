@@ -105,6 +105,27 @@ def test_the_thrust_is_what_the_logged_hover_share_says(written, tmp_path, kind)
     np.testing.assert_allclose(known.cmd[:, 3], 1.3 * believed.cmd[:, 3])
 
 
+@pytest.mark.parametrize(
+    ("kind", "volts", "n_cells"), [("ulog", 16.0, 4), ("ulog", 24.0, 6), ("ardupilot", 16.0, 4)]
+)
+def test_a_battery_of_several_cells_is_imported(log, tmp_path, kind, volts, n_cells):
+    flown = dataclasses.replace(log, battery=volts - 0.1 * log.t)
+    source = FORMATS[kind](tmp_path, flown, HOVER_THRUST, SPEC.thrust_max)
+    (drone,), found = imported(source, tmp_path / "out")
+    at = np.searchsorted(log.t, drone.t - 1e-6)
+    np.testing.assert_allclose(drone.battery, flown.battery[at] / n_cells, rtol=1e-5)
+    assert f"taken for that of {n_cells} cells in series" in import_report(found)
+
+
+@pytest.mark.parametrize("kind", ["ulog", "ardupilot"])
+def test_a_voltage_that_was_not_measured_is_left_out(log, tmp_path, kind):
+    flown = dataclasses.replace(log, battery=np.zeros(len(log.t)))
+    source = FORMATS[kind](tmp_path, flown, HOVER_THRUST, SPEC.thrust_max)
+    (drone,), found = imported(source, tmp_path / "out")
+    assert drone.battery is None
+    assert "is left out, because 0 of its" in import_report(found)
+
+
 def test_two_drones_of_one_bag_stay_two(log, tmp_path):
     source = write_bag(tmp_path / "a.bag", log, FULL, "ros1", drones=("/cf1", "/cf2"))
     drones, found = imported(source, tmp_path / "out")

@@ -36,7 +36,7 @@ PLAIN = {*CONSTANTS, *OTHER_MEANINGS}
 
 LOG_COLUMN = {"battery": "a column of the logs"}
 BELIEVED_MASS = {"mass": "a key of vehicle.toml"}
-IMPORTING = ("ardupilot", "bags", "crazyflie", "reader", "resample", "tables", "ulog")
+IMPORTING = ("ardupilot", "bags", "convert", "crazyflie", "reader", "resample", "tables", "ulog")
 """Readers of logs whose format has that column."""
 ALLOWED = {
     "diagnosis/decide/prepared.py": BELIEVED_MASS,
@@ -47,8 +47,12 @@ ALLOWED = {
         ("attitude_lag", "drag", "inertia"), "keys of the table [airframe] in vehicle.toml"
     ),
     "diagnosis/logs/columns.py": LOG_COLUMN,
-    "diagnosis/logs/flights.py": LOG_COLUMN | BELIEVED_MASS,
+    "diagnosis/logs/flights.py": LOG_COLUMN,
     "diagnosis/logs/units.py": LOG_COLUMN,
+    "diagnosis/logs/vehicle_file.py": BELIEVED_MASS
+    | dict.fromkeys(
+        ("attitude_lag", "drag", "inertia"), "keys of the table [airframe] in vehicle.toml"
+    ),
     "simulators/rotorpy_vehicle.py": {"mass": "a key of RotorPy's airframe file"},
     "methods/calibration/identification.py": {
         "delay": "half a step of it makes up for the integrator",

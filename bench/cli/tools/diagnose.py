@@ -4,9 +4,17 @@ import os
 from pathlib import Path
 from typing import Annotated
 
-from bench.cli.checks import check_flights, check_names, check_reality, check_unused
+from bench.cli.checks import (
+    check_flights,
+    check_names,
+    check_reality,
+    check_unused,
+    earlier_diagnosis,
+    refuse_logs,
+)
 from bench.cli.options import Remedy, Repeatable
 from bench.text.errors import UsageError
+from diagnosis.logs.columns import LogError
 
 
 def diagnose(
@@ -32,8 +40,8 @@ def diagnose(
     Parameters
     ----------
     flights
-        Folder with vehicle.toml and flights/NAME.parquet or .csv; with --remedy also the
-        diagnosis.json of an earlier diagnosis.
+        Folder with vehicle.toml and flights/NAME.parquet or .csv; with --remedy also an earlier
+        diagnosis: its folder or its diagnosis.json.
     simulator
         Simulator to compare the flights with; default: crazyflow, or point_mass for an airframe
         that crazyflow has no file of.
@@ -61,17 +69,22 @@ def diagnose(
     else:
         given = {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
         check_unused(given | {"--remedy": change.remedy}, "with --deploy")
+    if change.remedy is not None and flights is not None:
+        flights = earlier_diagnosis(flights)
     change.check(
         flights, {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
     )
-    for folder in (None if change.of_file(flights) else flights, reference):
-        if folder is not None:
-            check_flights(folder)
     check_names("simulator", [simulator] if simulator else ())
     check_names("effect", exclude or ())
     check_names("task", [deploy] if deploy else ())
     if reality is not None:
         check_reality(reality)
+    try:
+        for folder in (None if change.of_file(flights) else flights, reference):
+            if folder is not None:
+                check_flights(folder)
+    except LogError as error:
+        return refuse_logs(error)
     from bench.execution.environment import environment
 
     os.environ.update(environment())

@@ -2,12 +2,16 @@
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from bench.cli.checks import check_files
+from bench.cli.checks import check_files, refuse_logs
 from bench.cli.options import Repeatable
+from bench.diagnosis_report.numbers import clean
 from bench.text.errors import UsageError
+from diagnosis.logs.columns import LogError
+from diagnosis.logs.vehicle_file import parse_vehicle
 
 
 def import_(
@@ -87,26 +91,28 @@ def import_(
         _vehicle(out, vehicle, drone, mass),
         kind=format,
         full_thrust=full_thrust,
-        topics=_topics(topic or ()),
+        topics=topic or (),
         columns=columns,
         truncated=truncated,
         above=above,
     )
 
 
-def _import(sources: tuple[Path, ...], out: Path, vehicle: str, **options: object) -> int:
+def _import(
+    sources: tuple[Path, ...], out: Path, vehicle: str, topics: Sequence[str], **options: object
+) -> int:
     """Exit status: 0, or 2 where nothing was usable."""
-    from bench.diagnosis_report.numbers import clean
+    try:
+        parse_vehicle(vehicle, "vehicle.toml")
+    except LogError as error:
+        return refuse_logs(error)
     from diagnosis.importing.convert import import_logs
     from diagnosis.importing.report import summary
-    from diagnosis.logs.columns import LogError
 
     try:
-        found = import_logs(sources, out, vehicle, **options)  # type: ignore[arg-type]
+        found = import_logs(sources, out, vehicle, topics=_topics(topics), **options)  # type: ignore[arg-type]
     except LogError as error:
-        for line in str(error).splitlines():
-            print(f"bench: {clean(line)}", file=sys.stderr)  # noqa: T201
-        return 2
+        return refuse_logs(error)
     for left in found.left_out:
         print(f"bench: left out: {clean(left.reason)}", file=sys.stderr)  # noqa: T201
     for flight in found.flights:
@@ -127,7 +133,7 @@ def _vehicle(out: Path, vehicle: Path | None, drone: str | None, mass: float | N
         raise UsageError(f"--vehicle {vehicle} cannot be read: {error}") from error
 
 
-def _topics(given: list[str] | tuple[str, ...]) -> dict[str, str]:
+def _topics(given: Sequence[str]) -> dict[str, str]:
     """Field -> topic."""
     from diagnosis.importing.bags import NAMED
     from diagnosis.importing.reader import FIELDS
