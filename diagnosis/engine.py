@@ -7,7 +7,7 @@ vehicles were weighed anew: each is flown with its own mass.
 
 Logs whose columns are swapped, flipped or in another frame are not explained by physics: where the
 interface has such a fault, nothing is blamed until it is mended. A path whose frame is turned
-against the reference's is turned back first.
+against the reference's is turned back first, and flights below the floor are raised.
 """
 
 import dataclasses
@@ -18,8 +18,10 @@ from diagnosis.answer import answer
 from diagnosis.decide.prepared import Progress, Question, prepare, silent
 from diagnosis.decide.study import study
 from diagnosis.decision import Decision
-from diagnosis.interface.faults import interface_faults
+from diagnosis.interface.faults import checks, interface_faults
+from diagnosis.interface.height import lifted
 from diagnosis.interface.mended import mended
+from diagnosis.interface.untold import untold
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.replay.believed import default_simulator
 from diagnosis.result import Diagnosis
@@ -27,7 +29,8 @@ from diagnosis.twin.as_diagnosis import alone, beside_twin, weighed_anew
 
 MISLEADING = frozenset(
     {
-        *("velocity", "angular velocity", "accelerometer", "attitude", "attitude command"),
+        *("position", "velocity", "angular velocity", "accelerometer", "attitude"),
+        "attitude command",
         *("motor order", "frame of the path"),
     }
 )
@@ -63,8 +66,10 @@ def diagnose(
     compared = None if reference is None else _loaded(reference)
     flown = _loaded(flights)
     against = simulator or default_simulator(flown)
-    faults = interface_faults(flown, compared)
-    question = Question(mended(flown, faults), against, compared, exclude, decision)
+    made = checks(flown)
+    faults = interface_faults(flown, compared, made)
+    beside = None if compared is None else lifted(compared)
+    question = Question(lifted(mended(flown, faults)), against, beside, exclude, decision)
     if weighed_anew(question):
         found = beside_twin(question, progress)
     else:
@@ -75,7 +80,7 @@ def diagnose(
         else:
             found = answer(question, study(question, prepared, progress))
     progress("done", 1.0)
-    return stated(dataclasses.replace(found, interface=faults))
+    return stated(dataclasses.replace(found, interface=faults, untold=untold(flown, made)))
 
 
 def stated(found: Diagnosis) -> Diagnosis:

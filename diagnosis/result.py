@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import pydantic
 
-from diagnosis.interface.fault import InterfaceFault
+from diagnosis.interface.fault import InterfaceFault, Untold
 from diagnosis.result_parts import (
     AtBound,
     ChannelGap,
@@ -240,6 +240,8 @@ class Diagnosis:
     """Data of tables and pictures."""
     interface: tuple[InterfaceFault, ...] = ()
     """Parts of the logs that do not say what the format asks for; none in older files."""
+    untold: tuple[Untold, ...] = ()
+    """Parts of the logs that these flights do not allow to check; none in older files."""
 
     @property
     def shows_nothing(self) -> bool:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.interface.readings import Chosen, Reading, choose, signed_orders
+from diagnosis.interface.readings import Chosen, Reading, choose, choose_signs, signed_orders
 from diagnosis.logs.flights import DroneLog
 from diagnosis.logs.noise import measured
 
@@ -31,10 +31,10 @@ INDEPENDENT = 0.3
 class Following:
     """Sums of squares of one drone or of many, about each drone's means."""
 
-    yy: float
-    """Of measured roll and pitch [rad^2 s]."""
-    uu: Float[np.ndarray, " lags"]
-    """Of commands."""
+    yy: Float[np.ndarray, "2"]
+    """Of measured roll and pitch [rad^2]."""
+    uu: Float[np.ndarray, "lags 2 2"]
+    """Products of commanded angles."""
     yu: Float[np.ndarray, "lags 2 2"]
     """Of measured and commanded angles."""
     seconds: float
@@ -49,7 +49,22 @@ class Following:
         """Squared error of every lag."""
         along = np.maximum(np.einsum("ij,lij->l", matrix, self.yu), 0.0)
         # `matrix` keeps lengths, so that tr S_uu is that of P u as well.
-        return self.yy - along**2 / np.maximum(self.uu, 1e-12)
+        size = np.trace(self.uu, axis1=1, axis2=2)
+        return self.yy.sum() - along**2 / np.maximum(size, 1e-12)
+
+    def one_axis(self, axis: int) -> tuple[float, float, float]:
+        """Squared error of one angle: by its command, by that with the other sign, by neither.
+
+        The other command may act, too: a frame turned in yaw mixes the two, and a controller that
+        corrects for it commands one angle in proportion to the other.
+        """
+        own, cross = self.uu[:, axis, axis], self.uu[:, 0, 1]
+        other = np.maximum(self.uu[:, 1 - axis, 1 - axis], 1e-12)
+        neither = self.yy[axis] - self.yu[:, axis, 1 - axis] ** 2 / other
+        size = np.maximum(own - cross**2 / other, 1e-12)
+        along = self.yu[:, axis, axis] - self.yu[:, axis, 1 - axis] * cross / other
+        right, wrong = (neither - np.maximum(s * along, 0.0) ** 2 / size for s in (1.0, -1.0))
+        return float(right.min()), float(wrong.min()), float(neither.min())
 
     def lag(self, matrix: Float[np.ndarray, "2 2"]) -> float:
         """The lag that fits best [s], between those tried."""
@@ -69,11 +84,15 @@ class Following:
 
 
 def following(drone: DroneLog, parts: int = 1) -> list[Following]:
-    """The sums of a drone's flight in as many parts; none without commands or where it is short."""
+    """The sums of a drone's flight in as many parts, or fewer where they would be too short.
+
+    None without commands, or where the flight is shorter than one part.
+    """
     if drone.cmd is None:
         return []
     t = np.arange(drone.t[0] + LAGS[-1], drone.t[-1] + LAGS[0], STEP)
     t = t[_whole(t, drone.t)] if len(t) else t
+    parts = max(1, min(parts, int(len(t) * STEP / SHORTEST)))
     return [_sums(drone, part) for part in np.array_split(t, parts) if len(part) >= SHORTEST / STEP]
 
 
@@ -82,13 +101,13 @@ def _sums(drone: DroneLog, t: Float[np.ndarray, " times"]) -> Following:
     rpy = measured(drone)[:, 6:8]
     y = np.stack([np.interp(t, drone.t, angle) for angle in rpy.T], axis=1)
     y -= y.mean(axis=0)
-    uu, yu = np.zeros(len(LAGS)), np.zeros((len(LAGS), 2, 2))
+    uu, yu = np.zeros((len(LAGS), 2, 2)), np.zeros((len(LAGS), 2, 2))
     for i, lag in enumerate(LAGS):
         held = np.clip(np.searchsorted(drone.t, t - lag, side="right") - 1, 0, None)
         u = drone.cmd[held, :2]
         u = u - u.mean(axis=0)
-        uu[i], yu[i] = np.sum(u * u), y.T @ u
-    return Following(float(np.sum(y * y)), uu, yu, len(t) * STEP)
+        uu[i], yu[i] = u.T @ u, y.T @ u
+    return Following(np.sum(y * y, axis=0), uu, yu, len(t) * STEP)
 
 
 def order(found: Following) -> tuple[Chosen | None, Float[np.ndarray, "2 2"]]:
@@ -99,20 +118,29 @@ def order(found: Following) -> tuple[Chosen | None, Float[np.ndarray, "2 2"]]:
         for words, changes, matrix in orders
     ]
     n = 2 * int(found.seconds / INDEPENDENT)
-    chosen = choose(readings, found.yy, n)
+    chosen = choose_signs(choose(readings, float(found.yy.sum()), n), _signs(found))
     if chosen is None or not chosen.names:
         return chosen, np.eye(2)
     place = next(i for i, r in enumerate(readings) if r.name == chosen.names[0])
     return chosen, orders[place][2]
 
 
+def _signs(found: Following) -> dict[str, tuple[list[Reading], float, int]]:
+    axes = {}
+    for i, axis in enumerate(("roll", "pitch")):
+        right, wrong, total = found.one_axis(i)
+        readings = [Reading("", right), Reading(f"{axis} with the opposite sign", wrong, 1)]
+        axes[axis] = (readings, total, int(found.seconds / INDEPENDENT))
+    return axes
+
+
 _WORDS = {
     "x with the opposite sign": "roll with the opposite sign",
     "y with the opposite sign": "pitch with the opposite sign",
     "x and y with the opposite sign": "roll and pitch with the opposite sign",
-    "axes in the order y, x": "roll and pitch exchanged",
-    "axes in the order y, x, x with the opposite sign": "roll and pitch exchanged and turned",
-    "axes in the order y, x, y with the opposite sign": "roll and pitch exchanged and turned",
+    "x and y exchanged": "roll and pitch exchanged",
+    "x and y exchanged, x with the opposite sign": "roll and pitch exchanged and turned",
+    "x and y exchanged, y with the opposite sign": "roll and pitch exchanged and turned",
 }
 
 

@@ -1,4 +1,4 @@
-"""What is said of the interface: a fault, its advice and the numbers that show it."""
+"""What is said of the interface: a fault with its numbers, and what flights do not tell."""
 
 import dataclasses
 
@@ -35,7 +35,21 @@ class InterfaceFault:
     """The numbers behind it."""
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Untold:
+    """One check that could not be made."""
+
+    part: str
+    """Part of the interface, one of `fault.PARTS`."""
+    what: str
+    """What was not checked."""
+    fly: tuple[str, ...]
+    """Motions that would tell: steps in x or y, climbs (z), turns (yaw)."""
+
+
 PARTS = (
+    "position",
+    "height",
     "velocity",
     "angular velocity",
     "accelerometer",
@@ -52,6 +66,6 @@ PARTS = (
 )
 """Every part that is checked, in the order in which faults are listed."""
 SIZED = frozenset(
-    {"command clock", "thrust", "frame of the path", "frame of the commands", "heading"}
+    {"height", "command clock", "thrust", "frame of the path", "frame of the commands", "heading"}
 )
 """Parts whose fault is a size; beside a reference that has it, too, it is no change."""

@@ -14,17 +14,17 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from jaxtyping import Float
 
-from diagnosis.interface import commands, orders, scales
+from diagnosis.interface import commands, orders, position, scales
 from diagnosis.interface.commands import Following
 from diagnosis.interface.fault import PARTS, SIZED, Evidence, InterfaceFault
+from diagnosis.interface.height import below_floor
+from diagnosis.interface.inputs import lift_given, thrust_given
 from diagnosis.interface.motors import SINCE, Turning, motor_order, turning, turning_lag
 from diagnosis.interface.readings import Chosen
 from diagnosis.interface.scales import Size
 from diagnosis.interface.windows import Windows, make_windows
 from diagnosis.logs.flights import DroneLog, FlightSet, VehicleFile
-from diagnosis.logs.inputs import thrust_is_known, thrust_of_pwm, thrust_of_rotors
 from diagnosis.logs.noise import measured
 
 FEWEST_WINDOWS = 8
@@ -34,46 +34,95 @@ UNITS = {4.0: "one rotor's share", 2.2046: "pounds", 35.274: "ounces"}
 
 
 def interface_faults(
-    flights: FlightSet, reference: FlightSet | None = None
+    flights: FlightSet, reference: FlightSet | None = None, made: "Checks | None" = None
 ) -> tuple[InterfaceFault, ...]:
     """Every part of the interface that these flights show to be wrong, in the order of `PARTS`.
 
     Beside a `reference`, a size that it has, too, is left out, and what changed since then is
-    found: a turn of the path's frame, and the time from the motors' inputs to the turning.
+    found: a turn of the path's frame, and the time from the motors' inputs to the turning. `made`
+    are the `checks` of these flights, where they were made already.
     """
-    windows, turned = _windows(flights), _turning(flights)
-    found = _faults(flights, windows, turned)
+    now = made or checks(flights)
+    found = _faults(flights, now)
     if reference is None:
         return found
-    before, turned_before = _windows(reference), _turning(reference)
-    then = {fault.part for fault in _faults(reference, before, turned_before)}
+    before = checks(reference)
+    then = {fault.part for fault in _faults(reference, before)}
     own = [fault for fault in found if fault.part not in then & SIZED]
     wrong = then | {fault.part for fault in own}  # each is read from columns of both sets
-    turn = None if "attitude" in wrong else _turned_since(windows, before)
+    turn = None
+    if not {"attitude", "position"} & wrong:
+        turn = _turned_since(now.windows, before.windows)
     later = None
     if not {"angular velocity", "motor order"} & wrong:
-        later = _later_since(turned, turned_before, flights)
+        later = _later_since(now.turned, before.turned, flights)
     if turn is not None:  # it says more than that the path is turned
         own = [fault for fault in own if fault.part != "frame of the path"]
     return _in_order(fault for fault in (*own, turn, later) if fault is not None)
 
 
-def _faults(
-    flights: FlightSet, windows: Windows | None, turned: Sequence[Sequence[Turning]]
-) -> tuple[InterfaceFault, ...]:
-    """Faults that flights show by themselves."""
-    vehicle, drones = flights.vehicle, _drones(flights)
+@dataclasses.dataclass(frozen=True)
+class Checks:
+    """What was compared, and what came out of it."""
+
+    windows: Windows | None
+    """Windows of all flights; None if they are too few."""
+    followed: list[Following]
+    """How each piece of flight follows its commands."""
+    turned: list[list[Turning]]
+    """How the motors of each drone turn it."""
+    compared: dict[str, Chosen | None]
+    """Every part that can be read in several ways; None where flights do not tell."""
+    rise: Size | None
+    """How the path rises with the thrust (`position.rise`)."""
+
+
+def checks(flights: FlightSet) -> Checks:
+    """Every comparison of columns of these flights."""
+    drones, windows, turned = _drones(flights), _windows(flights), _turning(flights)
     parts = scales.parts_of(len(drones))
     followed = [part for drone in drones for part in commands.following(drone, parts)]
     compared = _compared(windows, followed, [piece for drone in turned for piece in drone])
-    whole = not _wrong(compared.get("attitude"))
-    found = [_ordered(part, chosen) for part, chosen in compared.items()]
-    if windows is not None and whole:  # these are read from the attitude
-        found += [_thrust_scale(windows, vehicle), _path_frame(windows)]
-    if followed and whole:
-        found += _followed(followed)
-    found.append(_heading(drones))
+    tilt, rise = compared.get("attitude"), None
+    if windows is not None and all(n in orders.PATHS for n in (tilt.names if tilt else ())):
+        rise = position.rise(windows)  # it is read from the attitude
+    return Checks(windows, followed, turned, compared, rise)
+
+
+def _faults(flights: FlightSet, made: Checks) -> tuple[InterfaceFault, ...]:
+    """Faults that flights show by themselves."""
+    whole, compared = not _wrong(made.compared.get("attitude")), made.compared
+    placed, explained = _placed(made)
+    found = [
+        _ordered(part, chosen, _columns(part, chosen, made))
+        for part, chosen in compared.items()
+        if part not in explained
+    ]
+    down = position.points_down(made.rise)
+    found += [placed, None if down else below_floor(flights)]
+    if made.windows is not None and whole and not down:  # these need the attitude and the ground
+        found += [_thrust_scale(made.windows, flights.vehicle), _path_frame(made.windows)]
+    if made.followed and whole:
+        found += _followed(made.followed)
+    found.append(_heading(_drones(flights)))
     return _in_order(fault for fault in found if fault is not None)
+
+
+def _placed(made: Checks) -> tuple[InterfaceFault | None, set[str]]:
+    """The fault of the position, and the parts that look wrong because of it."""
+    velocity, tilt = (made.compared.get(part) for part in ("velocity", "attitude"))
+    down = position.points_down(made.rise)
+    risen = (position.risen(made.rise),) if down and made.rise is not None else ()
+    words = position.misplaced(velocity, tilt, down)
+    if words is None:
+        return (position.upside_down(risen), {"accelerometer"}) if down else (None, set())
+    shares = tuple(
+        line
+        for part, chosen in (("velocity", velocity), ("attitude", tilt))
+        if chosen is not None and chosen.names
+        for line in _shares(part, chosen)
+    )
+    return position.of_position(words, (*shares, *risen)), {"velocity", "attitude", "accelerometer"}
 
 
 def _in_order(faults: Iterable[InterfaceFault]) -> tuple[InterfaceFault, ...]:
@@ -86,28 +135,16 @@ def _drones(flights: FlightSet) -> list[DroneLog]:
 
 def _windows(flights: FlightSet) -> Windows | None:
     """The windows of all drones; None if they are too few to say anything."""
-    thrusts = [_thrust(drone, flights.vehicle) for drone in _drones(flights)]
-    windows = make_windows(flights.flights, thrusts)
+    drones = _drones(flights)
+    thrusts = [thrust_given(drone, flights.vehicle) for drone in drones]
+    lifts = [lift_given(drone, thrust) for drone, thrust in zip(drones, thrusts, strict=True)]
+    windows = make_windows(flights.flights, thrusts, lifts)
     return None if windows is None or len(windows) < FEWEST_WINDOWS else windows
 
 
 def _turning(flights: FlightSet) -> list[list[Turning]]:
     """How the motors of each drone turn it."""
     return [turning(drone) for drone in _drones(flights)]
-
-
-def _thrust(drone: DroneLog, vehicle: VehicleFile) -> Float[np.ndarray, " rows"] | None:
-    """Thrust that a drone's inputs stand for [N]: what is commanded, else what its motors tell."""
-    if drone.cmd is not None:
-        return drone.cmd[:, 3]
-    if drone.thrust is not None:
-        return drone.thrust
-    turns, duty = thrust_is_known(vehicle)
-    if drone.rotor_vel is not None and turns:
-        return thrust_of_rotors(drone.rotor_vel, vehicle.spec)
-    if drone.pwm is not None and drone.battery is not None and duty:
-        return thrust_of_pwm(drone.pwm, drone.battery)
-    return None
 
 
 def _compared(
@@ -156,19 +193,35 @@ _CHECKED = {
 """What to check of each part, and what it must agree with."""
 
 
-def _ordered(part: str, chosen: Chosen | None) -> InterfaceFault | None:
+def _columns(part: str, chosen: Chosen | None, made: Checks) -> str:
+    """Columns to check: those of the position, too, where nothing else agrees with the path."""
+    columns = _CHECKED[part][0]
+    if part != "velocity" or chosen is None or not any(n in position.ORDERS for n in chosen.names):
+        return columns
+    tilt, rise = made.compared.get("attitude"), made.rise
+    upright = tilt is not None and not tilt.names
+    if chosen.names == (position.Z_FLIPPED,):
+        upright = rise is not None and rise.low > 0.0
+    return columns if upright else f"{columns}, and pos_x to pos_z"
+
+
+def _ordered(part: str, chosen: Chosen | None, columns: str) -> InterfaceFault | None:
     if chosen is None or not chosen.names:
         return None
-    columns, against = _CHECKED[part]
     held = " or ".join(chosen.names)
     return InterfaceFault(
         part=part,
         readings=chosen.names,
         advice=f"The {part} looks like {held}: check {columns}.",
-        evidence=(
-            _share(f"{against}, explained by the {part} as logged", chosen.asked),
-            _share(f"the same, explained by {chosen.names[0]}", chosen.explained),
-        ),
+        evidence=_shares(part, chosen),
+    )
+
+
+def _shares(part: str, chosen: Chosen) -> tuple[Evidence, ...]:
+    against = _CHECKED[part][1]
+    return (
+        _share(f"{against}, explained by the {part} as logged", chosen.asked),
+        _share(f"the same, explained by {chosen.names[0]}", chosen.explained),
     )
 
 

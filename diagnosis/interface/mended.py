@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -25,10 +25,15 @@ def mended(flights: FlightSet, faults: Sequence[InterfaceFault]) -> FlightSet:
     def turned(log: DroneLog) -> DroneLog:
         return dataclasses.replace(log, pos=log.pos @ back.T, vel=log.vel @ back.T)
 
+    return each_log(flights, turned)
+
+
+def each_log(flights: FlightSet, change: Callable[[DroneLog], DroneLog]) -> FlightSet:
+    """The flights with every log changed."""
     return dataclasses.replace(
         flights,
         flights=tuple(
-            dataclasses.replace(flight, drones=tuple(turned(log) for log in flight.drones))
+            dataclasses.replace(flight, drones=tuple(change(log) for log in flight.drones))
             for flight in flights.flights
         ),
     )

@@ -8,11 +8,21 @@
 | attitude | the direction of the specific force that the path needs |
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from diagnosis.interface.readings import Chosen, Reading, choose, signed_orders
+from diagnosis.interface.readings import (
+    AXES,
+    Chosen,
+    Reading,
+    choose,
+    choose_signs,
+    remainder,
+    signed_orders,
+)
 from diagnosis.interface.windows import Windows
 
 
@@ -66,7 +76,17 @@ def attitude(windows: Windows) -> Chosen | None:
         axis[:, :2] = axis[:, :2] @ matrix.T
         readings.append(Reading(words, _pointed(windows, axis), 1))
     across = windows.force[:, :2]
-    return choose(readings, _spread(across), across.size)
+    flips = {name: attitudes[name][0][:, :, 2] for name in _FLIPS}
+    for words in _MIRRORS:
+        flips[words] = flips[""] * np.append(np.diag(PATHS[words]), 1.0)
+    return choose_signs(
+        choose(readings, _spread(across), across.size),
+        {f"the path's {axis} axis": _one_way(windows, flips, i) for i, axis in enumerate("xy")},
+    )
+
+
+_FLIPS = ("", "roll with the opposite sign", "pitch with the opposite sign")
+_MIRRORS = ("a path whose x axis points the other way", "a path whose y axis points the other way")
 
 
 PATHS = {
@@ -99,6 +119,24 @@ def tilt_terms(
     return np.concatenate([terms, bias], axis=1), windows.force[:, :2].T.ravel()
 
 
+def _one_way(
+    windows: Windows, axes: Mapping[str, Float[np.ndarray, "windows 3"]], i: int
+) -> tuple[list[Reading], float, int]:
+    """The horizontal force along x or y by itself, with each thrust axis of `axes`.
+
+    The other component may act in any proportion, as a path that is turned in yaw makes it.
+    """
+    force = windows.force[:, i]
+    size = np.linalg.norm(windows.force, axis=1)
+    other = size * axes[""][:, 1 - i]
+    free = np.column_stack([other, -windows.path[:, i], np.ones(len(windows))])
+    readings = [
+        Reading(name, remainder(force, free, size * axis[:, i]), int(bool(name)))
+        for name, axis in axes.items()
+    ]
+    return readings, remainder(force, free), len(force)
+
+
 def _pointed(windows: Windows, axis: Float[np.ndarray, "windows 3"]) -> float:
     """Squared error of the horizontal force along an axis, drag and a bias allowed for."""
     terms, force = tilt_terms(windows, axis)
@@ -128,7 +166,25 @@ def _vector(
             readings.append(
                 Reading(_joined(frame, words), _error(truth, predicted), changes + bool(frame))
             )
-    return choose(readings, _spread(truth), truth.size)
+    chosen = choose(readings, _spread(truth), truth.size)
+    if asked.ndim > 2:  # gravity is most of it
+        return chosen
+    return choose_signs(chosen, {axis: _same_way(truth, asked, i) for i, axis in enumerate(AXES)})
+
+
+def _same_way(
+    truth: Float[np.ndarray, "windows 3"], logged: Float[np.ndarray, "windows 3"], i: int
+) -> tuple[list[Reading], float, int]:
+    """One component of a vector by itself; the others may leak into it, as a turned frame makes."""
+    others = [logged[:, k] for k in range(3) if k != i]
+    free = np.column_stack([*others, np.ones(len(truth))])
+    readings = [
+        Reading("", remainder(truth[:, i], free, logged[:, i])),
+        Reading(
+            f"{AXES[i]} with the opposite sign", remainder(truth[:, i], free, -logged[:, i]), 1
+        ),
+    ]
+    return readings, remainder(truth[:, i], free), len(truth)
 
 
 def _joined(*parts: str) -> str:

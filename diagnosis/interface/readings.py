@@ -10,7 +10,7 @@ if it explains at least `EXPLAINED` of what is predicted.
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -49,6 +49,8 @@ class Chosen:
     """Share of the variance that it explains [-]."""
     asked: float
     """Share that the reading asked for explains [-]; below 0 where it is worse than nothing."""
+    untold: tuple[str, ...] = ()
+    """Axes that move too little to tell their sign."""
 
 
 def choose(
@@ -66,8 +68,7 @@ def choose(
     least = float(errors.min())
     if n < FEWEST or total <= 0.0 or least > (1.0 - explained) * total:
         return None
-    # Sums of exact columns, as tests make them, are rounded.
-    most = float(stats.f.isf(ALPHA / len(readings), n, n)) * max(least, 1e-12 * total)
+    most = _limit(least, total, len(readings), n)
     asked = 1.0 - float(errors[0]) / total
     if errors[0] <= most:
         return Chosen((), asked, asked)
@@ -77,6 +78,49 @@ def choose(
     alike = sorted((i for i in fits if readings[i].simplicity == simplest), key=errors.__getitem__)
     names = tuple(dict.fromkeys(readings[i].name for i in alike))
     return Chosen(names, 1.0 - float(errors[alike[0]]) / total, asked)
+
+
+def choose_signs(
+    chosen: Chosen | None, axes: Mapping[str, tuple[Sequence[Reading], float, int]]
+) -> Chosen | None:
+    """The choice of all axes together, with the sign of each axis tested by itself.
+
+    An axis that moves much hides the sign of another that moves little. `axes` has the readings of
+    each axis, its sum of squares and how many numbers it has, as `choose` takes them. Only a choice
+    that finds nothing wrong is looked at again.
+    """
+    if chosen is None or chosen.names:
+        return chosen
+    untold = []
+    for axis, (readings, total, n) in axes.items():
+        one = choose(readings, total, n)
+        if one is not None and one.names:
+            return one
+        errors = [reading.error for reading in readings]
+        if one is None or max(errors) <= _limit(min(errors), total, len(errors), n):
+            untold.append(axis)
+    return dataclasses.replace(chosen, untold=tuple(untold))
+
+
+def remainder(
+    y: Float[np.ndarray, " rows"],
+    free: Float[np.ndarray, "rows free"],
+    along: Float[np.ndarray, " rows"] | None = None,
+) -> float:
+    """Squared error of `y` where `free` has any factors, and `along` one that is not negative."""
+    if along is not None:
+        columns = np.column_stack([along, free])
+        fit, *_ = np.linalg.lstsq(columns, y, rcond=None)
+        if fit[0] > 0.0:
+            return float(np.sum((y - columns @ fit) ** 2))
+    fit, *_ = np.linalg.lstsq(free, y, rcond=None)
+    return float(np.sum((y - free @ fit) ** 2))
+
+
+def _limit(least: float, total: float, choices: int, n: int) -> float:
+    """Largest error that is beyond the least one by chance."""
+    # Sums of exact columns, as tests make them, are rounded.
+    return float(stats.f.isf(ALPHA / choices, n, n)) * max(least, 1e-12 * total)
 
 
 def signed_orders(n: int) -> list[tuple[str, int, Float[np.ndarray, "n n"]]]:
@@ -94,7 +138,10 @@ def signed_orders(n: int) -> list[tuple[str, int, Float[np.ndarray, "n n"]]]:
 
 def _words(order: Sequence[int], flipped: Sequence[int]) -> str:
     parts = []
-    if list(order) != sorted(order):
+    moved = [AXES[i] for i in range(len(order)) if order[i] != i]
+    if len(moved) == 2:
+        parts.append(" and ".join(moved) + " exchanged")
+    elif moved:
         parts.append("axes in the order " + ", ".join(AXES[i] for i in order))
     if flipped:
         parts.append(" and ".join(AXES[i] for i in flipped) + " with the opposite sign")

@@ -35,6 +35,9 @@ HOLE = 0.25
 """Largest hole in a window, as a share of it."""
 ROUGH = 6.0
 """A path whose cubic leaves more than this over the median of all windows is a throw or a crash."""
+LIFT_LAGS = np.round(np.arange(-0.3, 0.301, 0.1), 6)
+"""Times by which inputs are shifted against the path [s], for clocks that are off and slow motors;
+a steady climb and descent in less than twice the largest is rare."""
 LOW = (0.15, 0.3)
 """Height [m] above the lowest row and speed [m/s] below which a drone may stand on the ground."""
 
@@ -67,6 +70,8 @@ class Windows:
     """Mean of R_ij f_k."""
     thrust: Float[np.ndarray, " windows"] | None
     """Thrust that the inputs stand for [N]."""
+    lift: Float[np.ndarray, "windows lags"] | None
+    """What rises and falls with the thrust, in any unit, `LIFT_LAGS` earlier."""
 
     def __len__(self) -> int:
         return len(self.flight)
@@ -80,18 +85,23 @@ class Windows:
 
 
 def make_windows(
-    flights: Sequence[FlightLog], thrusts: Sequence[Float[np.ndarray, " _rows"] | None]
+    flights: Sequence[FlightLog],
+    thrusts: Sequence[Float[np.ndarray, " _rows"] | None],
+    lifts: Sequence[Float[np.ndarray, " _rows"] | None],
 ) -> Windows | None:
-    """All windows of all drones, None where there is none; `thrusts` has each drone's inputs [N].
+    """All windows of all drones, None where there is none.
+
+    `thrusts` has the thrust of each drone's inputs [N], `lifts` the same in any unit.
 
     A column counts only if every drone has it.
     """
     drones = [drone for flight in flights for drone in flight.drones]
     rows: list[dict[str, np.ndarray | float | int | None]] = []
     rough: list[float] = []
-    for number, (drone, thrust) in enumerate(zip(drones, thrusts, strict=True)):
+    for number, (drone, thrust, lift) in enumerate(zip(drones, thrusts, lifts, strict=True)):
+        earlier = None if lift is None else _earlier(drone, lift)
         for at in _stretches(drone):
-            row, left = _window(drone, thrust, at)
+            row, left = _window(drone, thrust, earlier, at)
             rows.append({"flight": number, **row})
             rough.append(left)
     if not rows:
@@ -122,7 +132,7 @@ def _stretches(drone: DroneLog) -> list[slice]:
 
 
 def _window(
-    drone: DroneLog, thrust: np.ndarray | None, at: slice
+    drone: DroneLog, thrust: np.ndarray | None, earlier: np.ndarray | None, at: slice
 ) -> tuple[dict[str, np.ndarray | float | None], float]:
     """Columns of one window, and the RMS that a cubic leaves of its path [m]."""
     t = drone.t[at]
@@ -153,4 +163,10 @@ def _window(
             np.einsum("t,tij,tk->ijk", kernel, turned, value[at]) if known else None
         )
     row["thrust"] = None if thrust is None else float(weight @ thrust[at])
+    row["lift"] = None if earlier is None else weight @ earlier[at]
     return row, float(np.sqrt(np.mean((basis @ cubic - drone.pos[at]) ** 2)))
+
+
+def _earlier(drone: DroneLog, lift: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "rows lags"]:
+    """The lift as it was `LIFT_LAGS` earlier."""
+    return np.stack([np.interp(drone.t - lag, drone.t, lift) for lag in LIFT_LAGS], axis=1)

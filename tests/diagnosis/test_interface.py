@@ -9,9 +9,9 @@ from diagnoses_for_tests import load, none
 from flights_for_tests import flight_set, point_mass_set
 from scipy.spatial.transform import Rotation
 
+from bench.diagnosis_report.documents import diagnosis_text
 from bench.diagnosis_report.page import diagnosis_page
 from bench.diagnosis_report.sentences import remarks
-from bench.diagnosis_report.text import diagnosis_text
 from blind.draw.faults import ALL
 from blind.fly.log_faults import shifted
 from diagnosis.interface import scales
