@@ -144,11 +144,18 @@ class Decision:
         30.0,
         "-",
         "statistics",
-        "five sigmas, so that forces are not judged through an attitude that is wrong; references "
-        "in RotorPy had at most 1.1, real ones 565 (crazyflie_plain) and 886 (nanobench)",
+        "five sigmas, so that forces are not judged through an attitude that is wrong",
     )
-    """Chi-square per node of a roll, pitch or yaw that nothing explains, from which it is; of any
-    channel of reference flights, from which a twin is learned instead."""
+    """Chi-square per node of a roll, pitch or yaw that nothing explains, from which it is."""
+    reference_lost: float = _decided(
+        4.0,
+        "-",
+        "cases",
+        "references in RotorPy, which effects describe, had at most 1.1, real ones 565 "
+        "(crazyflie_plain) and 886 (nanobench)",
+    )
+    """Chi-square per node of any channel of reference flights that effects do not describe, from
+    which a twin is learned instead."""
     forces_explained: float = _decided(0.1, "-", "guess", "nobody has measured it")
     """Share of the gap in forces that may be left where it was prescribed for their sake."""
 

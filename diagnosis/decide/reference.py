@@ -74,7 +74,7 @@ class Reference:
 
     def unfollowed(self, decision: Decision = Decision()) -> bool:
         """Whether the fit is no vehicle: some channel of its own flights is far from it."""
-        return float(np.max(self.enlarged)) ** 2 > decision.attitude_lost
+        return float(np.max(self.enlarged)) ** 2 > decision.reference_lost
 
     def shared(
         self, library: Library, decision: Decision = Decision()
@@ -186,7 +186,7 @@ def _descended(
 ) -> Float[np.ndarray, " params"]:
     """The whole library fitted from `start`, as a shift of its neutral vector.
 
-    A fit whose misfit is above `attitude_lost` on the mean of all channels is so on one of them,
+    A fit whose misfit is above `reference_lost` on the mean of all channels is so on one of them,
     and `unfollowed`. With `or_twin`, the steps end where that is still so after all steps that are
     allowed, were each to gain as much as the last one. As a rule gains shrink from step to step;
     a fit that only paused goes on in the second descent, without the windows that stand out.
@@ -197,5 +197,5 @@ def _descended(
     # Gains count in units of the misfit, by which the noise is enlarged in the end.
     numbers = float(fit.normal.dof.sum())
     phi = max(1.0, fit.normal.chi2 / numbers)
-    goal = -0.5 * decision.attitude_lost * numbers / phi if or_twin else -np.inf
+    goal = -0.5 * decision.reference_lost * numbers / phi if or_twin else -np.inf
     return polished(dataclasses.replace(evidence, phi=phi), fit, goal, STEPS).vector

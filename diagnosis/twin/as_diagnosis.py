@@ -1,7 +1,8 @@
 """What a twin says of changed flights, as the typed `Diagnosis`."""
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -35,16 +36,16 @@ from diagnosis.result_parts import (
 )
 from diagnosis.statements import (
     beyond_noise,
-    judged_of,
     main_channels,
     mostly_explained,
     noteworthy,
     use_of,
 )
 from diagnosis.twin.answer import ChangedParameter
-from diagnosis.twin.channels import CHANNELS, FEWEST_SAMPLES, UNITS
+from diagnosis.twin.channels import CHANNELS, FEWEST_SAMPLES, UNITS, Channels
 from diagnosis.twin.diagnose_change import ChangeStudy, diagnose_change
-from diagnosis.twin.drift import Scored, drift_shrink, excess_of, left_share, misfit_ratios
+from diagnosis.twin.drift import Scored, allowed, drift_shrink, excess_of, left_share, misfit_ratios
+from diagnosis.twin.memory import rms
 
 MOST_CANDIDATES = 8
 """Effects that are listed."""
@@ -83,6 +84,7 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
     slots = study.twin.library.slots
     remainder = _remainder(study, verdict, decision)
     where = _where(study, [one.before for one in study.scored], decision)
+    others = rms([one.before for one in study.scored], [one.valid for one in study.scored])
     inputs = dataclasses.replace(study.inputs, left_out=())
     compared = dataclasses.replace(study.compared, left_out=())
     return Diagnosis(
@@ -96,22 +98,25 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
         support=_support(study, decision),
         shrink=_shrink(study, where, remainder.where, decision),
         next_flight=next_flight(
-            judged_of(verdict),
+            verdict,
             {e.name: list(e.aliases) for e in effects if e.blamed},
             None,
             blind_to(slots, seen, decision),
+            len(study.scored),
+            len(study.twin.scores),
+            decision,
         ),
         flights=_used(
             flights_used(question.flights, inputs, lambda _: "fit, and held out in turn"),
             study.inputs,
             [one.name for one in study.scored],
-            found.set_aside,
+            _missed(study, study.aside, others),
         ),
         reference=_used(
             flights_used(question.reference, compared, lambda _: "reference"),
             study.compared,
             [score.name for score in study.twin.scores],
-            found.reference_set_aside,
+            _missed(study, study.reference_aside, study.twin.error),
         ),
         settings=settings_of(question),
         program=this_program(),
@@ -119,13 +124,42 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
     )
 
 
-def _used(flights: Flights, inputs: Inputs, counted: Sequence[str], odd: Sequence[str]) -> Flights:
-    """`flights` with those left out that did not count, each with its reason."""
+def _missed(
+    study: ChangeStudy, aside: Sequence[Channels], others: Float[np.ndarray, " 6"]
+) -> dict[str, str]:
+    """Why flights were set aside, by their names: where the twin misses each most.
+
+    `others` is the root mean square error of each channel in the flights that count.
+    """
+    found = {}
+    for flight in aside:
+        error = rms([study.twin.errors(flight)], [flight.valid])
+        c = max(study.twin.colour.seen, key=lambda c: error[c] / max(others[c], 1e-12))
+        found[flight.name] = (
+            "the twin misses it by far more than it misses the other flights: "
+            f"{CHANNELS[c]} off by {_size(error[c], c)} (other flights: {_size(others[c], c)})"
+        )
+    return found
+
+
+def _size(value: float, channel: int) -> str:
+    """An error of a channel with two significant digits; angles in degrees."""
+    angle = UNITS[channel] == "rad"
+    shown = math.degrees(value) if angle else value
+    return f"{float(f'{shown:.2g}'):g} {'degrees' if angle else UNITS[channel]}"
+
+
+def _used(
+    flights: Flights, inputs: Inputs, counted: Sequence[str], odd: Mapping[str, str]
+) -> Flights:
+    """`flights` with those left out that did not count, each with its reason.
+
+    `odd` says it of those that were set aside.
+    """
     gone = [(name, reason) for name, reason in inputs.left_out]
     for flight in flights.used:
         if flight.name in odd:
-            why = "the twin misses it by far more than it misses the other flights"
-            gone.append((flight.name, f"flights/{flight.name}: {why}"))
+            gone.append((flight.name, f"flights/{flight.name}: {odd[flight.name]}"))
         elif flight.name not in counted:
             why = f"it holds less than {FEWEST_SAMPLES} samples of 20 ms that can be compared"
             gone.append((flight.name, f"flights/{flight.name}: {why}"))
@@ -140,7 +174,8 @@ def _effects(study: ChangeStudy, verdict: str, decision: Decision) -> tuple[Effe
     """The named effects; of an unexplained change, the best candidate, which is not blamed."""
     found = study.answer
     if found.effects:
-        # No name is surer than that undisturbed flights show none.
+        # Of the first effect or what looks like it (`Naming.probability`). No name is surer than
+        # that undisturbed flights show none.
         sure = found.probability * (1.0 - decision.alarm_chance)
         return tuple(
             Effect(
@@ -185,9 +220,9 @@ def _where(
     shares = (excess / max(float(excess.sum()), 1e-300)).tolist()
     main = main_channels(shares, decision)
     each = np.stack([one.rms(e) for one, e in zip(study.scored, errors, strict=True)])
-    found = []
+    floors, found = allowed(study.twin, study.scored), []
     for c in study.twin.colour.seen:
-        gap, floor = float(np.sqrt(np.mean(each[:, c] ** 2))), float(study.twin.error[c])
+        gap, floor = float(np.sqrt(np.mean(each[:, c] ** 2))), float(floors[c])
         low, high = _interval(each[:, c], decision)
         found.append(
             ChannelGap(

@@ -40,6 +40,10 @@ class ChangeStudy:
     """What changed."""
     scored: tuple[Scored, ...]
     """The changed flights without and with the named effects."""
+    aside: tuple[Channels, ...] = ()
+    """Changed flights that do not count (`TwinAnswer.set_aside`)."""
+    reference_aside: tuple[Channels, ...] = ()
+    """Reference flights that do not count."""
 
 
 def diagnose_change(question: Question, progress: Progress = silent) -> ChangeStudy:
@@ -64,8 +68,11 @@ def diagnose_change(question: Question, progress: Progress = silent) -> ChangeSt
     known = flight_of(beside, before.flights)(neutral)
     twin = make_twin(known, replay.library, seen(replay), decision)
     progress("looking for what changed", 0.6)
-    answer, scored = answer_change(twin, fly(neutral), decision, fly)
-    return ChangeStudy(inputs, before, twin, answer, scored)
+    flown = fly(neutral)
+    answer, scored = answer_change(twin, flown, decision, fly)
+    aside = tuple(f for f in flown if f.name in answer.set_aside)
+    beside_aside = tuple(f for f in known if f.name in twin.set_aside)
+    return ChangeStudy(inputs, before, twin, answer, scored, aside, beside_aside)
 
 
 def answer_change(

@@ -30,6 +30,8 @@ class Scored:
     """Measured minus twin, in the units of `channels.py`."""
     after: Float[np.ndarray, "time 6"]
     """The same with the named effects."""
+    beyond: Float[np.ndarray, " 6"]
+    """By how much each channel's error may be larger than in the reference (`Twin.beyond`)."""
 
     def drift(self, errors: Float[np.ndarray, "time 6"]) -> Float[np.ndarray, " windows"]:
         """Length of the position error after each whole window of valid samples [m].
@@ -74,7 +76,7 @@ def score_flights(
             further = (others.estimate(columns).value - at.change[columns]) * width[columns]
             slopes = twin.memory.respond(flight)[columns]
             after = twin.errors(flight) - np.tensordot(further, slopes, axes=1)
-        made.append(Scored(plain.name, plain.valid, before, after))
+        made.append(Scored(plain.name, plain.valid, before, after, twin.beyond(plain)))
     return tuple(made)
 
 
@@ -96,15 +98,20 @@ def misfit_ratios(twin: Twin, scored: Sequence[Scored]) -> Float[np.ndarray, " f
 
 def _squares(twin: Twin, one: Scored, when: str) -> Float[np.ndarray, " numbers"]:
     """Squared whitened errors of a flight, `before` or `after` the named effects."""
-    return twin.colour.whiten(getattr(one, when), one.valid).ravel() ** 2
+    return twin.colour.whiten(getattr(one, when) / one.beyond, one.valid).ravel() ** 2
+
+
+def allowed(twin: Twin, scored: Sequence[Scored]) -> Float[np.ndarray, " 6"]:
+    """Root mean square of each channel that the twin's own errors may have in these flights."""
+    return twin.error * np.sqrt(np.mean([one.beyond**2 for one in scored], axis=0))
 
 
 def excess_of(
     twin: Twin, scored: Sequence[Scored], errors: Sequence[Float[np.ndarray, "time 6"]]
 ) -> Float[np.ndarray, " 6"]:
-    """Squared error of each channel beyond the twin's own, over the latter."""
+    """Squared error of each channel beyond what the twin allows, over the latter."""
     each = [one.rms(e) for one, e in zip(scored, errors, strict=True)]
-    floor = twin.error**2
+    floor = allowed(twin, scored) ** 2
     excess = np.maximum(np.mean(np.square(each), axis=0) - floor, 0.0) / np.maximum(floor, 1e-300)
     unseen = [c for c in range(len(excess)) if c not in twin.colour.seen]
     excess[unseen] = 0.0

@@ -70,7 +70,8 @@ def name_change(
         "nothing": nothing,
     }
     if not sure or share < decision.least_chance:
-        change: VerdictKind = "unexplained" if sure or p_none < decision.alarm_chance else "none"
+        other = p_none < decision.alarm_chance or _elsewhere(reference, target, decision)
+        change: VerdictKind = "unexplained" if sure or other else "none"
         if change == "none" and min(len(reference), len(target)) < decision.few_flights:
             change = "too_few"
         return Named(change, (), (), share, (), at=nothing, **rest)
@@ -100,6 +101,17 @@ def name_change(
         if any(p.clear for p in changed(library, (e,), alone[e].estimate, n, decision))
     )
     return with_first(at, aliases, instead)
+
+
+def _elsewhere(reference: Group, target: Group, decision: Decision) -> bool:
+    """Whether the twin misses the target as it would miss no flight like the reference.
+
+    A log that is turned over is far from all that candidates can do, and no direction of theirs.
+    Of fewer flights than `few_flights` nobody knows what is usual.
+    """
+    usual = float(np.median(reference.misfit))
+    enough = min(len(reference), len(target)) >= decision.few_flights
+    return enough and float(np.median(target.misfit)) > decision.flight_alone * usual
 
 
 def _free(library: Library, effect: str) -> bool:

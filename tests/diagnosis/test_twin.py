@@ -96,6 +96,42 @@ def test_the_vertical_memory_keeps_the_static_gain_of_the_simulator():
     assert abs(memory.weights[0][:40].sum()) > 0.3
 
 
+def turning(seed, size, error=0.3):
+    """A flight whose heading moves `size` times as far; of what moves, `error` is not followed."""
+    plain, factor = flight(seed, noise=0.005, response=()), np.ones(6)
+    factor[2] = size
+    simulated = plain.simulated * factor
+    measured = simulated + plain.gap
+    measured[:, 2] -= error * simulated[:, 2]
+    return dataclasses.replace(plain, measured=measured, simulated=simulated)
+
+
+def test_of_a_heading_that_the_reference_hardly_moves_no_response_is_learned():
+    flights = [turning(i, 0.001, 0.0) for i in range(8)]
+    scale = scale_of(flights)
+    memory, _ = fit_memories([gram(f, scale) for f in flights], scale)
+    assert np.abs(memory.weights[1][:40]).max() < 1e-2
+
+
+def test_a_motion_far_beyond_the_reference_is_no_evidence():
+    twin = make_twin([turning(i, 0.01, 0.0) for i in range(8)], LIBRARY, EVERY)
+    still, far = turning(50, 0.01, 0.0), turning(50, 1.0)
+    assert np.all(twin.beyond(still) < 2.0)
+    assert twin.beyond(far)[2] > 50.0
+    assert twin.score(far).misfit < 2.0 * twin.score(still).misfit + 1.0
+    answer, _ = answer_change(twin, [turning(100 + i, 1.0) for i in range(8)])
+    assert (answer.change, answer.set_aside) == ("none", ())
+
+
+def test_flights_that_no_candidate_can_reach_are_no_undisturbed_ones():
+    """Logs that are turned over differ from the twin in no direction of an effect."""
+    twin = plain_twin()
+    flat = [dataclasses.replace(f, slopes=0.0 * f.slopes, measured=-20.0 * f.measured)
+            for f in (flight(100 + i) for i in range(8))]  # fmt: skip
+    answer, _ = answer_change(twin, flat)
+    assert answer.change == "unexplained"
+
+
 def test_slopes_pass_through_the_memory_as_a_change_of_the_vehicle_does():
     flights = [flight(i, noise=0.0) for i in range(4)]
     twin = make_twin(flights, LIBRARY, EVERY)
@@ -181,7 +217,7 @@ def test_one_reference_flight_is_refused():
 def test_drift_of_a_constant_acceleration_is_half_of_it_by_time_squared():
     errors = np.zeros((300, 6))
     errors[:, 5] = 0.8
-    one = Scored("", np.ones(300, bool), errors, errors)
+    one = Scored("", np.ones(300, bool), errors, errors, np.ones(6))
     np.testing.assert_allclose(one.drift(errors), 0.5 * 0.8 * 0.5**2, rtol=1e-6)
 
 
@@ -269,7 +305,7 @@ def test_effects_must_explain_flights_that_they_were_not_fitted_to(others, far, 
         """A flight whose errors in attitude are the twin's, scaled, and whose drift stays."""
         errors = twin.error * rng.normal(size=(300, 6))
         scale = lambda x: errors * np.asarray([x, x, x, 1.0, 1.0, 1.0])  # noqa: E731
-        return Scored(name, np.ones(300, bool), scale(before), scale(after))
+        return Scored(name, np.ones(300, bool), scale(before), scale(after), np.ones(6))
 
     flights = [scored(f"{i}", 1.0, others) for i in range(7)] + [scored("far", 6.0, far)]
     whole = lambda when: np.mean([np.mean(getattr(f, when) ** 2) for f in flights])  # noqa: E731
