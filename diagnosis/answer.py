@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.decide.advice import blind_to, next_flight
+from diagnosis.decide.advice import blind_to, largest_regime, next_flight
 from diagnosis.decide.prepared import Prepared, Question
 from diagnosis.decide.study import Study
 from diagnosis.decide.verdict import Verdict, at_bounds, intervals, limits, sizes
@@ -39,7 +39,6 @@ from diagnosis.result_parts import (
 )
 from diagnosis.statements import (
     answer_probability,
-    judged_of,
     mostly_explained,
     noteworthy,
     use_of,
@@ -84,10 +83,12 @@ def answer(question: Question, study: Study) -> Diagnosis:
         support=study.support,
         shrink=shrink,
         next_flight=next_flight(
-            judged_of(verdict),
+            verdict,
             {effect.name: list(effect.aliases) for effect in effects} if named else {},
-            _largest_regime(remainder.where),
+            largest_regime(remainder.where, _regime_noise(study)),
             blind_to(evidence.library.slots, seen, question.decision),
+            len(prepared.inputs.flights),
+            decision=question.decision,
         ),
         flights=flights_used(question.flights, prepared.inputs, lambda i: _use(prepared, i)),
         reference=None
@@ -219,27 +220,19 @@ def _drift(evidence: Evidence, vector: Float[np.ndarray, " params"]) -> float:
     return gap.rms(lengths)
 
 
-def _power(value: float) -> int:
-    """The power of ten of the first digit of a positive value."""
-    return math.floor(math.log10(value))
+def _regime_noise(study: Study) -> dict[str, float | None]:
+    """Noise of the measured conditions of flight (`gap.regimes`), in their units.
 
-
-def _largest_regime(where: Sequence[ChannelGap]) -> str | None:
-    """The bin in which the channel with the largest share has its largest gap."""
-    if not where:
-        return None
-    channel = max(where, key=lambda c: c.share)
-    best, text = 0.0, None
-    for regime in channel.regimes:
-        gaps = [g or 0.0 for g in regime.gap]
-        contrast = max(gaps) / max(float(np.mean(gaps)), 1e-12) if gaps else 0.0
-        if contrast > best:
-            i, best = int(np.argmax(gaps)), contrast
-            low, high = regime.edges[i], regime.edges[i + 1]
-            # Two significant digits, or as many as it takes to tell the ends apart.
-            digits = max(0, 1 - _power(max(abs(low), abs(high))), -_power(high - low))
-            text = f"{regime.variable} {low:.{digits}f} to {high:.{digits}f} {regime.unit}"
-    return text
+    None where the attitude is prescribed, so that its noise is not known.
+    """
+    pos, vel, angle = study.prepared.noise.reshape(3, 3)
+    return {
+        "speed": float(vel.max()),
+        "climb rate": float(vel[2]),
+        "height": float(pos[2]),
+        "tilt": None if study.prepared.inputs.prescribed else float(angle[:2].max()),
+        "distance to a neighbour": float(math.sqrt(2.0) * pos.max()),
+    }
 
 
 def _details(study: Study, seen: Sequence[tuple[int, float]], withheld: Collection[str]) -> Details:

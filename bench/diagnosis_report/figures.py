@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
+from bench.diagnosis_report.gap_text import added
 from bench.diagnosis_report.numbers import clean, is_number, rounded, scale_of, shorten, with_unit
 from bench.report.pictures.svg import AFTER, BEFORE, INK, SOFT, Panel, render
 from diagnosis.result import Diagnosis
@@ -26,7 +27,7 @@ def before_after_panels(diagnosis: Diagnosis) -> list[Panel]:
     highest = [x for line in lines for x in (*line.before, *line.after)]
     top = 1.05 * max((x for x in highest if is_number(x)), default=1.0)
     factor, unit = scale_of("m") if top < 1.0 else (1.0, "m")
-    panels = []
+    panels, with_ = [], added(diagnosis)
     for i, line in enumerate(lines):
         t, before, after = map(_numbers, (line.t, line.before, line.after))
 
@@ -39,7 +40,7 @@ def before_after_panels(diagnosis: Diagnosis) -> list[Panel]:
             with_unit(rounded(factor * _middle(values), 2), unit) for values in (before, after)
         ]
         name = clean(line.flight)
-        alt = f"Drift along {name}: median {middles[0]} without, {middles[1]} with what was found."
+        alt = f"Drift along {name}: median {middles[0]} without, {middles[1]} with {with_}."
         panels.append(Panel(shorten(name, 40), render(draw, f"before-after-{i}"), alt))
     return panels
 

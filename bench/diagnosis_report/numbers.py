@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Iterable
 from typing import Any, TypeGuard
 
 from bench.text.numbers import MISSING
@@ -10,6 +11,27 @@ UNITS = {"m/s^2": "m/s²", "rad/s^2": "rad/s²"}
 """Units as they are shown, where not as they are reported."""
 SHOWN = {"m": (1000.0, "mm"), "rad": (180.0 / math.pi, "°")}
 """Factor and unit in which small lengths and angles are shown."""
+
+
+def join(parts: Iterable[str]) -> str:
+    """Parts of a sentence as "a", "a and b" or "a, b and c"."""
+    *most, last = [*parts] or [""]
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+def count(n: int, noun: str) -> str:
+    """A number of things in words, such as "1 flight" or "3 flights"."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def scaled(
+    low: float | None, high: float | None, factor: float
+) -> tuple[float, float] | tuple[None, None]:
+    """The ends of an interval times `factor`, in order; None where there is no interval."""
+    if low is None or high is None:
+        return None, None
+    ends = (factor * low, factor * high)
+    return min(ends), max(ends)
 
 
 def clean(value: object) -> str:

@@ -5,15 +5,14 @@ import re
 from markupsafe import Markup, escape
 
 from bench.diagnosis_report import figures, tables
+from bench.diagnosis_report.gap_text import added, shrink_sentence, where_sentence
 from bench.diagnosis_report.numbers import clean, is_number, quantity
 from bench.diagnosis_report.remedy import CODE, remedy
 from bench.diagnosis_report.sentences import (
     kind_label,
     next_flight,
     remarks,
-    shrink_sentence,
     verdict,
-    where_sentence,
 )
 from bench.text.pages import environment, unbroken
 from diagnosis.result import Diagnosis
@@ -37,6 +36,7 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             interface=tables.interface_table(diagnosis),
             explained=bool(diagnosis.blamed),
             shrink=shrink_sentence(diagnosis),
+            added=added(diagnosis),
             drift=_drift(diagnosis),
             before_after=before_after,
             more_flights=len(diagnosis.details.before_after) - len(before_after),
@@ -79,7 +79,7 @@ def _effects(diagnosis: Diagnosis) -> list[dict[str, object]]:
     """Heading, physics and parameters of every effect of the likeliest set."""
     return [
         {
-            "heading": tables.effect_heading(effect),
+            "heading": tables.effect_heading(diagnosis, effect),
             "physics": load_card(clean(effect.name)).physics,
             "parameters": tables.parameters_table(effect),
         }
@@ -88,7 +88,7 @@ def _effects(diagnosis: Diagnosis) -> list[dict[str, object]]:
 
 
 def _drift(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
-    """Name, size and relative length of the bars without and with what was found, if measured."""
+    """Name, size and relative length of the bars without and with the effects, if measured."""
     sizes = (("without", diagnosis.shrink.before), ("with", diagnosis.shrink.after))
     known = [(name, size) for name, size in sizes if is_number(size)]
     if len(known) < len(sizes):

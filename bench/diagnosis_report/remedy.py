@@ -1,9 +1,11 @@
 """What to change after a diagnosis: the corrected simulator, and what must be known first."""
 
-from bench.diagnosis_report.numbers import clean
-from bench.diagnosis_report.sentences import join
+from collections.abc import Sequence
+
+from bench.diagnosis_report.numbers import clean, join
+from bench.diagnosis_report.sentences import set_label
 from diagnosis.correction import parameters_of
-from diagnosis.result import Diagnosis
+from diagnosis.result import Diagnosis, Effect
 from simulators.effects.card import load_card
 
 PYTHON = 'diagnosis.corrected("diagnosis.json")'
@@ -21,11 +23,13 @@ FILES = (
 """Where the numbers for a vehicle are."""
 
 
-def remedy(diagnosis: Diagnosis) -> list[str]:
-    """What to change, a sentence or two each; empty where the logs themselves are wrong."""
+def remedy(diagnosis: Diagnosis, files: bool = True) -> list[str]:
+    """What to change, a sentence or two each; with `files`, also how they are had."""
     if any(fault.readings for fault in diagnosis.interface) and not diagnosis.blamed:
         advice = [clean(fault.advice) for fault in diagnosis.interface]
         return [*advice, "Then diagnose the flights again; nothing else can be said before."]
+    if diagnosis.verdict == "too_few":
+        return ["Nothing yet: there are too few flights to tell whether anything changed."]
     if diagnosis.shows_nothing:
         return ["Nothing: these flights show no change that stands out of noise."]
     if not diagnosis.blamed:
@@ -40,11 +44,20 @@ def remedy(diagnosis: Diagnosis) -> list[str]:
             "what to write into a parameter file."
         )
     said += [_alike(diagnosis)] if any(e.aliases for e in diagnosis.blamed) else []
-    names = [name for e in diagnosis.blamed for name in (e.name, *e.aliases)]
-    checks = [load_card(clean(name)).check for name in names]
-    if first := [check for check in dict.fromkeys(checks) if check]:
-        said.append(f"On the vehicle, first {'; also '.join(first)}.")
-    return [*said, FILES]
+    if first := look_first(diagnosis.blamed):
+        said.append(f"On the vehicle, first {first}")
+    return [*said, FILES] if files else said
+
+
+def look_first(effects: Sequence[Effect]) -> str:
+    """What to look at on the vehicle before a number is changed; a sentence's end after "first".
+
+    What looks like an effect has its turn, too: the look tells which of them it is.
+    """
+    names = [name for effect in effects for name in (effect.name, *effect.aliases)]
+    checks = dict.fromkeys(load_card(clean(name)).check for name in names)
+    text = ". Also ".join(filter(None, checks))
+    return f"{text}." if text else ""
 
 
 def _simulator(diagnosis: Diagnosis) -> str:
@@ -53,22 +66,23 @@ def _simulator(diagnosis: Diagnosis) -> str:
         for name, own in parameters_of(diagnosis).items()
     )
     beside = " (those of the reference flights are among them)" if diagnosis.details.shared else ""
+    alone = " It has the change alone." if diagnosis.details.followed else ""
     return (
         f"In {clean(diagnosis.settings.simulator)}, with the airframe and mass of these flights: "
-        f"{text}{beside}. In Python, {PYTHON} is that simulator."
+        f"{text}{beside}. In Python, {PYTHON} is that simulator.{alone}"
     )
 
 
 def _alike(diagnosis: Diagnosis) -> str:
     """That the simulator may be corrected, but not yet the vehicle."""
     pairs = join(
-        f"{load_card(clean(e.name)).label} from "
-        f"{' or '.join(load_card(clean(a)).label for a in e.aliases)}"
+        f"{set_label([e.name])} from {' or '.join(set_label([a]) for a in e.aliases)}"
         for e in diagnosis.blamed
         if e.aliases
     )
+    what = "change" if diagnosis.details.followed else "gap"
     return (
-        f"These flights cannot tell {pairs}. In the simulator either makes up for the gap. On the "
-        "vehicle only one is the cause: change a parameter there only if its new value is the same "
-        "for both, and otherwise fly what tells them apart first."
+        f"These flights cannot tell {pairs}. In the simulator either makes up for the {what}. On "
+        "the vehicle only one is the cause: change a parameter there only if its new value is the "
+        "same for both, and otherwise fly what tells them apart first."
     )

@@ -4,21 +4,25 @@ Words are chosen here; what they state was decided before and stands in the `Dia
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 from bench.diagnosis_report.effect_words import parameter_words, range_of, toward
+from bench.diagnosis_report.gap_text import drift_clause, outstanding
 from bench.diagnosis_report.numbers import (
     clean,
+    count,
     estimate,
     is_number,
+    join,
     percent,
     probability,
     quantity,
     rounded,
+    scaled,
     with_unit,
 )
+from diagnosis.interface.fault import Untold
 from diagnosis.result import Diagnosis, Effect, Parameter
-from diagnosis.result_parts import ChannelGap, SharedParameter, Shrink
+from diagnosis.result_parts import SharedParameter
 from simulators.effects.card import load_card
 
 KINDS = {
@@ -50,11 +54,31 @@ def verdict(diagnosis: Diagnosis) -> str:
     start = (
         "What changed since the reference flights:" if beside else "These flights are explained by"
     )
-    sure = f"probability {probability(diagnosis.probability)}"
-    drift = drift_clause(diagnosis.shrink)
-    then = f"With {'it' if len(diagnosis.blamed) == 1 else 'them'} in the simulator, {drift}."
-    sentences = [f"{start} {found}, {sure}.", *_alike(diagnosis), *([then] if drift else [])]
-    return " ".join(sentences)
+    drift = drift_clause(diagnosis, "it" if len(diagnosis.blamed) == 1 else "them")
+    sentences = [f"{start} {found}{_sure(diagnosis)}.", *_alike(diagnosis)]
+    return " ".join([*sentences, *([f"{drift}."] if drift else [])])
+
+
+def _sure(diagnosis: Diagnosis) -> str:
+    """The probability of the verdict, and whose it is where it holds for several together."""
+    value = probability(diagnosis.probability)
+    if not any(is_shared(diagnosis, effect) for effect in diagnosis.blamed):
+        return f", probability {value}"
+    labels = map(class_label, diagnosis.blamed)
+    return f"; {join(labels)}, probability {value} together"
+
+
+def is_shared(diagnosis: Diagnosis, effect: Effect) -> bool:
+    """Whether the probability of an effect is that of the effect or one of its aliases.
+
+    So it is beside a twin, which sums the candidates that look alike.
+    """
+    return bool(diagnosis.details.followed and effect.aliases)
+
+
+def class_label(effect: Effect) -> str:
+    """An effect and its aliases by their short names."""
+    return " or ".join(set_label([name]) for name in (effect.name, *effect.aliases))
 
 
 def _none(diagnosis: Diagnosis, against: str) -> str:
@@ -67,29 +91,39 @@ def _none(diagnosis: Diagnosis, against: str) -> str:
 
 
 def _partly(diagnosis: Diagnosis, against: str) -> str:
-    remainder, where = diagnosis.remainder, _where_left(diagnosis)
-    much = "Most" if remainder.mostly_explained else "Part"
-    at = f", mostly in {where}," if where else ""
+    much = "Most" if diagnosis.remainder.mostly_explained else "Part"
     base = "believed" if diagnosis.reference is None else "before"
     found = ", together with ".join(effect_phrase(e, base) for e in diagnosis.blamed)
     sentences = [
         f"{much} of what separates these flights from {against} is explained by {found}, which "
         "flights left out of the fit confirm.",
         *_alike(diagnosis),
-        f"{percent(remainder.share)} of the gap, far above noise{at} fits no known effect.",
+        _not_known(diagnosis),
     ]
     return " ".join(sentences)
 
 
+def _not_known(diagnosis: Diagnosis) -> str:
+    """How much of the gap the likeliest set leaves, and in which channels."""
+    share, where = percent(diagnosis.remainder.share), diagnosis.remainder.where
+    mostly, names = outstanding(where)
+    if mostly:
+        return f"{share} of the gap, mostly in {names}, fits no known effect."
+    if names:
+        return f"{share} of the gap fits no known effect; it stands out of noise in {names}."
+    alone = ", and no single channel stands out of noise" if where else ""
+    return f"{share} of the gap fits no known effect{alone}."
+
+
 def _unexplained(diagnosis: Diagnosis, against: str) -> str:
-    share, where = diagnosis.remainder.share, _where_left(diagnosis)
+    share = diagnosis.remainder.share
     if logs_first(diagnosis) and diagnosis.effects:
         return (
             f"These flights differ from {against}, but their logs do not say what the format asks "
             f"for ({_parts(diagnosis)}); mend that first: until then no cause in the vehicle can "
             "be named."
         )
-    tail = f"; the remainder lies mostly in {where}" if where else ""
+    tail = _remainder_tail(diagnosis)
     if diagnosis.remainder.mostly_explained and diagnosis.effects:
         together = set_label([effect.name for effect in diagnosis.effects])
         return (
@@ -97,8 +131,18 @@ def _unexplained(diagnosis: Diagnosis, against: str) -> str:
             f"{percent(share)} of the gap, but no effect among them passes every test of a cause"
             f"{tail}."
         )
-    tail = (f"; {percent(share)} of the gap stays unexplained" if is_number(share) else "") + tail
+    if diagnosis.effects and is_number(share) and share < 1.0:
+        tail = f"; the likeliest set leaves {percent(share)} of the gap{tail}"
     return f"These flights differ from {against}, and no known effect explains how{tail}."
+
+
+def _remainder_tail(diagnosis: Diagnosis) -> str:
+    """In which channels the remainder lies, as the end of a sentence."""
+    mostly, names = outstanding(diagnosis.remainder.where)
+    if names:
+        return f"; the remainder {'lies mostly' if mostly else 'stands out of noise'} in {names}"
+    alone = "; no single channel of the remainder stands out of noise"
+    return alone if diagnosis.remainder.where else ""
 
 
 def _parts(diagnosis: Diagnosis) -> str:
@@ -142,6 +186,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
         if lines:
             at = join(f"{clean(line.flight)} at {rounded(line.t, 2)} s" for line in lines)
             said.append(f"Left out, half a second each, for standing out {why}: {at}.")
+    said += not_checked(diagnosis.untold)
     if diagnosis.settings.exclude:
         names = join(load_card(clean(name)).label for name in diagnosis.settings.exclude)
         said.append(f"Withheld from the candidates, with what always looks alike: {names}.")
@@ -183,8 +228,8 @@ def _beside_effect(diagnosis: Diagnosis) -> list[str]:
         return []
     said, doubt, shrink = [], diagnosis.doubt, diagnosis.shrink
     if diagnosis.remainder.noteworthy:
-        where = join(_main_channels(diagnosis.remainder.where, shares=False))
-        tail = f", most of it in {where}" if where else ""
+        mostly, where = outstanding(diagnosis.remainder.where, shares=False)
+        tail = f", {'most of it' if mostly else 'above noise'} in {where}" if where else ""
         said.append(f"{percent(diagnosis.remainder.share)} of the gap stays unexplained{tail}.")
     if doubt is not None:
         said.append(
@@ -235,60 +280,12 @@ def _support(diagnosis: Diagnosis) -> list[str]:
     )
     said = []
     if diagnosis.verdict == "partly":
-        text = "The remaining misfit could bias the sizes, so they are descriptive only"
-        drift = drift_clause(diagnosis.shrink)
-        then = f"; with the likeliest set in the simulator, {drift}" if drift else ""
-        said.append(f"{text}{then}.")
+        text = "The remaining misfit could bias the sizes, so they are descriptive only."
+        drift = drift_clause(diagnosis, "the likeliest set")
+        said.append(f"{text} {drift}." if drift else text)
     if idle and not logs_first(diagnosis):
         said.append(f"Flights left out of the fit do not confirm {idle}.")
     return said
-
-
-def drift_clause(shrink: Shrink, whose: str = "its") -> str:
-    """How the simulator's drift changes on held-out flights; empty where that is not known."""
-    if not (is_number(shrink.before) and is_number(shrink.after)):
-        return ""
-    verb = "falls" if shrink.after <= shrink.before else "grows"
-    span = f"{quantity(shrink.before, 'm', 2)} to {quantity(shrink.after, 'm', 2)}"
-    return f"{whose} drift from held-out flights over {shrink.horizon_s:g} s {verb} from {span}"
-
-
-def shrink_sentence(diagnosis: Diagnosis) -> str:
-    """How far the gap shrinks, with its interval; or why that is not known."""
-    shrink = diagnosis.shrink
-    if not is_number(shrink.percent):
-        reason = clean(shrink.reason or "no effect was found").rstrip(".")
-        return f"How far the gap shrinks is not known: {reason}."
-    sign, word = (1.0, "less") if shrink.percent >= 0.0 else (-1.0, "more")
-    value, interval = estimate(sign * shrink.percent, *_scaled(shrink, sign))
-    within = f" (95 %: {interval} %)" if interval else ""
-    whole = diagnosis.verdict == "effect"
-    what = "what was found" if whole else "the likeliest set of effects"
-    windows = diagnosis.details.windows
-    aside = (
-        f" Half seconds that fitted badly soon after a gap in the log, or alone, are in neither: "
-        f"{windows.aside} of {windows.n}."
-        if windows is not None and windows.aside
-        else ""
-    )
-    return (
-        f"With {what} in the simulator, {drift_clause(shrink)}: {value} % {word}{within}, over "
-        f"{_count(shrink.n, 'flight')}. Measurement noise is in both numbers.{aside}"
-    )
-
-
-def where_sentence(diagnosis: Diagnosis) -> str:
-    """In which channels the gap lies and when it sets in."""
-    where = join(_main_channels(diagnosis.where))
-    if diagnosis.shows_nothing or not where:
-        return "No channel stands out of its noise."
-    onsets = [
-        f"{clean(c.channel)} at {rounded(c.onset_s, 2)} s"
-        for c in diagnosis.where
-        if c.onset_s is not None
-    ]
-    start = f" It sets in during the flights: {join(onsets)} after the start." if onsets else ""
-    return f"The gap lies mostly in {where}.{start}"
 
 
 def effect_phrase(effect: Effect, base: str) -> str:
@@ -318,7 +315,8 @@ def parameter_texts(effect: str, parameter: Parameter, sign: float = 1.0) -> tup
     factor, unit = sign * words.factor, words.unit or parameter.unit
     if not_told(effect, parameter):
         return with_unit(rounded(factor * parameter.value, 2), unit), NOT_TOLD
-    value, interval = estimate(factor * parameter.value, *_scaled(parameter, factor))
+    ends = scaled(parameter.low, parameter.high, factor)
+    value, interval = estimate(factor * parameter.value, *ends)
     return with_unit(value, unit), with_unit(interval, unit) if interval else ""
 
 
@@ -336,6 +334,19 @@ def shared_text(shared: SharedParameter, sign: float = 1.0) -> str:
     return with_unit(rounded(sign * words.factor * shared.value), words.unit or shared.unit)
 
 
+def not_checked(parts: Sequence[Untold]) -> list[str]:
+    """One sentence on what of the logs was not checked; none where everything was."""
+    if not parts:
+        return []
+    what = join(dict.fromkeys(one.what for one in parts))
+    moves = {move for one in parts for move in one.fly}
+    steps = " and ".join(axis for axis in ("x", "y") if axis in moves)
+    fly = [f"steps in {steps}"] if steps else []
+    fly += ["climbs and descents"] if "z" in moves else []
+    fly += ["turns in yaw"] if "yaw" in moves else []
+    return [f"Not checked for want of motion: {what}; fly {join(fly)}."]
+
+
 def left_out_lines(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """Each flight that was left out, with the reason; a reference flight is marked as such."""
     lines = [(clean(x.name), clean(x.reason)) for x in diagnosis.flights.left_out]
@@ -347,20 +358,6 @@ def set_label(names: Sequence[str]) -> str:
     """A set of effects by their short names."""
     labels = [load_card(clean(name)).label for name in names]
     return " + ".join(labels) if labels else "no effect"
-
-
-def join(parts: Any) -> str:
-    """Parts of a sentence as "a", "a and b" or "a, b and c"."""
-    *most, last = [*parts] or [""]
-    return f"{', '.join(most)} and {last}" if most else last
-
-
-def _scaled(entry: Parameter | Shrink, factor: float) -> tuple[float, float] | tuple[None, None]:
-    """The ends of an interval times `factor`, in order; None where there is no interval."""
-    if entry.low is None or entry.high is None:
-        return None, None
-    ends = (factor * entry.low, factor * entry.high)
-    return min(ends), max(ends)
 
 
 def _within(interval: str) -> str:
@@ -377,21 +374,6 @@ def _alike(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def _where_left(diagnosis: Diagnosis) -> str:
-    """The channels that hold most of what the likeliest set leaves."""
-    return join(_main_channels(diagnosis.remainder.where))
-
-
-def _main_channels(where: Sequence[ChannelGap], shares: bool = True) -> list[str]:
-    """The channels that hold most of a gap, largest share first, with their shares or without."""
-    main = sorted((c for c in where if c.main), key=lambda c: -c.share)
-    return [clean(c.channel) + (f" ({percent(c.share)})" if shares else "") for c in main]
-
-
 def _extent(diagnosis: Diagnosis) -> str:
     flights = diagnosis.flights
-    return f"{_count(len(flights.used), 'flight')}, {rounded(flights.seconds)} s in all"
-
-
-def _count(n: Any, noun: str) -> str:
-    return f"{n} {noun}{'' if n == 1 else 's'}"
+    return f"{count(len(flights.used), 'flight')}, {rounded(flights.seconds)} s in all"

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from bench.diagnosis_report.effect_words import parameter_words, range_of, toward
+from bench.diagnosis_report.gap_text import added
 from bench.diagnosis_report.numbers import (
     MISSING,
     clean,
@@ -17,6 +18,8 @@ from bench.diagnosis_report.numbers import (
     with_unit,
 )
 from bench.diagnosis_report.sentences import (
+    class_label,
+    is_shared,
     left_out_lines,
     parameter_texts,
     set_label,
@@ -151,11 +154,18 @@ def candidate_notes(diagnosis: Diagnosis) -> list[str]:
             "the flights that were fitted."
         )
     if diagnosis.blamed:
-        notes.append(
-            "Coloured bars mark what was chosen. The probability of an effect is the sum over all "
-            "sets that hold it."
-        )
+        notes.append(f"Coloured bars mark what was chosen. {_whose_probability(diagnosis)}")
     return notes
+
+
+def _whose_probability(diagnosis: Diagnosis) -> str:
+    """What the probability of an effect is the sum of."""
+    if not diagnosis.details.followed:
+        return "The probability of an effect is the sum over all sets that hold it."
+    return (
+        "The probability above is the sum over an effect and what looks like it, lowered by the "
+        "chance that undisturbed flights show some effect."
+    )
 
 
 def support_table(diagnosis: Diagnosis) -> Table | None:
@@ -170,14 +180,17 @@ def support_table(diagnosis: Diagnosis) -> Table | None:
     return Table(caption, headings, tuple(rows)) if rows else None
 
 
-def effect_heading(effect: Effect) -> str:
+def effect_heading(diagnosis: Diagnosis, effect: Effect) -> str:
     """Label of an effect of the likeliest set, with its probability where it is blamed."""
     label = load_card(clean(effect.name)).label
     if not effect.blamed:
         return f"{label}, in the likeliest set but not blamed"
     if effect.probability is None:
         return label
-    return f"{label}, probability {probability(effect.probability)}"
+    value = probability(effect.probability)
+    if is_shared(diagnosis, effect):
+        return f"{class_label(effect)}, probability {value} together"
+    return f"{label}, probability {value}"
 
 
 def parameters_table(effect: Effect) -> Table | None:
@@ -352,7 +365,7 @@ def facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     texts = [rounded(x) for x in (misfit.before, misfit.after) if x is not None]
     if texts:
         same = len(set(texts)) == 1
-        ends = texts[0] if same else f"{texts[0]} without, {texts[-1]} with what was found"
+        ends = texts[0] if same else f"{texts[0]} without, {texts[-1]} with {added(diagnosis)}"
         found.append(("misfit (1 is noise alone)", ends))
     return found
 

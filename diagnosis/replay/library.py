@@ -109,10 +109,10 @@ class Library(eqx.Module):
 
     def why_out(self, name: str, kind: type[AbstractEffect]) -> str:
         """Why a registered effect is no candidate, unless that was asked for."""
-        if door := _missing_door(kind, self.simulator):
-            return f"simulator '{self.simulator.name}' has no door '{door}'"
+        if _missing_door(kind, self.simulator):
+            return f"{self.simulator.name} cannot simulate it"
         if _card(name, kind).airframe:
-            return "it tells one airframe from another; reference flights may show it"
+            return "never blamed as a cause: it differs between airframes"
         return _unseen(name, kind, self.absent)
 
     def card(self, name: str) -> EffectCard:

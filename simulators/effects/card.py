@@ -23,7 +23,7 @@ class Input(enum.Enum):
     THRUST_CMD = "the rotors' speeds are measured, so that how they lag cannot be seen"
     ATTITUDE_CMD = "the attitude is prescribed from measurement"
     NEIGHBOUR = "no flight has two drones"
-    TWIN = "it is a candidate beside a twin of reference flights only, until blind cases have it"
+    TWIN = "looked for only with --reference, where a twin is learned from it"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,11 +14,11 @@ from diagnoses_for_tests import HOSTILE, load
 from rich.console import Console
 
 from bench.diagnosis_report import figures, tables
-from bench.diagnosis_report.documents import NAMES, write_documents
+from bench.diagnosis_report.documents import NAMES, diagnosis_text, write_documents
+from bench.diagnosis_report.gap_text import shrink_sentence
 from bench.diagnosis_report.page import diagnosis_page
-from bench.diagnosis_report.sentences import remarks, shrink_sentence, verdict
+from bench.diagnosis_report.sentences import remarks, verdict
 from bench.diagnosis_report.terminal import DiagnosisProgress, show_summary
-from bench.diagnosis_report.text import diagnosis_text
 from bench.report.page import render_markdown
 
 VOID = {"meta", "input", "br", "img", "link", "hr", "path", "use", "rect"}
@@ -65,7 +65,7 @@ def page(kind):
 def test_what_left_out_flights_confirm_stands_beside_a_gap_that_is_not_explained():
     found = load(diagnoses_for_tests.partly())
     assert remarks(found)[:2] == [
-        "The remaining misfit could bias the sizes, so they are descriptive only; with the "
+        "The remaining misfit could bias the sizes, so they are descriptive only. With the "
         "likeliest set in the simulator, its drift from held-out flights over 0.5 s falls from 34 "
         "mm to 6.1 mm.",
         "Flights left out of the fit do not confirm wind.",
@@ -82,6 +82,20 @@ def test_what_left_out_flights_confirm_stands_beside_a_gap_that_is_not_explained
     (row,) = tables.support_table(load(diagnoses_for_tests.reference())).rows
     assert row == ("thrust gain", tables.MISSING, tables.MISSING, "2")
     assert tables.support_table(load(diagnoses_for_tests.effect())) is None
+
+
+def test_the_page_beside_a_twin_says_whose_drift_it_shows():
+    found = diagnoses_for_tests.partly()
+    assert "At each moment the simulator starts" in Page(diagnosis_page(load(found))).text
+    lines = [{"channel": "roll", "unit": "rad", "simulator": 0.0333, "twin": 0.0078}]
+    found["details"]["followed"] = lines
+    found["effects"][0]["aliases"] = ["thrust_gain"]
+    for text in (diagnosis_text(load(found)), Page(diagnosis_page(load(found))).text):
+        assert "keeps what it missed before" in text
+        assert "mass or thrust gain, probability 0.58 together" in text
+    page = Page(diagnosis_page(load(found))).text
+    assert "At each moment the twin starts" in page
+    assert "with: the likeliest set of effects is in it, too" in page
 
 
 def test_sizes_stand_with_their_use_and_the_end_of_their_range():

@@ -6,6 +6,7 @@ import diagnoses_for_tests
 import pytest
 from diagnoses_for_tests import HOSTILE, load
 
+from bench.diagnosis_report.gap_text import expected, shrink_sentence, where_sentence
 from bench.diagnosis_report.numbers import clean, estimate, probability, quantity, rounded
 from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import (
@@ -13,11 +14,9 @@ from bench.diagnosis_report.sentences import (
     kind_label,
     next_flight,
     remarks,
-    shrink_sentence,
     verdict,
-    where_sentence,
 )
-from bench.diagnosis_report.tables import parameters_table
+from bench.diagnosis_report.tables import candidate_notes, effect_heading, facts, parameters_table
 from diagnosis.result import Effect, Parameter
 from simulators import registry
 from simulators.effects.card import load_card, load_cards
@@ -72,12 +71,12 @@ def test_a_gap_that_is_partly_explained_is_said_to_be():
     assert verdict(load(found)) == (
         "Part of what separates these flights from the simulator is explained by 12.0 % more mass "
         "than believed (95 %: 11.2 to 12.7 %), which flights left out of the fit confirm. 83 % of "
-        "the gap, far above noise, mostly in velocity drift z (70 %), fits no known effect."
+        "the gap, mostly in velocity drift z (70 %), fits no known effect."
     )
     found["remainder"] |= {"share": 0.002, "mostly_explained": True}
     said = verdict(load(found))
     assert said.startswith("Most of what separates these flights from the simulator is explained")
-    assert ". < 1 % of the gap, far above noise" in said
+    assert ". < 1 % of the gap, mostly in velocity drift z" in said
 
 
 def test_an_effect_that_explains_a_part_comes_with_what_looks_like_it():
@@ -101,6 +100,129 @@ def test_a_twin_of_the_reference_is_said_to_stand_between():
     ]
     (said,) = [line for line in remarks(load(found)) if "twin" in line]
     assert said.endswith("it is off by 0.090 m/s² in acceleration up, the simulator by 0.56 m/s².")
+
+
+def beside_twin(found):
+    """The same diagnosis as a twin of the reference flights gives it."""
+    lines = [{"channel": "roll", "unit": "rad", "simulator": 0.0333, "twin": 0.0078}]
+    found["details"]["followed"] = lines
+    found["shrink"] = diagnoses_for_tests.effect()["shrink"]
+    found["reference"] = found["flights"] | {"name": "plain", "left_out": []}
+    return found
+
+
+@pytest.mark.parametrize("kind", ["effect", "partly"])
+def test_a_drift_beside_a_twin_is_not_promised_of_the_simulator_that_is_handed_over(kind):
+    """Only the change is handed over: the corrected simulator keeps its own error."""
+    plain = load(diagnoses_for_tests.ALL[kind]())
+    assert "in the simulator, its drift" in " ".join([verdict(plain), *remarks(plain)])
+    found = load(beside_twin(diagnoses_for_tests.ALL[kind]()))
+    said = " ".join([verdict(found), *remarks(found)])
+    assert "in a model learned from the reference flights (the twin), its drift from held" in said
+    for text in (said, shrink_sentence(found), expected(found)):
+        assert "he corrected simulator has the change alone and keeps what it missed before" in text
+        assert "in the simulator, its" not in text
+        assert "the simulator's drift" not in text
+    assert "is that simulator. It has the change alone." in remedy(found)[0]
+    aliased = diagnoses_for_tests.alias()
+    assert "either makes up for the gap" in " ".join(remedy(load(aliased)))
+    assert "either makes up for the change" in " ".join(remedy(load(beside_twin(aliased))))
+
+
+def test_a_probability_of_effects_that_look_alike_is_given_to_all_of_them():
+    """Beside a twin 0.99 is of the class, of which the table gives 0.86 to one effect."""
+    found = beside_twin(diagnoses_for_tests.alias())
+    (effect,) = found["effects"]
+    found["probability"] = effect["probability"] = 0.99
+    diagnosis = load(found)
+    together = "mass or thrust gain or battery, probability 0.99 together"
+    assert f"; {together}." in verdict(diagnosis)
+    assert effect_heading(diagnosis, diagnosis.effects[0]) == together
+    assert "an effect and what looks like it" in candidate_notes(diagnosis)[-1]
+    effect["aliases"] = []
+    assert "together" not in verdict(load(found))
+    alone = load(diagnoses_for_tests.alias())
+    assert effect_heading(alone, alone.effects[0]) == "mass, probability 0.52"
+    assert candidate_notes(alone)[-1].endswith("the sum over all sets that hold it.")
+
+
+def test_too_few_flights_are_no_reason_to_change_nothing():
+    found = diagnoses_for_tests.none() | {"verdict": "too_few"}
+    (said,) = remedy(load(found))
+    assert said == "Nothing yet: there are too few flights to tell whether anything changed."
+
+
+def remaining(*channels):
+    """A gap that is partly explained, with what is left: channel, share, main, beyond noise."""
+    found = diagnoses_for_tests.partly()
+    found["remainder"]["where"] = [
+        diagnoses_for_tests.channel(name, "rad", 0.1, 0.01, share, main) | {"beyond_noise": beyond}
+        for name, share, main, beyond in channels
+    ]
+    return found
+
+
+YAW = ("yaw", 0.62, True, False)
+"""The largest remainder, within its noise."""
+
+
+@pytest.mark.parametrize(
+    ("where", "partly", "unexplained"),
+    [
+        (
+            [YAW, ("pitch", 0.15, False, True)],
+            "83 % of the gap fits no known effect; it stands out of noise in pitch (15 %).",
+            "; the remainder stands out of noise in pitch (15 %).",
+        ),
+        (
+            [YAW],
+            "83 % of the gap fits no known effect, and no single channel stands out of noise.",
+            "; no single channel of the remainder stands out of noise.",
+        ),
+    ],
+)
+def test_a_remainder_is_told_in_channels_that_stand_out_of_noise(where, partly, unexplained):
+    found = remaining(*where)
+    assert verdict(load(found)).endswith(partly)
+    found |= {"verdict": "unexplained", "effects": diagnoses_for_tests.unexplained()["effects"]}
+    said = verdict(load(found))
+    assert said.endswith(unexplained)
+    assert "yaw" not in said
+
+
+def test_a_gap_is_told_in_channels_that_stand_out_of_noise():
+    found = diagnoses_for_tests.effect()
+    for line in found["where"]:
+        line["beyond_noise"] = line["channel"] == "position drift z"
+    said = where_sentence(load(found))
+    assert said == "The gap stands out of noise in position drift z (17 %)."
+    for line in found["where"]:
+        line["beyond_noise"] = False
+    assert where_sentence(load(found)) == "No single channel stands out of its noise."
+
+
+@pytest.mark.parametrize(
+    ("kind", "why"), [("none", "no known effect shows in it."), ("too_few", "that may be chance.")]
+)
+def test_a_channel_beyond_noise_is_named_where_nothing_is_found(kind, why):
+    found = diagnoses_for_tests.none() | {"verdict": kind}
+    found["where"][3]["beyond_noise"] = True
+    said = where_sentence(load(found))
+    assert said.startswith("In attitude roll the gap exceeds its noise floor, but ")
+    assert said.endswith(why)
+
+
+def test_what_is_only_likeliest_is_not_called_found():
+    said = {
+        kind: dict(facts(load(diagnoses_for_tests.ALL[kind]())))
+        for kind in ("effect", "unexplained")
+    }
+    key = "misfit (1 is noise alone)"
+    assert said["effect"][key].endswith("with what was found")
+    assert said["unexplained"][key].endswith("with the likeliest set of effects")
+    whole = diagnoses_for_tests.unexplained()
+    whole["remainder"]["share"] = 1.0  # nothing was put into the model
+    assert "likeliest set" not in verdict(load(whole))
 
 
 def test_a_fault_of_the_logs_comes_before_any_physics():
@@ -202,7 +324,7 @@ def test_verdict_without_an_effect_blames_none():
     assert where_sentence(load(diagnoses_for_tests.none())) == "No channel stands out of its noise."
     assert sentence("none").startswith("Nothing separates these flights from the simulator")
     said = sentence("unexplained")
-    assert "no known effect explains how; 83 % of the gap stays" in said
+    assert "no known effect explains how; the likeliest set leaves 83 % of the gap;" in said
     assert "the remainder lies mostly in velocity drift z (70 %)" in said
     for name in ("none", "unexplained", "empty"):
         assert "explained by" not in sentence(name)

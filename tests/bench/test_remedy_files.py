@@ -91,6 +91,12 @@ def test_a_remedy_is_written_beside_an_earlier_diagnosis(place, target, capsys):
     assert "at most" in text
 
 
+def test_the_folder_of_a_diagnosis_stands_for_it(place, capsys):
+    assert main(["diagnose", str(place), "--remedy", "crazyflie"]) == 0
+    assert (place / "remedy-crazyflie" / "remedy.md").is_file()
+    assert str(place / "remedy-crazyflie" / "remedy.md") in capsys.readouterr().out
+
+
 def test_a_remedy_goes_where_out_says(place, tmp_path):
     assert run(place, "--remedy", "px4", "--out", str(tmp_path / "there")) == 0
     assert (tmp_path / "there" / "remedy-px4" / "remedy.md").is_file()
@@ -180,6 +186,23 @@ def test_a_change_that_waits_is_no_change():
     assert "ctrlMel.mass" not in now
     assert "ctrlMel.mass" in wait
     assert "fast straight lines" in wait
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_every_remedy_says_the_test_that_decides_between_what_looks_alike(target):
+    text = remedy_text(named("thrust_gain", aliases=("mass",), e=-0.2), target, {}, [])
+    first = (
+        "irst look at the propellers, the battery, and how commands become newtons in these logs"
+    )
+    assert f"{first}. Also weigh the vehicle with its battery." in text
+
+
+def test_a_remedy_does_not_ask_for_the_command_that_wrote_it(place):
+    assert run(place, "--remedy", "crazyflow", "--geofence", "1x1x1.3") == 0
+    text = (place / "remedy-crazyflow" / "remedy.md").read_text(encoding="utf-8")
+    assert "--remedy" not in text
+    assert "With more room, give it as --geofence." in text
+    assert "\\" not in text
 
 
 @pytest.mark.parametrize("kind", [made.partly, made.unexplained])

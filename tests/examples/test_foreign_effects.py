@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, fly
 
+from bench.diagnosis_report.documents import diagnosis_text
 from bench.diagnosis_report.page import diagnosis_page
 from bench.diagnosis_report.sentences import effect_phrase
-from bench.diagnosis_report.text import diagnosis_text
 from blind.draw import cases, catalogue
 from blind.fly.crazyflow_reality import CrazyflowReality
 from blind.fly.rotorpy_reality import RotorpyReality

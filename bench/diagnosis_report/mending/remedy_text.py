@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 from bench.diagnosis_report import tables
-from bench.diagnosis_report.numbers import MISSING, clean, estimate, rounded, with_unit
-from bench.diagnosis_report.remedy import remedy
-from bench.diagnosis_report.sentences import drift_clause, join, logs_first, next_flight, verdict
+from bench.diagnosis_report.gap_text import expected
+from bench.diagnosis_report.numbers import MISSING, clean, estimate, join, rounded, with_unit
+from bench.diagnosis_report.remedy import look_first, remedy
+from bench.diagnosis_report.sentences import logs_first, next_flight, verdict
 from bench.text import markdown
 from diagnosis.remedies.changes import FirmwareChange, firmware_changes, without_parameter
 from diagnosis.remedies.trajectory import Trajectory
@@ -31,7 +32,7 @@ def remedy_text(
     parts = [f"# What to change in {TARGETS[target]}: {markdown.escape(tables.title(diagnosis))}"]
     parts.append(f"**{markdown.escape(verdict(diagnosis))}**")
     if target == "crazyflow":
-        parts += [markdown.escape(line) for line in remedy(diagnosis)]
+        parts += [markdown.escape(line) for line in remedy(diagnosis, files=False)]
         parts += ["The numbers are in params.toml."] if diagnosis.effects else []
     else:
         parts += _autopilot(diagnosis, target, values)
@@ -56,24 +57,23 @@ def flight_lines(diagnosis: Diagnosis, trajectory: Trajectory, named: bool) -> l
     if trajectory.scale < 1.0:
         said.append(
             "A smaller path is slower: what shows by speed shows less. With more room, give it as "
-            "`--geofence`."
+            "--geofence."
         )
     return said
 
 
 def _autopilot(diagnosis: Diagnosis, target: str, values: Mapping[str, float]) -> list[str]:
     if diagnosis.shows_nothing or not diagnosis.effects or logs_first(diagnosis):
-        return [markdown.escape(line) for line in remedy(diagnosis)]
+        return [markdown.escape(line) for line in remedy(diagnosis, files=False)]
     changes = firmware_changes(diagnosis, target)
     now = [change for change in changes if not change.waits_for]
     wait = [change for change in changes if change.waits_for]
     parts = [DESCRIPTIVE] if any(change.descriptive for change in changes) else []
-    if checks := [load_card(clean(e.name)).check for e in diagnosis.effects]:
-        first = [check for check in dict.fromkeys(checks) if check]
-        parts += [f"First {join(first)}."] if first else []
+    if first := look_first(diagnosis.effects):
+        parts += [f"First {first}"]
     if now:
         heading = "## What it would change" if any(c.descriptive for c in now) else "## Change"
-        parts += [heading, _table(now, values), *_expected(diagnosis)]
+        parts += [heading, _table(now, values), *filter(None, [expected(diagnosis)])]
     if wait:
         parts += ["## Do not change yet", *_waiting(diagnosis, wait), _table(wait, values)]
     if idle := without_parameter(diagnosis, target):
@@ -110,11 +110,6 @@ def _row(change: FirmwareChange, name: str, values: Mapping[str, float]) -> list
 
 def _labels(effects: Sequence[str]) -> list[str]:
     return [load_card(clean(name)).label for name in effects]
-
-
-def _expected(diagnosis: Diagnosis) -> list[str]:
-    clause = drift_clause(diagnosis.shrink, "the simulator's")
-    return [f"Expected once vehicle and simulator agree: {clause}."] if clause else []
 
 
 def _waiting(diagnosis: Diagnosis, changes: Sequence[FirmwareChange]) -> list[str]:
