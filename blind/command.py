@@ -114,4 +114,4 @@ def _check_inject(inject: Path | None, reference: bool, others: dict[str, object
             raise UsageError("`--reference` needs `--inject FLIGHTS`, whose other half it uses.")
         return
     check_unused(others, "with --inject")
-    check_flights(inject)
+    check_flights([inject])

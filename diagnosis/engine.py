@@ -19,8 +19,7 @@ from diagnosis.decide.prepared import Progress, Question, prepare, silent
 from diagnosis.decide.study import study
 from diagnosis.decision import Decision
 from diagnosis.interface.faults import checks, interface_faults
-from diagnosis.interface.height import lifted
-from diagnosis.interface.mended import mended
+from diagnosis.interface.mended import lifted, mended
 from diagnosis.interface.untold import untold
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.replay.believed import default_simulator

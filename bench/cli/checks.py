@@ -3,7 +3,7 @@
 import difflib
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from bench.diagnosis_report.numbers import clean
@@ -70,24 +70,27 @@ def check_tables(directory: Path) -> None:
         )
 
 
-def check_flights(folder: Path) -> None:
-    """Refuses what is no folder of flights, as far as names and headers of files tell.
+def check_flights(folders: Sequence[Path]) -> None:
+    """Refuses what are no folders of flights, as far as names and headers of files tell.
 
     Raises:
         UsageError: There is no such folder, or it is an earlier diagnosis.
         LogError: vehicle.toml, flights/ or the headers of all files are wrong; one line for each.
     """
-    if _earlier(folder) is not None or (folder.is_file() and folder.suffix == ".json"):
-        raise UsageError(
-            f"{folder}: a folder with vehicle.toml and flights/ is expected. To write what to "
-            "change after an earlier diagnosis, add --remedy crazyflow, crazyflie or px4."
-        )
-    if not folder.is_dir():
-        what = "is a file" if folder.exists() else "does not exist"
-        raise UsageError(
-            f"{folder}: {what}; a folder with vehicle.toml and flights/ is expected.{_near(folder)}"
-        )
-    check_folder(folder)
+    for folder in folders:
+        if _earlier(folder) is not None or (folder.is_file() and folder.suffix == ".json"):
+            raise UsageError(
+                f"{folder}: a folder with vehicle.toml and flights/ is expected. To write what to "
+                "change after an earlier diagnosis, add --remedy crazyflow, crazyflie or px4."
+            )
+        if not folder.is_dir():
+            what = "is a file" if folder.exists() else "does not exist"
+            raise UsageError(
+                f"{folder}: {what}; a folder with vehicle.toml and flights/ is expected."
+                f"{_near(folder)}"
+            )
+    for folder in folders:
+        check_folder(folder)
 
 
 def earlier_diagnosis(path: Path) -> Path:

@@ -71,9 +71,9 @@ def write_summary(tables: Tables, path: Path) -> bool:
     shown = shown.assign(
         value=shown["value"].where(shown["metric"].ne(CONTACT), 100 * shown["value"])
     )
-    # A line needs two team sizes, where there are two.
-    teams = shown.groupby(["method", "residual"])["team_size"].transform("nunique")
-    shown = shown.loc[teams.gt(1) | (shown["team_size"].nunique() == 1)]
+    # A residual on top of a method that does without is a setting.
+    plainly = shown.loc[shown["residual"].eq(""), "method"].unique()
+    shown = shown.loc[shown["residual"].eq("") | ~shown["method"].isin(plainly)]
     found = [entry_of(row) for row in records(shown)]
     entries = ordered(set(found))
     names = {entry: plain(name_of(entry)) for entry in entries}
@@ -91,7 +91,7 @@ def write_summary(tables: Tables, path: Path) -> bool:
             style_order=list(names.values()),
             markers={name: look_of(e, entries)[1] for e, name in names.items()},
             dashes=False,
-            errorbar=("pi", 100),
+            errorbar=_ends,
             err_style="bars",
             row="metric",
             row_order=list(rows),
@@ -118,6 +118,12 @@ def write_summary(tables: Tables, path: Path) -> bool:
         grid.set_axis_labels("team size N", None)
         _save(grid, path)
     return True
+
+
+def _ends(values: pd.Series) -> tuple[float, float]:
+    """The smallest and the largest value, with the mean between them in spite of rounding."""
+    mean = float(values.mean())
+    return min(float(values.min()), mean), max(float(values.max()), mean)
 
 
 def write_worlds(tables: Tables, path: Path) -> bool:

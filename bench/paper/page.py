@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from bench.paper.choosing import in_detail, whom
 from bench.paper.claims import BILLS, BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
 from bench.paper.figures import (
     data_uri,
@@ -16,23 +17,20 @@ from bench.paper.figures import (
 )
 from bench.paper.pictures import write_pipeline, write_top_views
 from bench.paper.rule import Finding
-from bench.paper.values import name_of, varied
+from bench.paper.values import varied
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
-from bench.stats.choices import BUDGETS, NEAR, Choice, Tie, better_settings, choices
+from bench.stats.choices import choices
 from bench.stats.scores import (
     PRIMARY,
-    STEADY,
-    fallen_references,
     primary,
-    steadied_references,
 )
 from bench.stats.statistics import difference, estimate
 from bench.stats.verdicts import Verdict, in_cell
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.errors import UsageError
-from bench.text.numbers import MISSING, mean_std, number, significant, span
+from bench.text.numbers import MISSING, mean_std, number, span
 from bench.text.pages import read_notes, refuse_folder, write_text
 
 TITLE = "How to train a drone team: the paper's claims beside ours"
@@ -78,18 +76,6 @@ HOW = (
     "the whole return. Contacts are flags in this simulator: drones never push each other."
 )
 """How verdicts are made."""
-TIES = (
-    f"In brackets: who is shown to be at most {NEAR:g} below it, by a 95 % interval. Where seeds "
-    "scatter widely, others cannot be told from the best though they may be far worse"
-)
-"""What a name in brackets in the table of whom to choose means."""
-TUNED = (
-    "These settings were found by comparing many on the same tables, so that their scores are a "
-    "little too good. On tasks that are not named the method had its default"
-)
-"""What is said of settings that are better than all defaults."""
-CHOSEN = "Which method to choose, and how far below it the others may be"
-"""Heading of the table with all numbers."""
 WHOLE = "These tables have no settled reward: every verdict is by the whole return."
 """What is said besides of tables of the first protocol."""
 
@@ -198,7 +184,7 @@ def document(
     """
     settled = primary(tables) == PRIMARY
     chosen = choices(tables)
-    parts = [f"# {TITLE}", *_whom(chosen, tables), *_answer(found), *figures.get("cost", [])]
+    parts = [f"# {TITLE}", *whom(chosen, tables), *_answer(found), *figures.get("cost", [])]
     sections = list(dict.fromkeys(j.claim.section for j in found))
     for section in sections:
         own = [j for j in found if j.claim.section == section]
@@ -223,7 +209,7 @@ def document(
         headings = ("claim", theirs, ours, "verdict", "by the whole return, as in the paper")
         parts += [markdown.table(headings, lines, range(5))]
         parts += figures.get(SHOWN.get(section, ""), [])
-    parts += ["## In detail", *_chosen(chosen)]
+    parts += ["## In detail", *in_detail(chosen)]
     for j in found:
         if j.finding.lines:
             parts += [f"### {j.claim.title}", f"Supported if {j.claim.rule.text}."]
@@ -268,110 +254,6 @@ def _answer(found: Sequence[Judged]) -> list[str]:
         if own
     ]
     return ["## What holds", "\n".join(lines)]
-
-
-def _whom(found: Sequence[Choice], tables: Tables) -> list[str]:
-    """Which method to choose at which budget: a line a team size, a column a budget."""
-    if not found:
-        return []
-    means = f"Scores are means over {_tasks(found[0])}. " if _alike(found) else ""
-    shown = sorted({c.budget for c in found})
-    lines = []
-    for size in sorted({c.team_size for c in found}):
-        own = {c.budget: c for c in found if c.team_size == size}
-        cells, last = [], None
-        for budget in shown:
-            last = own.get(budget, last)
-            cells.append(MISSING if last is None else _cell(last))
-        lines.append((_team(next(iter(own.values())), found), *cells))
-    budgets = [f"{significant(b)} fleet-minutes" if b else "no flight" for b in shown]
-    parts = [
-        "## Which method to choose",
-        markdown.table(("team size", *budgets), lines, range(len(shown) + 1)),
-        "For a team and the high-fidelity flight that may be spent: the best method, its score (0: "
-        f"a team that stays at its spawn; 1: the upper reference). {TIES} ([who, and by how much]"
-        f"(#{markdown.anchor(CHOSEN)})). {means}Scores are for comparing methods of one line: "
-        "references differ from line to line, and each is one training. Hybrid without a "
-        "residual's name has the MLP ensemble.",
-    ]
-    better = [
-        f"- {_team(next(c for c in found if c.team_size == b.team_size), found)}: "
-        f"**{markdown.escape(name_of(b.entry._replace(variant='')))}** with `{b.entry.variant}` "
-        f"on {markdown.escape(', '.join(b.tasks))}: {number(b.score, 4)} for "
-        f"{significant(b.minutes)} fleet-minutes, where {markdown.escape(name_of(b.above))} has "
-        f"{number(b.above_score, 4)}"
-        for b in better_settings(tables)
-    ]
-    if better:
-        parts += [f"Better than every default of the same bill: {TUNED}.", "\n".join(better)]
-    fallen = [cell.label for cell in sorted(fallen_references(tables))]
-    if fallen:
-        parts.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")
-    steadied = [cell.label for cell in sorted(steadied_references(tables))]
-    if steadied:
-        parts.append(
-            "The upper reference diverged, and a score of 1 is what it reaches with "
-            f"`{STEADY}`: {'; '.join(steadied)}."
-        )
-    return parts
-
-
-def _chosen(found: Sequence[Choice]) -> list[str]:
-    """The same with what the best needs and how far below it the others may be."""
-    if not found:
-        return []
-    lines = [
-        (
-            _team(c, found),
-            f"from {significant(c.budget)}",
-            f"**{markdown.escape(name_of(c.best))}**",
-            number(c.score, 3),
-            significant(c.minutes),
-            "; ".join(map(_tie_text, c.tied)) or MISSING,
-        )
-        for c in found
-    ]
-    headings = (
-        "team size" if _alike(found) else "team size (tasks)",
-        "budget [fleet-minutes]",
-        "best method",
-        "score",
-        "it needs",
-        "not shown to be worse: score (95 % interval of the deficit)",
-    )
-    asked = ", ".join(significant(budget) for budget in BUDGETS)
-    return [
-        f"### {CHOSEN}",
-        markdown.table(headings, lines, (0, 2, 5)),
-        f"Asked at {asked} fleet-minutes; there is a row wherever the answer changes. "
-        "`bench choose` answers for any other budget. The deficit is how far below the best a mean "
-        "may lie.",
-    ]
-
-
-def _cell(choice: Choice) -> str:
-    near = (tie.entry for tie in choice.tied if tie.near)
-    others = ", ".join(markdown.escape(name_of(entry)) for entry in near)
-    best = f"**{markdown.escape(name_of(choice.best))}** {number(choice.score, 3)}"
-    return f"{best} (or {others})" if others else best
-
-
-def _tasks(choice: Choice) -> str:
-    return markdown.escape(", ".join(choice.tasks))
-
-
-def _alike(found: Sequence[Choice]) -> bool:
-    """Whether all choices rest on the same tasks."""
-    return len({c.tasks for c in found}) == 1
-
-
-def _team(choice: Choice, found: Sequence[Choice]) -> str:
-    return f"N = {choice.team_size}" + ("" if _alike(found) else f" ({_tasks(choice)})")
-
-
-def _tie_text(tie: Tie) -> str:
-    name = markdown.escape(name_of(tie.entry))
-    return f"{name}: {number(tie.score, 3)} ({span(tie.low, tie.high, 3)})"
 
 
 def word_of(verdict: Verdict) -> str:

@@ -18,8 +18,8 @@ import numpy as np
 from diagnosis.interface import commands, orders, position, scales
 from diagnosis.interface.commands import Following
 from diagnosis.interface.fault import PARTS, SIZED, Evidence, InterfaceFault
-from diagnosis.interface.height import below_floor
 from diagnosis.interface.inputs import lift_given, thrust_given
+from diagnosis.interface.mended import below_floor
 from diagnosis.interface.motors import SINCE, Turning, motor_order, turning, turning_lag
 from diagnosis.interface.readings import Chosen
 from diagnosis.interface.scales import Size

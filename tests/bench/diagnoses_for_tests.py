@@ -311,3 +311,12 @@ def empty():
 
 
 ALL = {f.__name__: f for f in (effect, pair, none, unexplained, partly, reference, alias, empty)}
+
+
+def beside_twin(found):
+    """The same diagnosis as a twin of the reference flights gives it."""
+    lines = [{"channel": "roll", "unit": "rad", "simulator": 0.0333, "twin": 0.0078}]
+    found["details"]["followed"] = lines
+    found["shrink"] = effect()["shrink"]
+    found["reference"] = found["flights"] | {"name": "plain", "left_out": []}
+    return found

@@ -163,11 +163,11 @@ def test_the_check_before_the_work_says_what_loading_says(tmp_path):
     with pytest.raises(LogError) as loading:
         load_flights(folder)
     with pytest.raises(LogError) as checking:
-        check_flights(folder)
+        check_flights([folder])
     assert str(checking.value) == str(loading.value)
     assert len(str(checking.value).splitlines()) == 3
     (folder / "flights" / "d.parquet").write_bytes(b"only loading reads it")
-    check_flights(folder)
+    check_flights([folder])
 
 
 def test_an_earlier_diagnosis_without_remedy_says_to_add_it(engine, tmp_path, capsys):

@@ -222,7 +222,8 @@ def flown(logs):
 
 def parts(logs, reference=None):
     faults = found(flown(logs), reference)
-    return {fault.part: fault.readings for fault in faults if fault.part != "thrust"}
+    own = ("thrust", "height")  # this vehicle is made up of pieces that fly nowhere
+    return {fault.part: fault.readings for fault in faults if fault.part not in own}
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from blind.draw.faults import ALL
 from diagnosis.interface.fault import Untold
 from diagnosis.interface.faults import checks
 from diagnosis.interface.faults import interface_faults as found
-from diagnosis.interface.height import lifted, lowest
+from diagnosis.interface.mended import lifted, lowest
 from diagnosis.interface.position import rise
 from diagnosis.interface.readings import Reading, choose, choose_signs, remainder
 from diagnosis.interface.untold import untold

@@ -138,9 +138,9 @@ def test_the_page_speaks_of_them_in_their_words():
 
 
 def test_the_advice_knows_the_flights_that_show_and_separate_them():
-    said = next_flight("effect", {"wind": ["updraft"]}, None, [])
+    said = next_flight("effect", {"wind": ["updraft"]}, None, [], 8)
     assert said.startswith("To separate wind from rising air: hover on both sides of the room")
-    assert "hover at x = -1, 0 and 1 m" in next_flight("none", {}, None, ["updraft"])
+    assert "hover at x = -1, 0 and 1 m" in next_flight("none", {}, None, ["updraft"], 8)
 
 
 def test_bench_blind_draws_and_excludes_them():

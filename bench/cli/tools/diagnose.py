@@ -80,9 +80,8 @@ def diagnose(
     if reality is not None:
         check_reality(reality)
     try:
-        for folder in (None if change.of_file(flights) else flights, reference):
-            if folder is not None:
-                check_flights(folder)
+        folders = (None if change.of_file(flights) else flights, reference)
+        check_flights([folder for folder in folders if folder is not None])
     except LogError as error:
         return refuse_logs(error)
     from bench.execution.environment import environment

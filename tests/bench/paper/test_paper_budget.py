@@ -3,7 +3,7 @@
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
-from bench.paper.page import _chosen, _whom
+from bench.paper.choosing import in_detail, whom
 from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH, name_of
 from bench.stats.choices import BUDGETS, better_settings, choices, minutes_of
 from bench.stats.scores import UPPER
@@ -84,7 +84,7 @@ def test_a_tie_says_how_far_below_a_scattered_method_may_lie():
     assert (tie.entry, tie.score) == (HOTSTART, pytest.approx(0.2, abs=0.01))
     assert tie.low < 0.0 < 0.7 < tie.high
     assert tie.low + tie.high == pytest.approx(2.0 * (found.score - tie.score))
-    page = "\n\n".join([*_whom([found], sheet.tables()), *_chosen([found])])
+    page = "\n\n".join([*whom([found], sheet.tables()), *in_detail([found])])
     assert f"**Hybrid** {found.score:.3f} |" in page  # who may be far worse stands in detail only
     assert f"hot start: {tie.score:.3f} (" in page
     assert "though they may be far worse" in page
@@ -94,7 +94,7 @@ def test_who_is_shown_to_be_near_the_best_stands_beside_it():
     sheet = Scores().bound("spread").give(HYBRID, 0.9).give(HOTSTART, 0.899, scatter=(0.002, 0, 0))
     (found,) = choices(sheet.tables())
     assert [tie.near for tie in found.tied] == [True]
-    page = "\n\n".join(_whom([found], sheet.tables()))
+    page = "\n\n".join(whom([found], sheet.tables()))
     assert f"**Hybrid** {found.score:.3f} (or hot start)" in page
 
 
@@ -110,7 +110,7 @@ def test_settings_above_every_default_of_the_same_bill_are_told():
     assert (free.entry.method, free.above, free.tasks) == ("lf_baseline", LF, ("spread",))
     assert (paid.entry.variant, paid.above, paid.minutes) == ("limit=9", HYBRID, 200.0)
     assert (paid.score, paid.above_score) == pytest.approx((0.7, 0.6), abs=0.01)
-    page = "\n\n".join(_whom(choices(sheet.tables()), sheet.tables()))
+    page = "\n\n".join(whom(choices(sheet.tables()), sheet.tables()))
     assert "**hot start** with `limit=9` on spread: 0.7" in page
 
 
@@ -144,7 +144,7 @@ def test_the_bill_is_the_mean_over_tasks_and_seeds():
     assert chosen(sheet) == [(50.0, "hybrid")]
 
 
-def test_who_misses_a_task_of_that_size_is_not_chosen():
+def test_who_misses_a_task_of_that_size_is_notin_detail():
     sheet = Scores().bound("spread", "circle").bound("circle", team_size=12)
     sheet.give(LF, 0.2).give(LF, 0.2, task="circle").give(HYBRID, 0.9)
     # At another size there is only the task that it has.
@@ -157,13 +157,13 @@ def test_a_task_without_upper_reference_is_not_missed():
     assert chosen(sheet) == LADDER
 
 
-def test_the_upper_reference_itself_is_never_chosen():
+def test_the_upper_reference_itself_is_neverin_detail():
     sheet = Scores().give(LF, 0.2).give(Entry(UPPER), 1.0)
     (found,) = choices(sheet.tables())
     assert (found.best, found.tied) == (LF, ())
 
 
-def test_variants_and_other_worlds_are_never_chosen():
+def test_variants_and_other_worlds_are_neverin_detail():
     sheet = ladder().give(LF._replace(variant="x=1"), 0.99)
     before = len(sheet.results)
     sheet.give(HOTSTART, 0.99).bound("spread")
@@ -172,7 +172,7 @@ def test_variants_and_other_worlds_are_never_chosen():
     assert chosen(sheet) == LADDER
 
 
-def test_one_seed_is_too_few_to_be_chosen():
+def test_one_seed_is_too_few_to_bein_detail():
     assert chosen(ladder().give(HOTSTART, 0.99, scatter=(0.0,))) == LADDER
 
 

@@ -191,7 +191,7 @@ def test_the_summary_has_a_column_a_task_and_a_row_a_metric(tmp_path, figures, f
         "pitchandexpand",
     }
     labels = [row[0].get_ylabel().split("\n")[0] for row in grid]
-    assert labels == ["settled reward", "HF flight", "share of training"]
+    assert labels == ["settled reward", "HF flight", "training steps"]
     for panel in grid[1]:
         assert panel.get_ylim()[0] < 0.0
         assert panel.get_ylim()[1] > 320.0 * 18

@@ -55,7 +55,7 @@ def test_all_are_supported_where_recalibration_recovers():
     assert above.ours == "supported in 1 of 1"
     assert above.lines[0][0] == "figure8, N = 3, flown with drag(c=2)"
     assert above.lines[0][3] == "25.0"
-    assert kept.lines[0][2:4] == ("-50.0 ± 0.4 (n = 3)", "-5.0")
+    assert kept.lines[0][2:4] == ("-50.0 ± 0.4 (n = 3)", "7.5")
 
 
 def test_all_are_refuted_where_it_does_not_recover():

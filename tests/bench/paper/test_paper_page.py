@@ -11,8 +11,9 @@ from paper_tables import add_off_spec
 from tables_for_tests import Sheet, empty, typical
 
 from bench.paper import claims
+from bench.paper.choosing import CHOSEN
 from bench.paper.claims import CLAIMS
-from bench.paper.page import CHOSEN, HOW, TITLE, WHOLE, document, judged, variants, write_claims
+from bench.paper.page import HOW, TITLE, WHOLE, document, judged, variants, write_claims
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.errors import UsageError
