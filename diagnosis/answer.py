@@ -85,7 +85,7 @@ def answer(question: Question, study: Study) -> Diagnosis:
         next_flight=next_flight(
             verdict,
             {effect.name: list(effect.aliases) for effect in effects} if named else {},
-            largest_regime(remainder.where, _regime_noise(study)),
+            largest_regime(remainder.where, _regime_noise(study), question.decision),
             blind_to(evidence.library.slots, seen, question.decision),
             len(prepared.inputs.flights),
             decision=question.decision,

@@ -69,7 +69,7 @@ def _sure(diagnosis: Diagnosis) -> str:
 
 
 def is_shared(diagnosis: Diagnosis, effect: Effect) -> bool:
-    """Whether the probability of an effect is that of the effect or one of its aliases.
+    """Whether the stated probability belongs to an effect and its aliases together.
 
     So it is beside a twin, which sums the candidates that look alike.
     """

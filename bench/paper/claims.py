@@ -40,8 +40,8 @@ N = 12."""
 
 
 DEPLOYED, TRAINING, BILLS = "deployed", "training", "bills"
-"""What a claim is about: policies as deployed, their training in low fidelity, or what a
-configuration flies by its settings, which holds by construction."""
+"""What a claim is about: policies in high fidelity (deployed, or while they train), their training
+in low fidelity, or what a configuration flies by its settings, which holds by construction."""
 
 
 class Claim(NamedTuple):

@@ -134,8 +134,8 @@ def document(
         parts += [markdown.table(("method", *names), tenths)]
     parts += ["## What of the claims holds where"]
     parts += [
-        "Claims about policies as deployed, judged in each world by its settled rewards as on the "
-        "page of the paper. A claim about more cells than were flown in a world is undecided "
+        "Claims about policies that train or fly in a world, judged there by settled rewards as on "
+        "the page of the paper. A claim about more cells than were flown in a world is undecided "
         "there unless what was flown refutes it. Where worlds have different cells, another "
         "verdict need not come from the world."
     ]

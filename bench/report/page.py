@@ -101,7 +101,7 @@ def write_page(markdown_text: str, path: Path, title: str) -> None:
 def render_markdown(text: str, inline: bool = False) -> Markup:
     """Markdown as HTML; HTML in `text` is shown, never interpreted.
 
-    A heading's `id` is that of `markdown.anchor`, the first time; links find it.
+    The first heading of each text has the `id` that `markdown.anchor` makes, so that links find it.
     """
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     if inline:

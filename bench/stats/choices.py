@@ -66,7 +66,7 @@ class Better(NamedTuple):
     minutes: float
     """Flight that it is billed for, mean over tasks [fleet-minutes]."""
     above: Entry
-    """The best default of those that need no more flight."""
+    """The method with the best score among default settings that need no more flight."""
     above_score: float
 
 
@@ -89,15 +89,10 @@ def choose(tables: Tables, team_size: int, budget: float) -> Choice | None:
 
 def _ladders(tables: Tables, budgets: Sequence[float]) -> dict[int, list[Choice]]:
     """A choice for each budget at which anybody is affordable, by team size."""
-    values = at_home(seed_values(scored(tables), "score"), tables)
-    scores, minutes = _default(values), minutes_of(tables)
+    scores = _default(_scores(tables))
     found = {}
-    for n in sorted({cell.team_size for cell in scores}):
-        bills = {e: estimate(x).mean for (e, size), x in minutes.items() if size == n}
-        ladder = [
-            _choose(scores, {e: m for e, m in bills.items() if m <= budget}, n, budget)
-            for budget in budgets
-        ]
+    for n, bills in _bills(tables).items():
+        ladder = [_affordable(scores, bills, n, budget) for budget in budgets]
         found[n] = [choice for choice in ladder if choice]
     return found
 
@@ -108,11 +103,10 @@ def better_settings(tables: Tables) -> list[Better]:
     Settings are compared with the default on the tasks that flew them, all tasks pooled; scores of
     those that were chosen among many are a little too good.
     """
-    scores = at_home(seed_values(scored(tables), "score"), tables)
-    bills = undisturbed(tables, "fleet_minutes")
-    found = []
-    for n in sorted({cell.team_size for cell, own in _default(scores).items() if own}):
-        cells = [cell for cell, own in _default(scores).items() if own and cell.team_size == n]
+    scores, flight = _scores(tables), undisturbed(tables, "fleet_minutes")
+    defaults, found = _default(scores), []
+    for n, bills in _bills(tables).items():
+        cells = [cell for cell, own in defaults.items() if own and cell.team_size == n]
         for entry in sorted({e for cell in cells for e in scores[cell] if e.variant}):
             default = entry._replace(variant="")
             flown = {
@@ -121,8 +115,8 @@ def better_settings(tables: Tables) -> list[Better]:
             }
             if entry not in flown.values() or not all(e in scores[c] for c, e in flown.items()):
                 continue
-            minutes = _mean(bills[cell][e].values() for cell, e in flown.items())
-            best = choose(tables, n, minutes)
+            minutes = _mean(flight[cell][e].values() for cell, e in flown.items())
+            best = _affordable(defaults, bills, n, minutes)
             if best is None:
                 continue
             pairs = [(scores[cell][e], scores[cell][best.best]) for cell, e in flown.items()]
@@ -131,6 +125,26 @@ def better_settings(tables: Tables) -> list[Better]:
                 score = _mean(own.values() for own, _ in pairs)
                 found.append(Better(n, entry, tasks, score, minutes, best.best, best.score))
     return found
+
+
+def _scores(tables: Tables) -> Values:
+    """Scores in the undisturbed simulator, of all settings."""
+    return at_home(seed_values(scored(tables), "score"), tables)
+
+
+def _bills(tables: Tables) -> dict[int, dict[Entry, float]]:
+    """Mean bill of each method by default, by team size, ascending."""
+    found: dict[int, dict[Entry, float]] = {}
+    for (entry, n), minutes in minutes_of(tables).items():
+        found.setdefault(n, {})[entry] = estimate(minutes).mean
+    return dict(sorted(found.items()))
+
+
+def _affordable(
+    scores: Values, bills: dict[Entry, float], team_size: int, budget: float
+) -> Choice | None:
+    """The choice among those whose bill is at most the budget."""
+    return _choose(scores, {e: m for e, m in bills.items() if m <= budget}, team_size, budget)
 
 
 def _mean(cells: Iterable[Iterable[float]]) -> float:

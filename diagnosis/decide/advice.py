@@ -16,8 +16,6 @@ LENGTH = "of 5 to 10 s"
 """How long flights should be."""
 INTERVAL = 2.0 * 1.96
 """Width of a 95 % interval in standard deviations."""
-CONTRAST = 2.0
-"""Gap of a regime's bin over the RMS gap of the others from which the bin is named; a choice."""
 
 
 def next_flight(
@@ -71,17 +69,22 @@ def _more_flights(n_flights: int, n_reference: int | None, decision: Decision) -
     return f"{first}, and at least {least} reference flights, and diagnose again."
 
 
-def largest_regime(where: Sequence[ChannelGap], noise: Mapping[str, float | None]) -> str | None:
+def largest_regime(
+    where: Sequence[ChannelGap],
+    noise: Mapping[str, float | None],
+    decision: Decision = Decision(),
+) -> str | None:
     """The bin in which the gap of the channel with the largest share stands out.
 
-    It stands out if it is `CONTRAST` times that of the other bins, and the bin is wider than the
-    95 % interval of one measurement of its condition. Of several, the one with the most contrast.
+    A bin is named if its gap is `regime_contrast` times the RMS gap of the other bins, and if the
+    bin is wider than the 95 % interval of one measurement of its condition. Of several such bins
+    the one with the largest contrast is named.
 
     `noise` holds the standard deviations of measured conditions, None for one that is not known.
     """
     if not where:
         return None
-    best, text = CONTRAST, None
+    best, text = decision.regime_contrast, None
     for regime in max(where, key=lambda c: c.share).regimes:
         contrast, low, high = _largest_bin(regime)
         sigma = noise.get(regime.variable, 0.0)

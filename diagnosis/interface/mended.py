@@ -49,22 +49,27 @@ def lowest(flights: FlightSet) -> float:
     return min(float(log.pos[:, 2].min()) for one in flights.flights for log in one.drones)
 
 
+def _sunk(flights: FlightSet) -> bool:
+    """Whether heights go below the floor of the simulator; a point mass has none."""
+    return flights.vehicle.spec.name in VEHICLES and lowest(flights) < LOWEST
+
+
 def lifted(flights: FlightSet) -> FlightSet:
     """The flights, raised until none is below the floor of the simulator, which lies at 0.
 
     Simulated from below it, a drone would stand on that floor.
     """
-    low = lowest(flights)
-    if low >= LOWEST:
+    if not _sunk(flights):
         return flights
+    low = lowest(flights)
     return _each(flights, lambda log: dataclasses.replace(log, pos=log.pos - [0.0, 0.0, low]))
 
 
 def below_floor(flights: FlightSet) -> InterfaceFault | None:
     """Heights below the floor of the airframe's nominal simulator."""
-    low = lowest(flights)
-    if low >= LOWEST or flights.vehicle.spec.name not in VEHICLES:
+    if not _sunk(flights):
         return None
+    low = lowest(flights)
     evidence = Evidence(
         quantity="lowest height",
         value=low,

@@ -40,9 +40,9 @@ class ChangeStudy:
     """What changed."""
     scored: tuple[Scored, ...]
     """The changed flights without and with the named effects."""
-    aside: tuple[Channels, ...] = ()
+    aside: tuple[Channels, ...]
     """Changed flights that do not count (`TwinAnswer.set_aside`)."""
-    reference_aside: tuple[Channels, ...] = ()
+    reference_aside: tuple[Channels, ...]
     """Reference flights that do not count."""
 
 

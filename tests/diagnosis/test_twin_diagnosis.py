@@ -41,7 +41,7 @@ def study(change=(), n=8, odd=False):
     driven = [Inputs(one.flights, False, "commands", ()) for one in sets]
     question = Question(sets[0], reference=sets[1])
     aside = tuple(f for f in targets if f.name in answer.set_aside)
-    return question, ChangeStudy(driven[0], driven[1], plain_twin(), answer, scored, aside)
+    return question, ChangeStudy(driven[0], driven[1], plain_twin(), answer, scored, aside, ())
 
 
 def diagnosis_of(*args, **settings):
