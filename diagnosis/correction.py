@@ -24,11 +24,15 @@ def corrected(diagnosis: Diagnosis | Path | str, *, likeliest: bool = False) -> 
             their sizes are descriptive only.
 
     Raises:
-        ValueError: The file is no diagnosis, the verdict blames nothing and `likeliest` was not
-            given, or a size or the mass is not in the file.
+        ValueError: The file is no diagnosis, its flights were compared with nothing, the verdict
+            blames nothing and `likeliest` was not given, or a size or the mass is not in the file.
         UnknownPluginError: An effect of the diagnosis is not registered here.
     """
     found = diagnosis if isinstance(diagnosis, Diagnosis) else Diagnosis.load(Path(diagnosis))
+    if not found.compared:
+        raise ValueError(
+            "`diagnosis` corrects nothing: its logs must be mended first, and then diagnosed again."
+        )
     if found.verdict == "unexplained" and not likeliest:
         named = ", ".join(effect.name for effect in found.effects) or "empty"
         raise ValueError(

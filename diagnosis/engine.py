@@ -5,9 +5,10 @@ reference flies, its fit is the vehicle that changed (`decide/reference.py`). Re
 are described so; then a twin is learned from the reference (`twin/`). So are two sets whose
 vehicles were weighed anew: each is flown with its own mass.
 
-Logs whose columns are swapped, flipped or in another frame are not explained by physics: where the
-interface has such a fault, nothing is blamed until it is mended. A path whose frame is turned
-against the reference's is turned back first, and flights below the floor are raised.
+Logs whose columns are swapped, flipped or in another frame are not explained by physics: where a
+column that the replay reads has such a fault, nothing is simulated until it is mended (`misread`).
+A path whose frame is turned against the reference's is turned back first, and flights below the
+floor are raised.
 """
 
 import dataclasses
@@ -22,19 +23,10 @@ from diagnosis.interface.faults import checks, interface_faults
 from diagnosis.interface.mended import lifted, mended
 from diagnosis.interface.untold import untold
 from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.misread import misleads, misread
 from diagnosis.replay.believed import default_simulator
 from diagnosis.result import Diagnosis
 from diagnosis.twin.as_diagnosis import alone, beside_twin, weighed_anew
-
-MISLEADING = frozenset(
-    {
-        *("position", "velocity", "angular velocity", "accelerometer", "attitude"),
-        "attitude command",
-        *("motor order", "frame of the path"),
-    }
-)
-"""Parts of the interface (`interface.fault.PARTS`) whose faults no physics describes; effects
-describe a clock, a thrust scale, a heading and turned commands."""
 
 
 def diagnose(
@@ -69,7 +61,9 @@ def diagnose(
     faults = interface_faults(flown, compared, made)
     beside = None if compared is None else lifted(compared)
     question = Question(lifted(mended(flown, faults)), against, beside, exclude, decision)
-    if weighed_anew(question):
+    if misleads(faults, made):
+        found = misread(question)
+    elif weighed_anew(question):
         found = beside_twin(question, progress)
     else:
         or_twin = alone(question)
@@ -79,34 +73,7 @@ def diagnose(
         else:
             found = answer(question, study(question, prepared, progress))
     progress("done", 1.0)
-    return stated(dataclasses.replace(found, interface=faults, untold=untold(flown, made)))
-
-
-def stated(found: Diagnosis) -> Diagnosis:
-    """What of a diagnosis may be said: no cause where the logs are not what they are taken for."""
-    if not any(fault.part in MISLEADING for fault in found.interface):
-        return found
-    effects = [
-        dataclasses.replace(
-            effect,
-            blamed=False,
-            probability=None,
-            aliases=(),
-            parameters=tuple(
-                dataclasses.replace(one, use="descriptive") for one in effect.parameters
-            ),
-        )
-        for effect in found.effects
-    ]
-    named = found.verdict in ("effect", "partly")
-    return dataclasses.replace(
-        found,
-        verdict="unexplained" if named else found.verdict,
-        probability=None,
-        effects=tuple(effects),
-        candidates=tuple(dataclasses.replace(one, named=False) for one in found.candidates),
-        doubt=None,
-    )
+    return dataclasses.replace(found, interface=faults, untold=untold(flown, made))
 
 
 def _loaded(flights: FlightSet | Path | str) -> FlightSet:

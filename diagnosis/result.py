@@ -94,7 +94,8 @@ class Effect:
     blamed: bool
     """Whether the verdict names it as a cause."""
     probability: float | None
-    """Probability that it acts [-]; null where it is not blamed, which states nothing of it."""
+    """Probability that it acts [-]; beside a twin, that it or one of its aliases does. Null where
+    it is not blamed, which states nothing of it."""
     aliases: tuple[str, ...]
     """Effects that these flights cannot tell from it, likeliest first."""
     parameters: tuple[Parameter, ...]
@@ -247,6 +248,11 @@ class Diagnosis:
     def shows_nothing(self) -> bool:
         """Whether nothing stands out of noise, be it for want of flights."""
         return self.verdict in ("none", "too_few")
+
+    @property
+    def compared(self) -> bool:
+        """Whether the flights were compared with a simulator; not where the logs mislead."""
+        return bool(self.where)
 
     @property
     def blamed(self) -> tuple[Effect, ...]:

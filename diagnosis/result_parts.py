@@ -17,7 +17,7 @@ class FlightUsed:
     """Name of its file without the ending."""
     seconds: float | None
     """Length of the log [s]."""
-    use: Literal["fit", "held out", "fit, and held out in turn", "reference"]
+    use: Literal["fit", "held out", "fit, and held out in turn", "reference", "checked only"]
     """What it was used for."""
     digest: str | None
     """SHA-256 of its columns."""

@@ -85,9 +85,10 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     if diagnosis.blamed:
         parts += ["## How far the gap shrinks", markdown.escape(shrink_sentence(diagnosis))]
         parts += _table(tables.shrink_table(diagnosis))
-    parts += ["## Where the gap lies", markdown.escape(where_sentence(diagnosis))]
-    parts += _table(tables.where_table(diagnosis))
-    parts += ["## What explains it", *_effects(diagnosis)]
+    if diagnosis.compared:
+        parts += ["## Where the gap lies", markdown.escape(where_sentence(diagnosis))]
+        parts += _table(tables.where_table(diagnosis))
+        parts += ["## What explains it", *_effects(diagnosis)]
     for table in (
         tables.candidates_table,
         tables.support_table,

@@ -34,6 +34,7 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             remarks=remarks(diagnosis),
             facts=tables.facts(diagnosis),
             interface=tables.interface_table(diagnosis),
+            compared=diagnosis.compared,
             explained=bool(diagnosis.blamed),
             shrink=shrink_sentence(diagnosis),
             added=added(diagnosis),

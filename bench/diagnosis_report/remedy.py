@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from bench.diagnosis_report.numbers import clean, join
-from bench.diagnosis_report.sentences import set_label
+from bench.diagnosis_report.sentences import logs_first, set_label
 from diagnosis.correction import parameters_of
 from diagnosis.result import Diagnosis, Effect
 from simulators.effects.card import load_card
@@ -25,13 +25,15 @@ FILES = (
 
 def remedy(diagnosis: Diagnosis, files: bool = True) -> list[str]:
     """What to change, a sentence or two each; with `files`, also how they are had."""
-    if any(fault.readings for fault in diagnosis.interface) and not diagnosis.blamed:
-        advice = [clean(fault.advice) for fault in diagnosis.interface]
+    advice = [clean(fault.advice) for fault in diagnosis.interface]
+    if advice and logs_first(diagnosis):
         return [*advice, "Then diagnose the flights again; nothing else can be said before."]
     if diagnosis.verdict == "too_few":
-        return ["Nothing yet: there are too few flights to tell whether anything changed."]
+        few = "there are too few flights to tell whether anything changed."
+        return [*advice, f"{'In the vehicle n' if advice else 'N'}othing yet: {few}"]
     if diagnosis.shows_nothing:
-        return ["Nothing: these flights show no change that stands out of noise."]
+        no_change = "these flights show no change that stands out of noise."
+        return [*advice, f"{'In the vehicle n' if advice else 'N'}othing: {no_change}"]
     if not diagnosis.blamed:
         return [
             f"Nothing yet: no cause is confirmed. In Python, {LIKELIEST} is the simulator with the "

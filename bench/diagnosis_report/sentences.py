@@ -41,6 +41,11 @@ def verdict(diagnosis: Diagnosis) -> str:
     """The answer, as one sentence."""
     beside = diagnosis.reference is not None
     against = "the reference flights" if beside else "the simulator"
+    if not diagnosis.compared:
+        return (
+            f"The logs do not say what the format asks for ({_parts(diagnosis)}): mend that first. "
+            f"The flights were not compared with {against}, since wrong columns would be."
+        )
     if diagnosis.verdict == "none":
         return _none(diagnosis, against)
     if diagnosis.verdict == "too_few":
@@ -82,7 +87,7 @@ def class_label(effect: Effect) -> str:
 
 
 def _none(diagnosis: Diagnosis, against: str) -> str:
-    if logs_first(diagnosis):
+    if diagnosis.interface:
         return (
             f"Nothing in the vehicle separates these flights from {against} beyond noise "
             f"({_extent(diagnosis)}), but check the logs: {_parts(diagnosis)}."
@@ -151,13 +156,15 @@ def _parts(diagnosis: Diagnosis) -> str:
 
 def logs_first(diagnosis: Diagnosis) -> bool:
     """Whether the logs must be mended before anything can be said of the vehicle."""
-    return diagnosis.verdict in ("unexplained", "none") and bool(diagnosis.interface)
+    return diagnosis.verdict == "unexplained" and bool(diagnosis.interface)
 
 
 def kind_label(diagnosis: Diagnosis) -> str:
     """What the verdict is called, in a few words."""
     if logs_first(diagnosis):
         return "Mend the logs first"
+    if diagnosis.verdict == "none" and diagnosis.interface:
+        return "Check the logs"
     if diagnosis.verdict == "unexplained" and diagnosis.remainder.mostly_explained:
         return "No cause confirmed"
     if diagnosis.verdict == "effect" and any(effect.aliases for effect in diagnosis.blamed):

@@ -345,7 +345,8 @@ def flights_table(diagnosis: Diagnosis) -> Table:
         )
         for flight in diagnosis.flights.used
     )
-    return Table("Flights used", ("flight", "length", "use"), rows, frozenset({0, 2}))
+    caption = "Flights used" if diagnosis.compared else "Flights"
+    return Table(caption, ("flight", "length", "use"), rows, frozenset({0, 2}))
 
 
 def facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -353,11 +354,14 @@ def facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     flights, misfit = diagnosis.flights, diagnosis.details.misfit
     used = {flight.name for flight in flights.used}
     in_turn = bool(used) and used == set(flights.held_out)
+    held_out = [("held out", "each in turn" if in_turn else str(len(flights.held_out)))]
+    if not diagnosis.compared:
+        held_out = []
     found = [
         ("simulator", clean(diagnosis.settings.simulator)),
         ("drone", clean(flights.drone)),
         ("flights", str(len(flights.used))),
-        ("held out", "each in turn" if in_turn else str(len(flights.held_out))),
+        *held_out,
         ("flown", f"{rounded(flights.seconds)} s"),
     ]
     if diagnosis.reference is not None:

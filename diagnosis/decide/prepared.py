@@ -100,7 +100,7 @@ def prepare(
             vehicle or logged another input.
     """
     progress("cutting flights into windows", 0.02)
-    inputs, compared = _driven(question, prescribe)
+    inputs, compared = driven(question, prescribe)
     replay = _replay(question, inputs, compared)
     logs = inputs.flights
     sigma = noise_of(replay, logs)
@@ -118,8 +118,12 @@ def prepare(
     return Prepared(inputs, compared, base, every, sigma, fit_ids, held, decision)
 
 
-def _driven(question: Question, prescribe: bool) -> tuple[Inputs, Inputs | None]:
-    """The flights and the reference flights, as they are driven."""
+def driven(question: Question, prescribe: bool = False) -> tuple[Inputs, Inputs | None]:
+    """The flights and the reference flights, as they are driven.
+
+    Raises:
+        LogError: As `prepare`.
+    """
     flights, simulator, reference = question.flights, question.simulator, question.reference
     if reference is not None:
         _check_alike(flights, reference)

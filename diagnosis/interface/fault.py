@@ -26,7 +26,7 @@ class InterfaceFault:
     """One part of the interface that does not say what the format asks for."""
 
     part: str
-    """Which part, one of `PARTS`."""
+    """Which part: one of `PARTS`, or one of `ORDERED` in the reference (`of_reference`)."""
     readings: tuple[str, ...]
     """What the part seems to hold instead, likeliest first; those after the first fit as well."""
     advice: str
@@ -65,7 +65,14 @@ PARTS = (
     "heading",
 )
 """Every part that is checked, in the order in which faults are listed."""
+ORDERED = frozenset({"position", "velocity", "attitude", "attitude command"})
+"""Parts of order, sign and frame that a replay reads, in the reference as well."""
 SIZED = frozenset(
     {"height", "command clock", "thrust", "frame of the path", "frame of the commands", "heading"}
 )
 """Parts whose fault is a size; beside a reference that has it, too, it is no change."""
+
+
+def of_reference(part: str) -> str:
+    """What a part is called where the reference has it wrong."""
+    return f"{part} of the reference"

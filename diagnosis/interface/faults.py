@@ -17,7 +17,14 @@ import numpy as np
 
 from diagnosis.interface import commands, orders, position, scales
 from diagnosis.interface.commands import Following
-from diagnosis.interface.fault import PARTS, SIZED, Evidence, InterfaceFault
+from diagnosis.interface.fault import (
+    ORDERED,
+    PARTS,
+    SIZED,
+    Evidence,
+    InterfaceFault,
+    of_reference,
+)
 from diagnosis.interface.inputs import lift_given, thrust_given
 from diagnosis.interface.mended import below_floor
 from diagnosis.interface.motors import SINCE, Turning, motor_order, turning, turning_lag
@@ -39,7 +46,8 @@ def interface_faults(
     """Every part of the interface that these flights show to be wrong, in the order of `PARTS`.
 
     Beside a `reference`, a size that it has, too, is left out, and what changed since then is
-    found: a turn of the path's frame, and the time from the motors' inputs to the turning. `made`
+    found: a turn of the path's frame, and the time from the motors' inputs to the turning. Columns
+    of the reference that are in another order, sign or frame are named as well. `made`
     are the `checks` of these flights, where they were made already.
     """
     now = made or checks(flights)
@@ -47,7 +55,8 @@ def interface_faults(
     if reference is None:
         return found
     before = checks(reference)
-    then = {fault.part for fault in _faults(reference, before)}
+    there = _faults(reference, before)
+    then = {fault.part for fault in there}
     own = [fault for fault in found if fault.part not in then & SIZED]
     wrong = then | {fault.part for fault in own}  # each is read from columns of both sets
     turn = None
@@ -58,7 +67,8 @@ def interface_faults(
         later = _later_since(now.turned, before.turned, flights)
     if turn is not None:  # it says more than that the path is turned
         own = [fault for fault in own if fault.part != "frame of the path"]
-    return _in_order(fault for fault in (*own, turn, later) if fault is not None)
+    beside = (_in_reference(fault) for fault in there if fault.part in ORDERED)
+    return _in_order(fault for fault in (*own, turn, later, *beside) if fault is not None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,8 +135,14 @@ def _placed(made: Checks) -> tuple[InterfaceFault | None, set[str]]:
     return position.of_position(words, (*shares, *risen)), {"velocity", "attitude", "accelerometer"}
 
 
+def _in_reference(fault: InterfaceFault) -> InterfaceFault:
+    advice = f"In the reference flights: {fault.advice[0].lower()}{fault.advice[1:]}"
+    return dataclasses.replace(fault, part=of_reference(fault.part), advice=advice)
+
+
 def _in_order(faults: Iterable[InterfaceFault]) -> tuple[InterfaceFault, ...]:
-    return tuple(sorted(faults, key=lambda fault: PARTS.index(fault.part)))
+    order = [*PARTS, *map(of_reference, PARTS)]
+    return tuple(sorted(faults, key=lambda fault: order.index(fault.part)))
 
 
 def _drones(flights: FlightSet) -> list[DroneLog]:

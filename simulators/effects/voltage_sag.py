@@ -42,7 +42,7 @@ class VoltageSag(PlantEffect, VoltageEffect):
     card: ClassVar[EffectCard] = EffectCard(
         label="voltage sag",
         noun="a battery that is not compensated for",
-        physics="Thrust at the same command falls with the battery's voltage.",
+        physics="Thrust at the same command falls with the battery's voltage (that of one cell).",
         more="thrust that falls with the battery's voltage by {}",
         less="thrust that grows as the battery's voltage falls, by {}",
         shown={"k": Shown("thrust lost", 100.0, "% a volt")},

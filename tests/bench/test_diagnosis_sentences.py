@@ -183,10 +183,14 @@ def test_a_fault_of_the_logs_comes_before_any_physics():
 
 
 def test_a_fault_of_the_logs_stands_in_the_headline_where_nothing_else_is_wrong():
-    turn = {"part": "frame of the path", "readings": ["turned"], "advice": "Check.", "evidence": []}
+    turn = {"part": "heading", "readings": ["turned"], "advice": "Check.", "evidence": []}
     found = diagnoses_for_tests.none() | {"interface": [turn]}
-    assert verdict(load(found)).endswith("s in all), but check the logs: frame of the path.")
-    assert kind_label(load(found)) == "Mend the logs first"
+    assert verdict(load(found)).endswith("s in all), but check the logs: heading.")
+    assert kind_label(load(found)) == "Check the logs"
+    assert remedy(load(found)) == [
+        "Check.",
+        "In the vehicle nothing: these flights show no change that stands out of noise.",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -22,9 +22,8 @@ from flights_for_tests import (
 import diagnosis
 from diagnosis.decide.prepared import Question, make_likelihood, prepare
 from diagnosis.decision import Decision
-from diagnosis.engine import diagnose, stated
+from diagnosis.engine import diagnose
 from diagnosis.fit import gap, shrinkage
-from diagnosis.interface.fault import InterfaceFault
 from diagnosis.logs.flights import LeftOut, LogError
 from diagnosis.recorded import flights_used
 from diagnosis.result import Diagnosis
@@ -302,17 +301,6 @@ def test_a_reference_of_another_vehicle_is_refused():
     vehicle = dataclasses.replace(flights.vehicle, drone="cf2x_L250")
     with pytest.raises(LogError, match=r"vehicle\.toml: drone is"):
         diagnose(flights, reference=dataclasses.replace(flights, vehicle=vehicle))
-
-
-@pytest.mark.parametrize(("part", "blamed"), [("frame of the path", False), ("thrust", True)])
-def test_nothing_is_blamed_where_columns_are_not_what_they_are_said_to_be(windy, part, blamed):
-    """Their order, sign and frame, which no physics describes; a scale is described by effects."""
-    fault = InterfaceFault(part=part, readings=("other",), advice="Check it.", evidence=())
-    found = stated(dataclasses.replace(windy[0], interface=(fault,)))
-    assert bool(found.blamed) == blamed
-    assert found.verdict == ("effect" if blamed else "unexplained")
-    assert found.effects
-    assert blamed or {x.use for e in found.effects for x in e.parameters} == {"descriptive"}
 
 
 @pytest.mark.parametrize(("n", "held"), [(2, 2), (9, 9), (10, 3), (30, 10)])

@@ -144,13 +144,16 @@ def test_a_path_that_is_turned_since_the_reference_is_turned_back(clean):
 
 def test_an_order_is_wrong_beside_a_reference_that_has_it_too(clean):
     flipped = with_fault(clean, "flipped_pitch")
-    assert [fault.part for fault in found(flipped, flipped)] == ["attitude command"]
+    parts = ["attitude command", "attitude command of the reference"]
+    assert [fault.part for fault in found(flipped, flipped)] == parts
 
 
 @pytest.mark.parametrize("fault", ["flipped_axis", "inverse_attitude"])
 def test_no_turn_is_read_from_a_reference_whose_attitude_is_wrong(clean, fault):
     turned = with_fault(clean, "path_turned_in_yaw", angle=0.087)
-    assert found(turned, with_fault(clean, fault)) == ()
+    (told,) = found(turned, with_fault(clean, fault))
+    assert told.part == "attitude of the reference"
+    assert told.advice.startswith("In the reference flights: the attitude looks like ")
 
 
 def test_beside_a_reference_the_turn_since_then_counts_where_both_are_off(clean):
