@@ -44,7 +44,7 @@ def verdict(diagnosis: Diagnosis) -> str:
     if not diagnosis.compared:
         return (
             f"The logs do not say what the format asks for ({_parts(diagnosis)}): mend that first. "
-            f"The flights were not compared with {against}, since wrong columns would be."
+            f"They were not compared with {against}: wrong columns say nothing of the vehicle."
         )
     if diagnosis.verdict == "none":
         return _none(diagnosis, against)

@@ -73,8 +73,8 @@ def test_flights_with_a_wrong_column_are_compared_with_nothing(clean, nothing_is
     jsonschema.validate(found.to_json(), json.loads(PUBLISHED.read_text(encoding="utf-8")))
     assert kind_label(found) == "Mend the logs first"
     assert verdict(found) == (
-        "The logs do not say what the format asks for (attitude): mend that first. The flights "
-        "were not compared with the simulator, since wrong columns would be."
+        "The logs do not say what the format asks for (attitude): mend that first. They were not "
+        "compared with the simulator: wrong columns say nothing of the vehicle."
     )
     for document in (diagnosis_text(found), html.unescape(diagnosis_page(found))):
         assert found.interface[0].advice in document
