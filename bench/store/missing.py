@@ -6,7 +6,13 @@ from typing import Any, NamedTuple
 
 from bench.plan.planned_run import Run
 from bench.plan.settings import flatten
-from bench.store.resume import failed_row, lost_parents, was_interrupted
+from bench.store.resume import (
+    failed_row,
+    finished_rows,
+    lost_parents,
+    outdated_rows,
+    was_interrupted,
+)
 from bench.store.store import Store, UnreadableRunError
 from bench.store.tables import IDENTITY, Tables
 
@@ -30,27 +36,29 @@ class State(NamedTuple):
 
 def states(runs: list[Run], store: Store, recorded: Tables) -> list[State]:
     """The state of each of `runs`; nothing is moved or written, not even what is damaged."""
-    names = store.names()
-    there, by_prefix = set(names), {}
-    for name in names:
-        by_prefix.setdefault(_prefix(name), []).append(name)
-    rows = {run for run, status in recorded.column("status").items() if status != "failed"}
-    older = {identity: run for identity, run in recorded.identities().items() if run in rows}
+    finished, outdated = finished_rows(recorded), {*outdated_rows(runs, recorded).values()}
     causes = recorded.column("cause")
-    found = []
-    for run in runs:
-        if run.name in rows:
-            found.append(State(run, {"run": run.name}, ""))
-            continue
-        content = None if run.name in there else failed_row(run.name, causes)
-        if content is not None:
-            found.append(_failed(run, content))
-            continue
-        state = _state(run, store, there, by_prefix.get(_prefix(run.name), []))
-        if state.reason == "never run" and run.identity in older:
-            state = State(run, None, "changed: its row is of another program, see `--replace`")
-        found.append(state)
-    return found
+    by_prefix: dict[str, list[str]] = {}
+    for name in store.names():
+        by_prefix.setdefault(_prefix(name), []).append(name)
+
+    def state(run: Run) -> State:
+        alike = by_prefix.get(_prefix(run.name), [])
+        if run.name in finished:
+            return State(run, {"run": run.name}, "")
+        if run.name in alike:
+            return _of_folder(run, store, causes)
+        if (content := failed_row(run.name, causes)) is not None:
+            return _failed(run, content)
+        older = [found for name in alike if (found := _same(run, store, name)) is not None]
+        if older:
+            latest = max(older, key=lambda content: content["committed"])
+            return State(run, None, f"changed: {_changes(latest['resolved'], run.resolved)}")
+        if run.name in outdated:
+            return State(run, None, "changed: its row is of another program, see `--replace`")
+        return State(run, None, "never run")
+
+    return [state(run) for run in runs]
 
 
 def with_lost_parents(
@@ -66,34 +74,23 @@ def with_lost_parents(
     """
     finished = {state.run.name for state in found if not state.reason}
     missing = (s.run for s in found if s.reason and s.run.name not in failed)
-    lost = lambda run: run.name in finished and not _has_policy(store, run.name)  # noqa: E731
+
+    def lost(run: Run) -> bool:
+        return run.name in finished and store.status(run.name) in ("", "failed")
+
     again, _ = lost_parents(missing, {s.run.name: s.run for s in found}, lost, kept)
     reason = "trained again, because others start from their lost policies"
     return [state._replace(reason=reason) if state.run in again else state for state in found]
 
 
-def _has_policy(store: Store, name: str) -> bool:
-    """Whether the folder of a finished run is sound."""
+def _of_folder(run: Run, store: Store, causes: Mapping[str, str]) -> State:
+    """What a folder says of its run; where it is damaged, what a row says of a failure."""
     try:
-        return store.read(name)["status"] != "failed"
-    except UnreadableRunError:
-        return False
-
-
-def _state(run: Run, store: Store, there: set[str], alike: list[str]) -> State:
-    if run.name in there:
-        try:
-            content = store.read(run.name)
-        except UnreadableRunError as error:
-            return State(run, None, f"damaged: {error}")
-        if content["status"] != "failed":
-            return State(run, content, "")
-        return _failed(run, content)
-    older = [found for name in alike if (found := _same(run, store, name)) is not None]
-    if not older:
-        return State(run, None, "never run")
-    latest = max(older, key=lambda content: content["committed"])
-    return State(run, None, f"changed: {_changes(latest['resolved'], run.resolved)}")
+        content = store.read(run.name)
+    except UnreadableRunError as error:
+        row = failed_row(run.name, causes)
+        return _failed(run, row) if row else State(run, None, f"damaged: {error}")
+    return _failed(run, content) if content["status"] == "failed" else State(run, content, "")
 
 
 def _failed(run: Run, content: Mapping[str, Any]) -> State:

@@ -55,9 +55,9 @@ def make_standing(
         replace: Whether runs whose row is of another program or machine are done again.
         kept: Whether a run can be restored from its kept policy.
     """
-    standing = Standing([], [], [], [], [], _outdated(plan, recorded))
+    standing = Standing([], [], [], [], [], outdated_rows(plan.runs, recorded))
     by_name = {run.name: run for run in plan.runs}
-    rows = {run for run, status in recorded.column("status").items() if status != "failed"}
+    rows = finished_rows(recorded)
     if replace:
         foreign = foreign_rows(plan, recorded) & rows
         standing.outdated.update({name: name for name in foreign})
@@ -116,6 +116,18 @@ def lost_parents(
     return again, restored
 
 
+def finished_rows(recorded: Tables) -> set[str]:
+    """Names of the runs whose row says that they did not fail, with a folder or without."""
+    return {run for run, status in recorded.column("status").items() if status != "failed"}
+
+
+def outdated_rows(runs: Iterable[Run], recorded: Tables) -> dict[str, str]:
+    """Finished rows of another program for some of `runs`: name of the row -> name of the run."""
+    identities, finished = recorded.identities(), finished_rows(recorded)
+    rows = {identities.get(run.identity): run.name for run in runs}
+    return {row: run for row, run in rows.items() if row in finished and row != run}
+
+
 def failed_row(name: str, causes: Mapping[str, str]) -> dict[str, Any] | None:
     """What the row of a run whose folder is gone says of its failure; None without such a row.
 
@@ -160,16 +172,6 @@ def reproduces(found: Mapping[str, float], row: Mapping[str, float]) -> str:
                 "to train it and what starts from it anew"
             )
     return ""
-
-
-def _outdated(plan: Plan, recorded: Tables) -> dict[str, str]:
-    statuses, identities = recorded.column("status"), recorded.identities()
-    found = {}
-    for run in plan.runs:
-        row = identities.get(run.identity)
-        if row is not None and row != run.name and statuses[row] != "failed":
-            found[row] = run.name
-    return found
 
 
 def was_interrupted(content: Mapping[str, Any]) -> bool:

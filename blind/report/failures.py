@@ -51,18 +51,18 @@ def _lines(row: Mapping[str, Any]) -> list[str]:
         for name, parameters in json.loads(row["answer_parameters"]).items()
     }
     left = row["unexplained_share"]
-    share = f"; {100.0 * left:.0f} % of the gap unexplained" if _is(left) else ""
+    share = f"; {100.0 * left:.0f} % of the gap unexplained" if pd.notna(left) else ""
     lines.append(f"- Answer: {_named(row['answer'], given)}{share}")
     lines.append(f"- Evidence: {_candidates(row)}{_structure(row)}")
-    if _is(row["margin"]):
+    if pd.notna(row["margin"]):
         rival = row["rival"] or "nominal"
         lines.append(
             f"- Without noise, {markdown.escape(rival)} is {row['margin']:.3g} in chi-square from "
             f"the truth, nominal {row['gap']:.3g}; the truth itself leaves {row['left']:.3g}"
         )
-    if _is(row["shrink"]):
+    if pd.notna(row["shrink"]):
         oracle = row["shrink_oracle"]
-        beside = f", {oracle:.1f} % under the true effect" if _is(oracle) else ""
+        beside = f", {oracle:.1f} % under the true effect" if pd.notna(oracle) else ""
         lines.append(f"- Shrink: {row['shrink']:.1f} %{beside}")
     return lines
 
@@ -88,8 +88,4 @@ def _candidates(row: Mapping[str, Any]) -> str:
 
 
 def _structure(row: Mapping[str, Any]) -> str:
-    return f"; structure left {row['structure']:.2f}" if _is(row["structure"]) else ""
-
-
-def _is(value: Any) -> bool:
-    return value is not None and not pd.isna(value)
+    return f"; structure left {row['structure']:.2f}" if pd.notna(row["structure"]) else ""

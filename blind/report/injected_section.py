@@ -13,8 +13,9 @@ from bench.report.page import write_page
 from bench.stats.statistics import records
 from bench.text import markdown
 from bench.text.errors import UsageError
-from blind.draw.folders import write_json
 from blind.draw.injected import NOTHING
+from blind.report.sections import MISSING, percent, several_programs
+from blind.report.tables import save_tables
 from blind.score.injected import power, shares
 
 TITLE = "Diagnosis of faults that were injected into logs"
@@ -50,12 +51,7 @@ class InjectedTables:
 
     def save(self, directory: Path) -> None:
         """Writes them all."""
-        directory.mkdir(parents=True, exist_ok=True)
-        for name in ("cases", "numbers"):
-            part = directory / f".{name}.part"
-            getattr(self, name).to_parquet(part, index=False)
-            part.replace(directory / f"{name}.parquet")
-        write_json(directory / "run.json", self.run)
+        save_tables(directory, {"cases": self.cases, "numbers": self.numbers}, run=self.run)
 
     @classmethod
     def load(cls, directory: Path) -> "InjectedTables":
@@ -122,16 +118,13 @@ def _facts(tables: InjectedTables) -> list[str]:
         if run["reference"]
         else "The half with the fault is diagnosed by itself; the other half is not used."
     )
-    sources = run["sources"]
-    lines = [
+    return [
         f"{beside} {len(cases)} cases of {run['flights']} flights, {quiet} of them undisturbed, "
         f"drawn {run['started']} with the seed {drawn}. SHA-256 of the labels: "
         f"`{run['sha256']}`. A diagnosis took {cases['seconds'].median():.0f} s in the median and "
-        f"{cases['seconds'].max():.0f} s at most. Program {sources[0][:12]}.",
+        f"{cases['seconds'].max():.0f} s at most. Program {run['sources'][0][:12]}.",
+        *several_programs(run),
     ]
-    if len(sources) > 1:
-        lines.append(f"**The answers come from {len(sources)} versions of the program.**")
-    return lines
 
 
 def _power(tables: InjectedTables) -> str:
@@ -173,8 +166,8 @@ def _shares(tables: InjectedTables) -> str:
         (
             row["score"],
             f"{row['hits']}/{row['n']}",
-            f"{100.0 * row['value']:.1f} %" if row["n"] else "—",
-            f"{100.0 * row['low']:.1f} to {100.0 * row['high']:.1f} %" if row["n"] else "—",
+            percent(row["value"]),
+            f"{100.0 * row['low']:.1f} to {100.0 * row['high']:.1f} %" if row["n"] else MISSING,
         )
         for row in records(shares(tables.cases, tables.numbers))
     ]
@@ -189,7 +182,7 @@ def _wrong(tables: InjectedTables) -> str:
             markdown.escape(row["fault"]),
             markdown.escape(_parameters(row["parameters"])),
             row["verdict"],
-            markdown.escape(row["answer"] or row["interface"] or row["cause"] or "—"),
+            markdown.escape(row["answer"] or row["interface"] or row["cause"] or MISSING),
         )
         for row in records(tables.cases)
         if _is_wrong(row, described)
@@ -208,4 +201,4 @@ def _is_wrong(row: dict[str, Any], described: set[str]) -> bool:
 
 
 def _parameters(text: str) -> str:
-    return ", ".join(f"{name} {value:.3g}" for name, value in json.loads(text).items()) or "—"
+    return ", ".join(f"{name} {value:.3g}" for name, value in json.loads(text).items()) or MISSING

@@ -12,7 +12,7 @@ from bench.report.pictures.looks import COLORS
 from bench.stats.statistics import records
 from bench.text import markdown
 from blind.report.canvas import OUR_COLOR, saved
-from blind.report.sections import measured_by
+from blind.report.sections import MISSING, measured_by, percent
 from blind.report.tables import Tables
 from blind.score.scoring import clopper_pearson
 
@@ -28,7 +28,6 @@ NOISE_COLORS = {0.3: COLORS[2], 1.0: OUR_COLOR, 3.0: COLORS[1]}
 """Colour of each noise."""
 SHOWN = (10.0, 60.0, 600.0)
 """Seconds of flight in the table."""
-MISSING = "—"
 
 
 def section(tables: Tables, picture: list[str]) -> list[str]:
@@ -90,9 +89,9 @@ def _checks(table: pd.DataFrame) -> list[str]:
             (
                 f"{seconds:.0f} s",
                 f"{factor:g}",
-                _percent(sum(case["predicted"] for case in cases) / n),
+                percent(sum(case["predicted"] for case in cases) / n, 0),
                 f"{named}/{n}",
-                f"{_percent(low)} to {_percent(high)}",
+                f"{percent(low, 0)} to {percent(high, 0)}",
                 markdown.escape("; ".join(wrong)) or MISSING,
             )
         )
@@ -158,7 +157,3 @@ def _panel(axes: Axes, part: pd.DataFrame) -> None:
 
 def _shown(value: float) -> str:
     return f"{value:.2g}" if np.isfinite(value) else MISSING
-
-
-def _percent(value: float) -> str:
-    return f"{100.0 * value:.0f} %"

@@ -110,8 +110,7 @@ def _confusion(tables: Tables, path: Path) -> bool:
     )
     axes.set(xlabel="answer", ylabel="truth")
     axes.tick_params(axis="x", rotation=60)
-    for label in axes.get_xticklabels():
-        label.set_horizontalalignment("right")
+    plt.setp(axes.get_xticklabels(), horizontalalignment="right")
     return saved(figure, path)
 
 
@@ -156,8 +155,7 @@ def _errors(tables: Tables, path: Path) -> bool:
     axes.axhline(3.0, color="black", lw=1, ls=":")
     axes.set(yscale="log", xlabel="", ylabel="error [% of the size]")
     axes.tick_params(axis="x", rotation=60)
-    for label in axes.get_xticklabels():
-        label.set_horizontalalignment("right")
+    plt.setp(axes.get_xticklabels(), horizontalalignment="right")
     return saved(figure, path)
 
 

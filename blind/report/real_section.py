@@ -9,7 +9,8 @@ from bench.report.page import write_page
 from bench.stats.statistics import records
 from bench.text import markdown
 from bench.text.numbers import MISSING
-from blind.draw.folders import write_json
+from blind.report.sections import several_programs
+from blind.report.tables import save_tables
 from blind.score.real import OUTCOMES, by_airframe
 
 TITLE = "Diagnosis of labelled real flights"
@@ -31,12 +32,7 @@ def write_real(
     rows: pd.DataFrame, numbers: pd.DataFrame, run: dict[str, Any], directory: Path
 ) -> Path:
     """The Markdown file that was written; tables and HTML stand beside it."""
-    directory.mkdir(parents=True, exist_ok=True)
-    for name, table in (("sets", rows), ("numbers", numbers)):
-        part = directory / f".{name}.part"
-        table.to_parquet(part, index=False)
-        part.replace(directory / f"{name}.parquet")
-    write_json(directory / "run.json", run)
+    save_tables(directory, {"sets": rows, "numbers": numbers}, run=run)
     text = "\n\n".join([f"# {TITLE}", *_section(rows, numbers, run)]) + "\n"
     path = directory / "real.md"
     path.write_text(text, encoding="utf-8")
@@ -45,17 +41,15 @@ def write_real(
 
 
 def _section(rows: pd.DataFrame, numbers: pd.DataFrame, run: dict[str, Any]) -> list[str]:
-    sources = run["sources"]
     facts = (
         f"{len(rows)} sets of {run['manifest']}, begun {run['started']}. SHA-256 of sets and "
         f"labels: `{run['sha256']}`. A diagnosis took {rows['seconds'].median():.0f} s in the "
-        f"median and {rows['seconds'].max():.0f} s at most. Program {sources[0][:12]}."
+        f"median and {rows['seconds'].max():.0f} s at most. Program {run['sources'][0][:12]}."
     )
     lines = [METHOD, facts]
     if run["sha256"] != run["first_sha256"]:
         lines.append(CHANGED)
-    if len(sources) > 1:
-        lines.append(f"**The answers come from {len(sources)} versions of the program.**")
+    lines += several_programs(run)
     lines += ["## By airframe", _airframes(rows), "## Set by set", _sets(rows)]
     if len(numbers):
         lines += ["## Numbers", _numbers(numbers)]

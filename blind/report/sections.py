@@ -13,7 +13,7 @@ import pandas as pd
 from bench.stats.statistics import records
 from bench.text import markdown
 from blind.draw.catalogue import LIBRARY
-from blind.report.tables import OURS, Tables
+from blind.report.tables import OURS, Json, Tables
 from blind.score.scoring import clopper_pearson
 
 MISSING = "—"
@@ -45,7 +45,7 @@ def facts(tables: Tables) -> list[str]:
     known = [row for row in effects if row["measured"]]
     undecidable = sum(not row["decidable"] for row in known)
     unmeasured = [row for row in rows if not row["measured"]]
-    share = f" ({_percent(undecidable / len(known))})" if known else ""
+    share = f" ({percent(undecidable / len(known))})" if known else ""
     drawn = "of the operating system" if run["seed"] is None else f"{run['seed']}"
     versions = ", ".join(f"{name} {version}" for name, version in run["versions"].items())
     lines = [
@@ -63,13 +63,17 @@ def facts(tables: Tables) -> list[str]:
             "drones.** They count as decidable; Cramér-Rao bounds and shrinks of the true effect "
             "are those of the others."
         )
-    sources = run["sources"]
-    if len(sources) > 1:
-        lines.append(f"**The answers come from {len(sources)} versions of the program.**")
+    lines += several_programs(run)
     if len(run.get("measured_by", ())) > 1:
         lines.append(f"**Measured by {len(run['measured_by'])} versions of the program.**")
-    lines.append(f"Versions: {markdown.escape(versions)}; program {sources[0][:12]}.")
+    lines.append(f"Versions: {markdown.escape(versions)}; program {run['sources'][0][:12]}.")
     return lines
+
+
+def several_programs(run: Json) -> list[str]:
+    """A line that says how many programs answered, if it was not one."""
+    n = len(run["sources"])
+    return [f"**The answers come from {n} versions of the program.**"] if n > 1 else []
 
 
 def aims(tables: Tables) -> list[str]:
@@ -85,8 +89,8 @@ def aims(tables: Tables) -> list[str]:
             (
                 markdown.escape(row["score"]),
                 f"{row['hits']}/{row['n']}",
-                _percent(row["value"]),
-                f"{_percent(row['low'])} to {_percent(row['high'])}",
+                percent(row["value"]),
+                _range(row["low"], row["high"]),
                 _aim(row),
                 _verdict(row),
             )
@@ -162,14 +166,13 @@ def parameters(tables: Tables) -> list[str]:
         over = over[np.isfinite(over)]
         widths = np.asarray([row.get("half_width") for row in part], float)
         known = widths[np.isfinite(widths)]
-        wide = float(np.median(known)) if len(known) else math.nan
-        show = _percent if part[0]["relative"] else lambda x: f"{x:.2g}"
+        show = percent if part[0]["relative"] else lambda x: f"{x:.2g}"
         rows.append(
             (
                 markdown.escape(quantity),
                 str(len(part)),
                 show(middle),
-                *([show(wide) if math.isfinite(wide) else MISSING] if told else []),
+                *([show(float(np.median(known))) if len(known) else MISSING] if told else []),
                 f"{np.sqrt(np.mean(over**2)):.2f}" if len(over) else MISSING,
                 f"{np.median(over):.2f}" if len(over) else MISSING,
                 f"{inside}/{n}" if n else MISSING,
@@ -199,9 +202,9 @@ def reliability(tables: Tables) -> list[str]:
         (
             f"{row['from']:.1f} to {row['to']:.1f}",
             str(row["n"]),
-            _percent(row["stated"]),
-            _percent(row["value"]),
-            f"{_percent(row['low'])} to {_percent(row['high'])}",
+            percent(row["stated"]),
+            percent(row["value"]),
+            _range(row["low"], row["high"]),
         )
         for row in records(tables.reliability)
     ]
@@ -254,10 +257,10 @@ def _near(cases: pd.DataFrame) -> tuple[str, ...]:
     hits, n = int(np.sum(ratios >= SHRUNK)), len(ratios)
     low, high = clopper_pearson(hits, n)
     least = np.nanmin(ratios, initial=math.inf)
-    name = f"drift shrinks by at least {_percent(SHRUNK)} as much as with the true effect"
-    name += f" (worst case: {_percent(float(least))})" if n else ""
+    name = f"drift shrinks by at least {percent(SHRUNK)} as much as with the true effect"
+    name += f" (worst case: {percent(float(least))})" if n else ""
     value = hits / n if n else math.nan
-    return (name, f"{hits}/{n}", _percent(value), _range(low, high), MISSING, MISSING)
+    return (name, f"{hits}/{n}", percent(value), _range(low, high), MISSING, MISSING)
 
 
 def _calibrated(tables: Tables) -> tuple[str, ...]:
@@ -269,8 +272,8 @@ def _calibrated(tables: Tables) -> tuple[str, ...]:
     low, high = clopper_pearson(hits, n)
     word = MISSING if not n else "met" if low <= stated <= high else "**missed**"
     value = hits / n if n else math.nan
-    aim = f"{_percent(stated)}, the mean stated"
-    shown = (f"{hits}/{n}", _percent(value), _range(low, high))
+    aim = f"{percent(stated)}, the mean stated"
+    shown = (f"{hits}/{n}", percent(value), _range(low, high))
     return ("named effects that are true", *shown, aim, word)
 
 
@@ -298,7 +301,7 @@ def asked(score: str, who: str) -> bool:
 
 
 def _range(low: float, high: float) -> str:
-    return f"{_percent(low)} to {_percent(high)}"
+    return f"{percent(low)} to {percent(high)}"
 
 
 def _shrinks(summary: dict[str, Any]) -> str:
@@ -313,8 +316,8 @@ def _shrinks(summary: dict[str, Any]) -> str:
 
 def _aim(row: dict[str, Any]) -> str:
     if row["score"] == INTERVALS:
-        return f"{_percent(COVERAGE[0])} to {_percent(COVERAGE[1])}"
-    return f"≥ {_percent(row['aim'])}" if pd.notna(row["aim"]) else MISSING
+        return _range(*COVERAGE)
+    return f"≥ {percent(row['aim'])}" if pd.notna(row["aim"]) else MISSING
 
 
 def _verdict(row: dict[str, Any]) -> str:
@@ -332,7 +335,7 @@ def _cell(by_who: pd.DataFrame, who: str) -> str:
     if who not in by_who.index:
         return MISSING
     row = by_who.loc[who]
-    return f"{_percent(row['value'])} ({_percent(row['low'])} to {_percent(row['high'])})"
+    return f"{percent(row['value'])} ({_range(row['low'], row['high'])})"
 
 
 def _named(cell: dict[str, Any] | None) -> str:
@@ -344,8 +347,9 @@ def _named(cell: dict[str, Any] | None) -> str:
 def _shown(value: float | None, unit: str) -> str:
     if value is None:
         return MISSING
-    return _percent(value) if unit == "%" else f"{value:.2f}"
+    return percent(value) if unit == "%" else f"{value:.2f}"
 
 
-def _percent(value: float) -> str:
-    return f"{100.0 * value:.1f} %" if math.isfinite(value) else MISSING
+def percent(value: float, digits: int = 1) -> str:
+    """A share as text."""
+    return f"{100.0 * value:.{digits}f} %" if math.isfinite(value) else MISSING

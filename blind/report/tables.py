@@ -57,13 +57,8 @@ class Tables:
 
     def save(self, directory: Path) -> None:
         """Writes all of them but those of studies."""
-        directory.mkdir(parents=True, exist_ok=True)
-        for name in FRAMES:
-            part = directory / f".{name}.part"
-            getattr(self, name).to_parquet(part, index=False)
-            part.replace(directory / f"{name}.parquet")
-        write_json(directory / "summary.json", self.summary)
-        write_json(directory / "run.json", self.run)
+        frames = {name: getattr(self, name) for name in FRAMES}
+        save_tables(directory, frames, summary=self.summary, run=self.run)
 
     @classmethod
     def load(cls, directory: Path) -> "Tables":
@@ -125,6 +120,17 @@ def make_tables(
         summary={who: s.summary for who, s in everybody.items()},
         run=dict(run) | {"sources": sorted({s["sources"] for s in statuses.values()})},
     )
+
+
+def save_tables(directory: Path, frames: Mapping[str, pd.DataFrame], **documents: Json) -> None:
+    """Writes frames as Parquet and then documents as JSON, each whole or not at all."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for name, frame in frames.items():
+        part = directory / f".{name}.part"
+        frame.to_parquet(part, index=False)
+        part.replace(directory / f"{name}.parquet")
+    for name, content in documents.items():
+        write_json(directory / f"{name}.json", content)
 
 
 def save_labels(folders: Folders) -> None:

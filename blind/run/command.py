@@ -11,13 +11,7 @@ from rich.console import Console
 from bench.execution.executor import cores
 from bench.text.errors import UsageError
 from blind.draw.cases import Case, read_labels
-from blind.draw.folders import (
-    INJECTED,
-    RESULTS,
-    Folders,
-    check_state,
-    scaled_counts,
-)
+from blind.draw.folders import INJECTED, RESULTS, Folders, check_state, scaled_counts
 from blind.fly.realities import REALITIES
 from blind.report.injected_section import InjectedTables, is_injected, write_injected
 from blind.report.page import write_report
@@ -199,5 +193,5 @@ def _finish(
     save_labels(folders)
     path = _report(out, notes)
     failed = sum(status["status"] != "ok" for status in statuses.values())
-    tell_end(folders, path, failed, len(labels), console)
-    return 1 if failed or len(measures) < len(labels) else 0
+    status = tell_end(folders, path, failed, len(labels), console)
+    return 1 if len(measures) < len(labels) else status

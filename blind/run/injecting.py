@@ -167,5 +167,4 @@ def _finish(
     save_labels(folders)
     path = report.write_injected(tables, folders.out / "injected.md")
     failed = sum(row["status"] != "ok" and not row["refused"] for row in records(cases))
-    tell_end(folders, path, failed, len(labels), console)
-    return 1 if failed else 0
+    return tell_end(folders, path, failed, len(labels), console)

@@ -60,8 +60,9 @@ def tampered(folders: Folders, console: Console, consequence: str = "") -> bool:
     return bool(wrong)
 
 
-def tell_end(folders: Folders, report: Path, failed: int, n: int, console: Console) -> None:
-    """Says how many of `n` diagnoses failed, and where tables and report are."""
+def tell_end(folders: Folders, report: Path, failed: int, n: int, console: Console) -> int:
+    """Exit status: 1 if diagnoses failed; says how many of `n`, and where tables and report are."""
     if failed:
         console.print(f"[red]{failed} of {n} diagnoses failed; the report names them.[/]")
     console.print(f"Tables: {folders.out}\nReport: {report}", soft_wrap=True, highlight=False)
+    return 1 if failed else 0

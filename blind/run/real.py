@@ -22,7 +22,7 @@ from blind.draw.injected import write_unnamed
 from blind.draw.manifest import LabelledSet, Manifest, read_manifest
 from blind.report.real_section import write_real
 from blind.run.answering import answer_shown, missing, read_documents
-from blind.run.place import alone, tell_end
+from blind.run.place import alone, check_request, tell_end
 from blind.score.real import real_rows
 from diagnosis.logs.flights import LogError, load_flights
 
@@ -57,12 +57,9 @@ def run_real(path: Path, *, out: Path | None = None, jobs: int | None = None) ->
     Raises:
         UsageError: The manifest or something that it names cannot be used.
     """
-    if jobs is not None and jobs < 1:
-        raise UsageError(f"`--jobs` must be at least 1, got {jobs}.")
-    manifest = read_manifest(path)
     folders = Folders(out or RESULTS / REAL / path.stem)
-    if folders.out.exists() and not folders.out.is_dir():
-        raise UsageError(f"{folders.out} is not a folder, so nothing can be written there.")
+    check_request(folders, None, jobs)
+    manifest = read_manifest(path)
     cases = {name: _case(path.parent, name, manifest) for name in manifest.sets}
     console = Console()
     with alone(folders):
@@ -142,5 +139,4 @@ def _finish(
     run = {**state, "sources": sorted({status["sources"] for status in statuses.values()})}
     path = write_real(rows, numbers, run, folders.out)
     failed = rows["outcome"].tolist().count("failed")
-    tell_end(folders, path, failed, len(rows), console)
-    return 1 if failed else 0
+    return tell_end(folders, path, failed, len(rows), console)

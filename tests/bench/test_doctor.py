@@ -6,7 +6,7 @@ import pytest
 
 from bench.cli.app import main
 from bench.conformance import doctor
-from bench.conformance.known_bad import Facts, problems
+from bench.conformance.doctor import Facts, problems
 from bench.report import film
 from simulators import registry
 

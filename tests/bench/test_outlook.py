@@ -81,6 +81,20 @@ def test_reasons_say_why_a_run_is_missing_and_leave_the_store_alone(runs, store)
     assert content(store.directory) == before
 
 
+def test_a_row_says_how_a_run_failed_whose_folder_is_damaged(runs, store):
+    """As `bench run` takes it: it is tried again only if asked for."""
+    run, empty = runs[0], Tables.empty()
+    store.commit(run, Outcome(status="failed", cause="the propellers fell off"))
+    (store.runs / run.name / "run.json").write_text("{")
+    row = {"run": run.name, "status": "failed", "cause": "the propellers fell off"}
+    runs_of_one = Sheet().add(rewards=(-1.0,)).tables().runs
+    recorded = dataclasses.replace(empty, runs=runs_of_one.assign(**row))
+    for tables, reason in ((recorded, "failed: the propellers"), (empty, "damaged: run.json")):
+        (found,) = states([run], store, tables)
+        assert found.reason.startswith(reason)
+        assert found.failed == (tables is recorded)
+
+
 def test_what_failed_by_itself_and_its_children_cost_nothing_unless_tried_again(
     runs, store, capsys
 ):
