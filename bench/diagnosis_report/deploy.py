@@ -4,7 +4,7 @@ In a simulated reality (`crazyflow+mass(e=0.2)+wind(x=1)`) the same task is trai
 the nominal point mass, in the point mass with the effects that the diagnosis identified from three
 flights there, with a black-box residual, and in the reality itself from a hot start. All four are
 deployed in that reality from the same initial states. The gap that counts is the one between the
-nominal policy and the hot start.
+settled rewards of the nominal policy and the hot start.
 """
 
 import json
@@ -20,6 +20,7 @@ from rich.table import Table
 
 from bench.diagnosis_report.documents import check_place
 from bench.plan.realities import NOMINAL, parse_reality, written
+from bench.stats.scores import PRIMARY
 from bench.stats.statistics import COUNTED, FAILURES, Entry
 from bench.text.errors import UsageError
 from bench.text.markdown import text_table
@@ -99,6 +100,7 @@ def _seed(
                 {
                     "way": way,
                     "seed": seed,
+                    PRIMARY: _finite(deployed.settled_reward),
                     "reward": _finite(deployed.reward),
                     "crashes": _finite(deployed.crashes),
                     "fleet_minutes": trained.ledger.hf_fleet_seconds / 60.0,
@@ -108,7 +110,7 @@ def _seed(
                 }
             )
             said = f" ({trained.status})" if trained.status in FAILURES else ""
-            say(console, f"seed {seed}, {way}: reward {deployed.reward:.1f}{said}")
+            say(console, f"seed {seed}, {way}: settled reward {deployed.settled_reward:.1f}{said}")
     return rows
 
 
@@ -126,10 +128,10 @@ def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     for way in dict.fromkeys(row["way"] for row in rows):
         seeds = [row["seed"] for row in rows if row["way"] == way]
         mine = [ok[way, seed] for seed in seeds if (way, seed) in ok]
-        numbers = ("reward", "crashes", "fleet_minutes", "train_seconds")
+        numbers = (PRIMARY, "reward", "crashes", "fleet_minutes", "train_seconds")
         means = {key: float(np.mean([r[key] for r in mine])) if mine else None for key in numbers}
         common = [s for s in seeds if all((name, s) in ok for name in (way, low, high))]
-        reward = lambda name, common=common: sum(ok[name, s]["reward"] for s in common)  # noqa: E731
+        reward = lambda name, common=common: sum(ok[name, s][PRIMARY] for s in common)  # noqa: E731
         gap = reward(high) - reward(low)
         closed = (reward(way) - reward(low)) / gap if gap > 1e-9 else None
         ended = [row["status"] for row in rows if row["way"] == way]
@@ -139,25 +141,29 @@ def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _counts(row: dict[str, Any]) -> bool:
-    return row["status"] in COUNTED and row["reward"] is not None
+    return row["status"] in COUNTED and row[PRIMARY] is not None
 
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-_HEADINGS = ("trained by", "reward", "gap closed", "crashes", "HF fleet-minutes", "training time")
+_HEADINGS = (
+    *("trained by", "settled reward", "gap closed", "reward", "crashes"),
+    *("HF fleet-minutes", "training time"),
+)
 
 
 def _cells(line: dict[str, Any]) -> list[str]:
     closed = "" if line["closed"] is None else f"{100 * line['closed']:.0f} %"
     diverged = f", {line['diverged']} diverged" if line["diverged"] else ""
-    if line["reward"] is None:
+    if line[PRIMARY] is None:
         return [line["way"] + diverged, *["—"] * (len(_HEADINGS) - 1)]
     return [
         line["way"] + diverged,
-        f"{line['reward']:.1f}",
+        f"{line[PRIMARY]:.1f}",
         closed,
+        f"{line['reward']:.1f}",
         f"{line['crashes']:.2f}",
         f"{line['fleet_minutes']:.1f}",
         f"{line['train_seconds']:.0f} s",

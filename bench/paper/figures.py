@@ -17,7 +17,7 @@ from bench.paper.values import HYBRID, LF, NAMES, name_of, off_spec, sizes, vari
 from bench.report.pictures import cost
 from bench.report.pictures.cost import STYLE
 from bench.report.pictures.looks import look_of, ordered
-from bench.stats.scores import UPPER, primary, undisturbed
+from bench.stats.scores import PRIMARY, UPPER, undisturbed
 from bench.stats.statistics import (
     COUNTED,
     difference,
@@ -31,7 +31,7 @@ from bench.store.tables import Tables
 CONTACT = "training_crash_step_rate"
 """Share of training steps in contact; drawn of methods that train in high fidelity."""
 ROWS = {
-    "settled_reward": "settled reward",
+    PRIMARY: "settled reward",
     "fleet_minutes": "HF flight\n[fleet-minutes]",
     CONTACT: "training steps\nin contact [%]",
 }
@@ -55,11 +55,8 @@ def write_summary(tables: Tables, path: Path) -> bool:
     Means over seeds with one standard deviation; default settings. Nothing is written, and False
     returned, where there is nothing to draw.
     """
-    results, first = tables.results, primary(tables)
-    rows = {first: ROWS.get(first, "deployed return")} | {
-        name: label for name, label in ROWS.items() if name != "settled_reward"
-    }
-    chosen = results["metric"].isin(rows) & results["status"].isin(COUNTED)
+    results = tables.results
+    chosen = results["metric"].isin(ROWS) & results["status"].isin(COUNTED)
     chosen &= results["variant"].eq("") & results["deployed_effects"].eq("")
     shown = results.loc[chosen & results["method"].ne(UPPER)]
     if shown.empty:
@@ -94,7 +91,7 @@ def write_summary(tables: Tables, path: Path) -> bool:
             errorbar=_ends,
             err_style="bars",
             row="metric",
-            row_order=list(rows),
+            row_order=list(ROWS),
             col="task",
             height=2.1,
             aspect=1.25,
@@ -102,12 +99,12 @@ def write_summary(tables: Tables, path: Path) -> bool:
         )
         grid.set_titles("{col_name}")
         grid.set(xticks=sorted(shown["team_size"].unique()))
-        for label, axes in zip(rows.values(), grid.axes, strict=True):
+        for label, axes in zip(ROWS.values(), grid.axes, strict=True):
             axes[0].set_ylabel(label)
         for panel in grid.axes[0]:
             panel.set_yscale("symlog", linthresh=LINEAR)
             panel.set_yticks([-1000, -100, -10, -1])
-            top = max(0.0, shown.loc[shown["metric"].eq(first), "value"].max())
+            top = max(0.0, shown.loc[shown["metric"].eq(PRIMARY), "value"].max())
             panel.set_ylim(1.5 * min(panel.dataLim.y0, -1.0), top)
             panel.yaxis.set_major_formatter("{x:g}")
         for panel in grid.axes[1]:
@@ -131,8 +128,7 @@ def write_worlds(tables: Tables, path: Path) -> bool:
 
     Nothing is written, and False returned, where nothing was recalibrated.
     """
-    metric = primary(tables)
-    values, returned = off_spec(tables, metric), ROWS.get(metric, "deployed return")
+    values, returned = off_spec(tables, PRIMARY), ROWS[PRIMARY]
     rows, rewards = [], dict[str, list[float]]()
     for cell, found in sorted(values.items()):
         world = plain(_AT_REST.sub("", cell.deployed_effects))
@@ -181,7 +177,7 @@ def write_flights(tables: Tables, path: Path) -> bool:
     Nothing is written, and False returned, where the number of flights was not varied.
     """
     rows = []
-    for cell, own in undisturbed(tables, primary(tables)).items():
+    for cell, own in undisturbed(tables, PRIMARY).items():
         few = {e: FEW.fullmatch(e.variant) for e in own if e._replace(variant="") == HYBRID}
         flights = {e: int(match[1]) for e, match in few.items() if match}
         if not flights or HYBRID not in own:

@@ -23,7 +23,6 @@ from bench.report.page import write_page
 from bench.stats.choices import choices
 from bench.stats.scores import (
     PRIMARY,
-    primary,
 )
 from bench.stats.statistics import difference, estimate
 from bench.stats.verdicts import Verdict, in_cell
@@ -76,8 +75,6 @@ HOW = (
     "the whole return. Contacts are flags in this simulator: drones never push each other."
 )
 """How verdicts are made."""
-WHOLE = "These tables have no settled reward: every verdict is by the whole return."
-"""What is said besides of tables of the first protocol."""
 
 
 PIPELINE = (
@@ -117,10 +114,9 @@ class Judged(NamedTuple):
 
 def judged(tables: Tables) -> list[Judged]:
     """All claims, judged."""
-    first = primary(tables)
     found = []
     for claim in CLAIMS:
-        so_far = claim.rule.judge(tables, first)
+        so_far = claim.rule.judge(tables, PRIMARY)
         whole = _whole(claim, claim.rule.judge(tables, "reward"))
         found.append(Judged(claim, _whole(claim, so_far), whole, so_far.verdict))
     return found
@@ -182,7 +178,6 @@ def document(
         notes: Markdown that is appended.
         figures: Paragraphs of each figure, by its name in `FIGURES`.
     """
-    settled = primary(tables) == PRIMARY
     chosen = choices(tables)
     parts = [f"# {TITLE}", *whom(chosen, tables), *_answer(found), *figures.get("cost", [])]
     sections = list(dict.fromkeys(j.claim.section for j in found))
@@ -193,7 +188,7 @@ def document(
         theirs = "aim" if section == sections[-1] else "paper"
         parts += [f"## {section}"]
         if section == PAPER:
-            parts += [HOW if settled else f"{HOW} {WHOLE}"]
+            parts += [HOW]
             parts += [*figures.get("pipeline", []), *figures.get("views", [])]
         lines = [
             (
@@ -205,8 +200,8 @@ def document(
             )
             for j in own
         ]
-        ours = "ours, settled reward" if settled else "ours, whole return"
-        headings = ("claim", theirs, ours, "verdict", "by the whole return, as in the paper")
+        whole = "by the whole return, as in the paper"
+        headings = ("claim", theirs, "ours, settled reward", "verdict", whole)
         parts += [markdown.table(headings, lines, range(5))]
         parts += figures.get(SHOWN.get(section, ""), [])
     parts += ["## In detail", *in_detail(chosen)]

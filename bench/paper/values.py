@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from bench.plan.realities import joined
-from bench.stats.scores import UPPER, home_of, primary, undisturbed
+from bench.stats.scores import PRIMARY, UPPER, home_of, undisturbed
 from bench.stats.statistics import Cell, Entry, Values, matched, seed_values
 from bench.store.tables import Tables
 
@@ -75,7 +75,7 @@ class Varied(NamedTuple):
 def varied(tables: Tables) -> list[Varied]:
     """Every method whose settings differ from its default, cell by cell."""
     found = []
-    for cell, values in seed_values(tables.results, primary(tables)).items():
+    for cell, values in seed_values(tables.results, PRIMARY).items():
         for entry in sorted(e for e in values if e.variant and e.method != UPPER):
             default = values.get(entry._replace(variant=""), {})
             other, base = matched(values[entry], default)

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from bench.stats import verdicts
 from bench.stats.pooled import improvement
-from bench.stats.scores import PRIMARY, UPPER, flown_settings, primary, scored
+from bench.stats.scores import PRIMARY, UPPER, flown_settings, scored
 from bench.stats.statistics import (
     FEWEST,
     Cell,
@@ -119,8 +119,7 @@ def load_side(text: str, default: Path | None) -> Side:
 
 def compare(a: Side, b: Side) -> Comparison:
     """Whether `a` is better than `b`."""
-    metric = PRIMARY if {primary(a.tables), primary(b.tables)} == {PRIMARY} else "reward"
-    first, second = a.values(metric), b.values(metric)
+    first, second = a.values(PRIMARY), b.values(PRIMARY)
     common = [s for s in first if s in second]
     shared = [s for s in common if min(len(first[s]), len(second[s])) >= FEWEST]
     if (a.entry is None) != (b.entry is None):
@@ -132,7 +131,7 @@ def compare(a: Side, b: Side) -> Comparison:
         return _not_comparable(changed[0])
     left = {f"not both have {FEWEST} seeds": sorted({*first, *second} - {*shared}, key=repr)}
     if len(shared) == 1:
-        verdict, found = _one(first[shared[0]], second[shared[0]], metric)
+        verdict, found = _one(first[shared[0]], second[shared[0]])
     elif UPPER in (side.entry.method for side in (a, b) if side.entry):
         return _not_comparable(
             f"{UPPER} defines what a score of 1 is in each cell, so it has no score to "
@@ -169,7 +168,7 @@ def report(a: Side, b: Side, console: Console) -> int:
     return int(found.verdict)
 
 
-def _one(a: Mapping[int, float], b: Mapping[int, float], metric: str) -> tuple[Verdict, list[str]]:
+def _one(a: Mapping[int, float], b: Mapping[int, float]) -> tuple[Verdict, list[str]]:
     """The answer in one stratum."""
     first, second = (estimate(x.values()) for x in matched(a, b))
     apart = difference(a, b)
@@ -178,7 +177,7 @@ def _one(a: Mapping[int, float], b: Mapping[int, float], metric: str) -> tuple[V
         for x in (first, second)
     ]
     text = (
-        f"{metric.replace('_', ' ').capitalize()} {means[0]} against {means[1]}: difference "
+        f"Settled reward {means[0]} against {means[1]}: difference "
         f"{measured(apart.mean, apart.low, apart.high)}, 95 % t-interval."
     )
     if not apart.excludes_zero:

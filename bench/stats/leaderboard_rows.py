@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import TypedDict
 
 from bench.stats.ranking import Rank, ranks
-from bench.stats.scores import UPPER, primary, upper_returns
+from bench.stats.scores import PRIMARY, UPPER, upper_returns
 from bench.stats.statistics import (
     Cell,
     Endings,
@@ -99,7 +99,7 @@ class Row(TypedDict):
 
 def leaderboard_rows(tables: Tables) -> list[Row]:
     """Rows by cell; within one, higher mean reward first, entries without a number last."""
-    rewards = seed_values(tables.results, primary(tables))
+    rewards = seed_values(tables.results, PRIMARY)
     metrics = {name: seed_values(tables.results, name) for name in METRICS}
     ended, targets, scales = endings(tables), costs_to_target(tables), _scales(tables)
     rows: list[Row] = []

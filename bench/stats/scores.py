@@ -39,11 +39,6 @@ PRIMARY = "settled_reward"
 """What is compared first: the return from 2 s on."""
 
 
-def primary(tables: Tables) -> str:
-    """The metric that is compared first; the first protocol's tables have the whole return only."""
-    return PRIMARY if PRIMARY in set(tables.results["metric"]) else "reward"
-
-
 def upper_returns(tables: Tables) -> dict[Cell, float]:
     """Settled reward with score 1, by cell: the mean over seeds of the upper reference.
 

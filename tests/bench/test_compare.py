@@ -1,6 +1,5 @@
 """`bench compare`: the answer, what it rests on, and the exit status."""
 
-import dataclasses
 import itertools
 import json
 import re
@@ -54,14 +53,6 @@ def test_one_cell_is_decided_by_the_t_interval_of_settled_rewards():
     assert "Settled reward -51.2 ± 1.3 (n = 3) against -61.2 ± 1.0 (n = 3)" in found.lines[0]
     assert "t-interval" in found.lines[0]
     assert compare(*sides(both())[::-1]).verdict is Verdict.WORSE
-
-
-def test_tables_of_the_first_protocol_are_compared_by_the_whole_reward():
-    tables = both().tables()
-    kept = tables.results.loc[tables.results["metric"] != "settled_reward"]
-    found = compare(*sides(dataclasses.replace(tables, results=kept)))
-    assert found.verdict is Verdict.BETTER
-    assert "Reward -71.2 ± 1.3 (n = 3) against -81.2 ± 1.0 (n = 3)" in found.lines[0]
 
 
 def test_the_means_that_are_shown_are_of_the_seeds_that_are_compared():

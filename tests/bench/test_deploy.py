@@ -51,7 +51,13 @@ def test_a_seed_that_fails_leaves_the_others_results(tmp_path, monkeypatch):
     def fly(task, reality, seed, console):
         if seed == 1:
             raise ValueError("a drone never left the ground")
-        row = {"reward": -1.0, "crashes": 0.0, "fleet_minutes": 0.0, "train_seconds": 1.0}
+        row = {
+            "settled_reward": -0.5,
+            "reward": -1.0,
+            "crashes": 0.0,
+            "fleet_minutes": 0.0,
+            "train_seconds": 1.0,
+        }
         ways = [way.label for way in module.WAYS]
         return [row | {"way": w, "seed": 0, "status": "ok", "effects": ""} for w in ways]
 
@@ -107,7 +113,8 @@ def test_options_of_a_diagnosis_are_refused_with_deploy(option, capsys):
 
 def test_what_diverged_counts_with_the_policy_that_it_left(tmp_path):
     def row(way, seed, reward, status="ok"):
-        numbers = {"reward": reward, "crashes": 0.0, "fleet_minutes": 1.0, "train_seconds": 2.0}
+        numbers = {"settled_reward": reward, "reward": -100.0, "crashes": 0.0}
+        numbers |= {"fleet_minutes": 1.0, "train_seconds": 2.0}
         return {"way": way, "seed": seed, "status": status, "effects": "", **numbers}
 
     rows = [
@@ -118,20 +125,21 @@ def test_what_diverged_counts_with_the_policy_that_it_left(tmp_path):
         *(row("hybrid (mlp)", seed, None, "diverged") for seed in range(3)),
     ]
     ways = {line["way"]: line for line in module._summary(rows)}
-    assert ways["grey_box"]["reward"] == pytest.approx(-75.0)
+    assert ways["grey_box"]["settled_reward"] == pytest.approx(-75.0)
     assert ways["grey_box"]["closed"] == pytest.approx(0.75)
     assert ways["grey_box"]["diverged"] == 1
-    assert ways["hybrid (mlp)"]["reward"] is ways["hybrid (mlp)"]["closed"] is None
+    assert ways["hybrid (mlp)"]["settled_reward"] is ways["hybrid (mlp)"]["closed"] is None
     content = {"task": "circle", "team_size": 3, "reality": "crazyflow", "runs": rows}
     text = module._markdown(content | {"ways": list(ways.values())})
-    assert "| grey_box, 1 diverged | -75.0 | 75 % |" in text
+    assert "| grey_box, 1 diverged | -75.0 | 75 % | -100.0 |" in text
     assert "| hybrid (mlp), 3 diverged | — |" in text
 
 
 def test_a_hot_start_that_is_no_better_leaves_no_gap_to_close():
     numbers = {"crashes": 0.0, "fleet_minutes": 1.0, "train_seconds": 2.0, "status": "ok"}
+    numbers |= {"reward": -100.0}
     returns = {"lf_baseline": -70.0, "grey_box": -80.0, "hf_hotstart": -75.0}
-    rows = [{"way": way, "seed": 0, "reward": x, **numbers} for way, x in returns.items()]
+    rows = [{"way": way, "seed": 0, "settled_reward": x, **numbers} for way, x in returns.items()]
     assert [line["closed"] for line in module._summary(rows)] == [None] * 3
 
 
@@ -146,7 +154,9 @@ def test_every_way_is_trained_and_its_share_of_the_gap_stated(tmp_path, monkeypa
     content = json.loads((tmp_path / "deploy.json").read_text())
     assert [line["way"] for line in content["ways"]] == ["lf_baseline", "hf_hotstart"]
     assert content["reality"] == "point_mass+Drag(c=1)"
-    rewards = [line["reward"] for line in content["ways"]]
-    assert rewards[0] == rewards[1] < 0
+    for name in ("settled_reward", "reward"):
+        rewards = [line[name] for line in content["ways"]]
+        assert rewards[0] == rewards[1] < 0
+    assert content["ways"][0]["reward"] < content["ways"][0]["settled_reward"]
     assert content["ways"][0]["closed"] is None
     assert "| lf_baseline |" in (tmp_path / "deploy.md").read_text()

@@ -1,6 +1,5 @@
 """The leaderboard: means of what counts, ties as ties, lost runs in sight, names harmless."""
 
-import dataclasses
 import math
 import re
 from pathlib import Path
@@ -61,14 +60,6 @@ def test_rows_are_ordered_by_the_settled_reward_and_show_the_whole_one():
     shown = {column.heading: column.text(late) for column in COLUMNS}
     assert shown["settled reward (n)"] == "-50 ± 1 (n = 2)"
     assert (shown["reward"], shown["settling time [s]"]) == ("-100", "4")
-
-
-def test_tables_of_the_first_protocol_are_ordered_by_the_whole_reward():
-    sheet = Sheet().add("late", rewards=(-50.0, -51.0), reward=-100.0)
-    tables = sheet.add("early", rewards=(-60.0, -61.0), reward=-70.0).tables()
-    old = tables.results.loc[tables.results["metric"] != "settled_reward"]
-    rows = leaderboard_rows(dataclasses.replace(tables, results=old))
-    assert [(row["method"], row["reward_mean"]) for row in rows] == [("early", -70), ("late", -100)]
 
 
 def test_the_upper_reference_has_a_row_and_takes_no_rank_from_anybody(typical):

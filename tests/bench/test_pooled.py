@@ -16,7 +16,6 @@ from bench.stats.scores import (
     PRIMARY,
     STEADY,
     fallen_references,
-    primary,
     scored,
     steadied_references,
     upper_returns,
@@ -99,16 +98,6 @@ def test_a_steady_variant_stands_for_an_upper_reference_that_diverged():
     assert steadied_references(tables) == {Cell("circle", 3)}
     assert fallen_references(tables) == {Cell("spread", 12)}
     assert dict(scored(tables)[["task", "value"]].to_numpy())["circle"] == 1.0
-
-
-def test_tables_of_the_first_protocol_have_no_scores():
-    tables = two_cells().tables()
-    assert primary(tables) == PRIMARY == "settled_reward"
-    old = tables.results.loc[tables.results["metric"] != PRIMARY]
-    tables = Tables(old, tables.curves, tables.trajectories, tables.runs)
-    assert primary(tables) == "reward"
-    assert scored(tables).empty
-    assert pools(tables) == []
 
 
 def test_a_pool_ranks_with_ties():

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from bench.report.pictures.looks import Key, legend, on_page, ordered
 from bench.report.pictures.svg import Panel, name, plain_ticks, render
-from bench.stats.scores import UPPER, primary
+from bench.stats.scores import PRIMARY, UPPER
 from bench.stats.statistics import Cell, Entry, default_of, estimate, seed_values
 from bench.store.tables import Tables
 
@@ -24,14 +24,13 @@ WIDTH = 0.12
 
 def summary_panels(tables: Tables) -> tuple[list[tuple[str, list[Panel]]], list[Key]]:
     """Panels by task and world, and who is drawn how; none of a task with one team size."""
-    first = primary(tables)
-    names = {first: first.replace("_", " ")} | COSTS
+    names = {PRIMARY: PRIMARY.replace("_", " ")} | COSTS
     values = {metric: seed_values(tables.results, metric) for metric in names}
     groups: dict[str, list[Cell]] = {}
-    for cell in values[first]:
+    for cell in values[PRIMARY]:
         groups.setdefault(cell._replace(team_size=0).label.replace(", N = 0", ""), []).append(cell)
     groups = {title: cells for title, cells in groups.items() if len(cells) > 1}
-    drawn = {e for cells in groups.values() for c in cells for e in values[first][c]}
+    drawn = {e for cells in groups.values() for c in cells for e in values[PRIMARY][c]}
     everybody = ordered({e for e in drawn if default_of(e) == e and e.method != UPPER})
     found = []
     for i, (title, cells) in enumerate(groups.items()):

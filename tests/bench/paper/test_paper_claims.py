@@ -6,7 +6,7 @@ import re
 import paper_tables
 import pytest
 from paper_tables import around
-from tables_for_tests import SPAWN_SETTLED, TAKEOFF, Sheet, empty
+from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
 from bench.paper.claims import BUDGET, CLAIMS, OFF_SPEC, OWN, PAPER
 from bench.paper.page import judged
@@ -85,14 +85,6 @@ def test_the_settled_reward_decides_and_the_whole_return_may_say_otherwise():
     assert found.finding.verdict is Verdict.SUPPORTED
     assert found.whole.verdict is Verdict.REFUTED
     assert found.finding.lines[0][3] == "60.0"
-
-
-def test_tables_of_the_first_protocol_are_judged_by_the_whole_return():
-    sheet = paper_tables.as_claimed()
-    sheet.results = [row for row in sheet.results if row["metric"] != "settled_reward"]
-    found = by_title(sheet.tables())["Hybrid deploys above the LF baseline in every cell"]
-    assert (found.finding.verdict, found.whole.verdict) == (Verdict.SUPPORTED, Verdict.SUPPORTED)
-    assert found.finding.lines[0][1] == f"{-120.0 + TAKEOFF:.1f} ± 1.0 (n = 3)"
 
 
 @pytest.mark.parametrize(("lost", "verdict"), [(0.0, Verdict.UNDECIDED), (-30.0, Verdict.REFUTED)])

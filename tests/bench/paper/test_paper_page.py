@@ -13,7 +13,7 @@ from tables_for_tests import Sheet, empty, typical
 from bench.paper import claims
 from bench.paper.choosing import CHOSEN
 from bench.paper.claims import CLAIMS
-from bench.paper.page import HOW, TITLE, WHOLE, document, judged, variants, write_claims
+from bench.paper.page import HOW, TITLE, document, judged, variants, write_claims
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.errors import UsageError
@@ -180,17 +180,6 @@ def test_a_claim_that_every_cell_run_so_far_supports_is_listed_apart():
         sheet.add(method, residual, task="spread", team_size=3, rewards=rewards)
     (line,) = lines_of(written(sheet.tables()), "- **Supported so far")
     assert "Hybrid deploys above the LF baseline in every cell" in line
-
-
-def test_tables_of_the_first_protocol_say_that_they_have_the_whole_return_only():
-    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0)).add(rewards=(-60.0, -60.5))
-    sheet.results = [row for row in sheet.results if row["metric"] != "settled_reward"]
-    found = written(sheet.tables())
-    assert (
-        "| claim | paper | ours, whole return | verdict | by the whole return, as in the paper |"
-        in found
-    )
-    assert f"{HOW} {WHOLE}" in found
 
 
 def test_sections_without_anything_tested_are_left_out():
