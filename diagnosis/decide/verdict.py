@@ -259,7 +259,8 @@ def sizes(
     found = [slots[i].beyond(fit.total[i], base[i]) for i in free]
     value, slope = np.asarray(found).T
     following = [
-        slots[i].neutral - x if slots[i].factor else 0.0 for i, x in zip(free, value, strict=True)
+        slots[i].neutral - x if slots[i].multiplies(base[i]) else 0.0
+        for i, x in zip(free, value, strict=True)
     ]
     return value, np.abs(slope) * np.sqrt(evidence.variance(fit, free, np.asarray(following)))
 

@@ -347,7 +347,7 @@ def bounds(
     """Bounds of a vector whose effects act on top of `base`: those of factors go with it."""
     within = np.asarray([(slot.low, slot.high) for slot in slots])
     on_top = [
-        (slot.on_top(slot.low, at), slot.on_top(slot.high, at)) if slot.factor else ends
+        (slot.on_top(slot.low, at), slot.on_top(slot.high, at)) if slot.multiplies(at) else ends
         for slot, at, ends in zip(slots, base, within, strict=True)
     ]
     low, high = np.asarray(on_top).T

@@ -23,6 +23,8 @@ from simulators.effects.contract import (
     WeightEffect,
 )
 
+NOTHING = 1e-9
+"""Factors nearer to 0 leave nothing; rounding is smaller."""
 FAR = 1e9
 """Stands for an infinite neutral value (a natural frequency), so that vectors can be compared."""
 
@@ -46,16 +48,20 @@ class Slot:
     factor: bool = False
     """Whether it multiplies (`Parameter.factor`)."""
 
+    def multiplies(self, base: float) -> bool:
+        """Whether what acts on top of `base` is a ratio to it; of nothing there is none."""
+        return self.factor and bool(abs(base + 1.0 - self.neutral) > NOTHING)
+
     def beyond(self, value: float, base: float) -> tuple[float, float]:
         """What acts on top of `base` where the vector holds `value`, and its slope by `value`."""
-        if not self.factor:
+        if not self.multiplies(base):
             return self.neutral + value - base, 1.0
         one = 1.0 - self.neutral
         return (value + one) / (base + one) - one, 1.0 / (base + one)
 
     def on_top(self, value: float, base: float) -> float:
         """What the vector holds where `value` acts on top of `base`."""
-        if not self.factor:
+        if not self.multiplies(base):
             return value + base - self.neutral
         one = 1.0 - self.neutral
         return (value + one) * (base + one) - one

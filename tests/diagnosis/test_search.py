@@ -69,6 +69,8 @@ def test_a_step_along_what_is_hardly_observed_stays_within_its_bounds():
         (0.0, True, 0.25, 0.6, 1.0),  # 1.25 x 1.6 = 1 + 1.0
         (1.0, True, 1.5, 2.0, 3.0),
         (0.0, False, 0.25, 0.6, 0.85),
+        (0.0, True, -1.0, 0.6, -0.4),  # of nothing there is no ratio
+        (1.0, True, 0.0, 1.6, 0.6),
     ],
 )
 def test_what_acts_on_top_of_a_reference(neutral, factor, base, value, vector):
@@ -91,6 +93,9 @@ def test_bounds_of_factors_go_with_the_reference_and_none_is_narrowed(replay):
     assert high[mass] == pytest.approx(1.5 * (1.0 + slot.high) - 1.0)
     assert low[mass] == slot.low
     assert (low[wind], high[wind]) == (library.low[wind], library.high[wind])
+    base[mass] = -1.0  # nothing to multiply
+    low, high = bounds(library.slots, base)
+    assert (low[mass], high[mass]) == (library.low[mass], library.high[mass])
     kept = bounds(library.slots, library.neutral)
     np.testing.assert_allclose(kept, (library.low, library.high), rtol=1e-12)
 
