@@ -51,7 +51,7 @@ def declarations(cls: type[Any], given: Mapping[str, Setting]) -> list[Check]:
     """Checks of what the class says of itself; the others need them."""
     return [
         *declaration_checks(cls, AbstractMethod, **given),
-        Check("its parents are registered methods", lambda: _parents(cls)),
+        Check("its parents are registered methods, in cells that there are", lambda: _parents(cls)),
         Check("it names the simulator in which it trains", lambda: _simulator(cls)),
     ]
 
@@ -137,6 +137,15 @@ def _parents(cls: type[Any]) -> None:
     known = registry.names("method")
     for name in cls.parents:
         demand(name in known, registry.unknown("method", name, known))
+    own = {name for name in cls.parents if registry.load("method", name) is cls}
+    demand(not own, f"`parents` names the method itself, {', '.join(sorted(own))}")
+    strangers = sorted({*cls.resumes_from, *cls.parent_cells} - {*cls.parents})
+    demand(
+        not strangers,
+        f"`resumes_from` and `parent_cells` must name parents, got {', '.join(strangers)}",
+    )
+    for task, n_drones in cls.parent_cells.values():
+        registry.load("task", task)(n_drones=n_drones)
 
 
 def _simulator(cls: type[Any]) -> None:

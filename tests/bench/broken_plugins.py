@@ -382,7 +382,3 @@ class Lucky(Honest):
         shift = 0.01 * np.random.default_rng().normal()
         moved = jax.tree.map(lambda x: x + shift if eqx.is_inexact_array(x) else x, policy)
         return Honest.result(self, moved, ledger)
-
-
-WHOLE = {"task": (Circle,), "residual": (Affine,), "method": (Honest,)}
-"""Plug-ins without a fault."""

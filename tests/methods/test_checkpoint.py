@@ -70,7 +70,7 @@ def test_a_resumed_training_equals_the_uninterrupted_one_bit_for_bit(whole, die_
     assert flown == list(range(1, whole.ledger.epochs + 1))  # none twice
 
 
-def test_time_before_a_kill_is_billed_once(monkeypatch):
+def test_two_kills_in_a_row_cost_nothing_and_time_before_them_is_billed_once(whole, monkeypatch):
     """By a clock on which an epoch takes a second and nothing else takes any."""
     now = [0.0]
     monkeypatch.setattr(bptt.time, "perf_counter", lambda: now[0])
@@ -86,15 +86,9 @@ def test_time_before_a_kill_is_billed_once(monkeypatch):
         with pytest.raises(Killed):
             train(keeper, die_at=die_at)
         now[0] += 1000.0  # until somebody starts it again
-    assert train(keeper).ledger.train_seconds == train(Memory()).ledger.train_seconds == 8.0
-
-
-def test_two_kills_in_a_row_cost_nothing(whole):
-    keeper = Memory()
-    for die_at in (3, 5):
-        with pytest.raises(Killed):
-            train(keeper, die_at=die_at)
-    check_equal(train(keeper), whole)
+    resumed = train(keeper)
+    check_equal(resumed, whole)
+    assert resumed.ledger.train_seconds == train(Memory()).ledger.train_seconds == 8.0
 
 
 def test_a_training_that_had_ended_is_not_flown_again(whole):

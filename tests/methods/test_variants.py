@@ -107,6 +107,8 @@ def test_rows_bound_each_members_fit():
     ("method", "settings", "match"),
     [
         ("hybrid", {"rows": 0}, "`rows` must be at least 1"),
+        ("hybrid", {"flights": 0}, "`flights` must be at least 1 or None, got 0"),
+        ("recalibrated", {"flights": -1}, "`flights` must be at least 0, got -1"),
         ("hybrid", {"rows": 9, "residual": "affine"}, "and the residual 'mlp'"),
         ("grey_box", {"flights": 0}, "`flights` must be at least 1"),
         ("grey_box", {"flights": 1, "residual": "mlp"}, "`flights` must be at least 2"),
@@ -122,10 +124,3 @@ def test_the_budget_of_scratch_goes_through_the_papers_epochs():
     assert [HFScratch().budget(n) for n in (0, 12, 18)] == [400, 1400, 1899]
     limited = HFScratch(trainer=dataclasses.replace(HFScratch().trainer, epochs=1000))
     assert limited.budget(18) == 1000
-
-
-@pytest.mark.parametrize("case", [("hybrid", 0, "1 or None"), ("recalibrated", -1, "0")])
-def test_too_few_flights_are_refused(case):
-    name, flights, least = case
-    with pytest.raises(ValueError, match=f"`flights` must be at least {least}, got {flights}"):
-        METHODS[name](flights=flights)

@@ -177,31 +177,26 @@ def test_crazyflow_rests_on_its_floor_until_the_rotors_lift_it():
     assert (strong.pos[12, :, 2] > 0.05).all()
 
 
-@pytest.mark.parametrize("asked", [0.0, 0.05, 1.0])
-def test_crazyflow_clips_thrust_to_the_vehicles_range(asked):
+@pytest.mark.parametrize(
+    ("changes", "asked", "tolerance"),
+    [
+        *(({}, asked, 1e-3) for asked in (0.0, 0.05, 1.0)),
+        *(({"thrust_min": 0.01, "thrust_max": 1.5}, x, 5e-3) for x in (0.005, 0.05, 0.6, 1.0, 1.7)),
+        # One that `VEHICLES` does not know, whose file allows other thrusts.
+        *(({"name": "cf2x_P250"}, asked, 5e-3) for asked in (0.4, 1.0)),
+    ],
+)
+def test_crazyflow_clips_thrust_to_the_range_of_its_spec(changes, asked, tolerance):
     """The rotors never stand still, not even at a thrust of zero."""
-    cmds = hold([0.0, 0.0, 0.0, asked], STEPS, N)
-    thrust = hovering_flight(SIMULATORS["crazyflow"](), cmds=cmds).thrust[-1]
-    given = np.clip(asked, SPEC.thrust_min, SPEC.thrust_max)
-    np.testing.assert_allclose(thrust, given, rtol=1e-3)
-
-
-@pytest.mark.parametrize("asked", [0.005, 0.05, 0.6, 1.0, 1.7])
-def test_the_range_of_thrust_is_that_of_the_spec(asked):
-    spec = dataclasses.replace(SPEC, thrust_min=0.01, thrust_max=1.5)
-    made = SIMULATORS["crazyflow"](spec=spec)
+    spec = dataclasses.replace(SPEC, **changes)
+    made, given = (
+        SIMULATORS["crazyflow"](spec=spec),
+        np.clip(asked, spec.thrust_min, spec.thrust_max),
+    )
     thrust = hovering_flight(made, cmds=hold([0.0, 0.0, 0.0, asked], STEPS, N)).thrust[-1]
-    np.testing.assert_allclose(thrust, np.clip(asked, 0.01, 1.5), rtol=5e-3)
+    np.testing.assert_allclose(thrust, given, rtol=tolerance)
     state = made.with_thrust(hovering(made, positions(N)), jnp.full(N, asked))
-    np.testing.assert_allclose(made.flight(state).thrust, np.clip(asked, 0.01, 1.5), rtol=1e-3)
-
-
-@pytest.mark.parametrize(("asked", "given"), [(0.4, 0.4), (1.0, SPEC.thrust_max)])
-def test_an_airframe_that_is_crazyflows_alone_has_the_range_of_its_spec(asked, given):
-    """One that `VEHICLES` does not know, whose file allows other thrusts."""
-    made = SIMULATORS["crazyflow"](spec=dataclasses.replace(SPEC, name="cf2x_P250"))
-    thrust = hovering_flight(made, cmds=hold([0.0, 0.0, 0.0, asked], STEPS, N)).thrust[-1]
-    np.testing.assert_allclose(thrust, given, rtol=5e-3)
+    np.testing.assert_allclose(made.flight(state).thrust, given, rtol=1e-3)
 
 
 def test_a_wider_range_of_thrust_leaves_attitude_control_as_it_was():

@@ -11,7 +11,6 @@ import pytest
 from flying import (
     EFFECTS,
     HOVER,
-    KEY,
     SIMULATORS,
     assert_near,
     attached,
@@ -26,6 +25,9 @@ from flying import (
 )
 from jax.flatten_util import ravel_pytree
 
+from bench.conformance.effects import declarations
+from bench.conformance.flights import demand_structure
+from bench.conformance.suite import execute
 from simulators.contract import MissingDoorError, with_effects
 from simulators.effects import chain
 from simulators.effects.contract import DOORS, StiffEffect
@@ -122,35 +124,15 @@ def test_all_neutral_effects_together_are_nominal_bit_for_bit(simulator, folded)
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
-def test_the_default_of_every_parameter_is_neutral(effect):
-    made = EFFECTS[effect]()
-    fields = {name: float(value) for name, value in vars(made).items()}
-    assert fields == {name: float(np.float32(p.neutral)) for name, p in made.parameters.items()}
-
-
-@pytest.mark.parametrize("effect", EFFECTS)
-def test_every_parameter_states_unit_source_and_ordered_bounds(effect):
-    for parameter in EFFECTS[effect].parameters.values():
-        assert parameter.unit
-        assert parameter.source
-        assert parameter.low < parameter.high
-    assert EFFECTS[effect].door in DOORS
+def test_it_says_what_it_is_and_its_default_is_neutral(effect):
+    cls = EFFECTS[effect]
+    assert [x for x in execute(cls, declarations(cls)) if x.problem] == []
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)
 def test_effects_keep_the_structure_and_types_of_the_state(simulator):
     made = attached(SIMULATORS[simulator](), **{e: INTERIOR[e] for s, e in PAIRS if s == simulator})
-    state = jax.eval_shape(lambda: made.reset(positions(N), KEY))
-    after = jax.eval_shape(lambda s: made.step_cmd(s, jnp.ones((N, 4)), 0.02), state)
-    restored = jax.eval_shape(lambda: hovering(made, positions(N)))
-    assert jax.tree.structure(state) == jax.tree.structure(after) == jax.tree.structure(restored)
-    for other in (after, restored):
-        assert [x.shape for x in jax.tree.leaves(state)] == [
-            x.shape for x in jax.tree.leaves(other)
-        ]
-        assert [x.dtype for x in jax.tree.leaves(state)] == [
-            x.dtype for x in jax.tree.leaves(other)
-        ]
+    demand_structure(made, "what all effects remember")
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)

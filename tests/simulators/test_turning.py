@@ -37,26 +37,21 @@ def _turning(axis, angle, **effects):
     return quat_to_rpy(fly(made, hovering(made, positions(1)), hold(cmd, 25)).quat)[:, 0, axis]
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-def test_gains_that_grow_with_the_inertia_turn_a_drone_as_before(axis):
+@pytest.mark.parametrize(
+    ("axis", "effect", "gains", "share"),
+    [
+        *((x, "roll_pitch_gains", ("stiffness", "damping", "acceleration"), 0.01) for x in (0, 1)),
+        (2, "yaw_gains", ("stiffness", "integral", "damping"), 0.02),
+    ],
+)
+def test_gains_that_grow_with_the_inertia_turn_a_drone_as_before(axis, effect, gains, share):
     """J w' = torque: (1 + e) on both sides; with the inertia alone the response overshoots."""
     e, angle = 0.5, 0.02
-    gains = {"stiffness": e, "damping": e, "acceleration": e}
     nominal = _turning(axis, angle)
-    scaled = _turning(axis, angle, inertia={"e": e}, roll_pitch_gains=gains)
+    scaled = _turning(axis, angle, **{"inertia": {"e": e}, effect: dict.fromkeys(gains, e)})
     alone = _turning(axis, angle, inertia={"e": e})
-    np.testing.assert_allclose(scaled, nominal, atol=0.01 * angle)
-    assert np.abs(alone - nominal).max() > 0.03 * angle
-
-
-def test_yaw_gains_that_grow_with_the_inertia_turn_a_drone_as_before():
-    e, angle = 0.5, 0.02
-    gains = {"stiffness": e, "integral": e, "damping": e}
-    nominal = _turning(2, angle)
-    scaled = _turning(2, angle, inertia={"e": e}, yaw_gains=gains)
-    alone = _turning(2, angle, inertia={"e": e})
-    np.testing.assert_allclose(scaled, nominal, atol=0.02 * angle)
-    assert np.abs(alone - nominal).max() > 0.04 * angle
+    np.testing.assert_allclose(scaled, nominal, atol=share * angle)
+    assert np.abs(alone - nominal).max() > (0.02 + share) * angle
 
 
 @pytest.mark.parametrize("e", [-1.0, 0.5])
@@ -71,18 +66,28 @@ def test_rotors_that_speed_up_turn_the_drone_by_their_inertia(e):
     assert float(rates[1]) == pytest.approx((1.0 + e) * float(rates[0]), rel=1e-3, abs=1e-6)
 
 
-@pytest.mark.parametrize("e", [-0.3, 0.0, 0.5])
-def test_rotors_further_out_turn_the_drone_more(e):
-    """First step from rotors of which the two on one side are faster."""
+@pytest.mark.parametrize(
+    ("effect", "e", "speeds", "axis"),
+    [
+        *(("rotor_arm", e, (1.05, 1.05, 1.0, 1.0), 0) for e in (-0.3, 0.0, 0.5)),
+        *(("rotor_torque", e, (1.05, 1.0, 1.05, 1.0), 2) for e in (-0.5, 0.0, 2.0)),
+    ],
+)
+def test_rotors_of_different_speeds_turn_the_drone_by_their_arm_and_torque(effect, e, speeds, axis):
+    """First step from two faster rotors, those of one side or of a pair that turns one way.
+
+    Speeding up does nothing: rotors without inertia.
+    """
     rates = []
-    for arm in (0.0, e):
-        made = _made(rotor_arm={"e": arm})
+    for size in (0.0, e):
+        made = _made(**{"rotor_inertia": {"e": -1.0}, effect: {"e": size}})
         state = hovering(made, positions(1))
-        faster = state.rotor_vel * jnp.asarray([[1.05, 1.05, 1.0, 1.0]])
+        faster = state.rotor_vel * jnp.asarray([speeds])
         state = eqx.tree_at(lambda s: s.rotor_vel, state, faster)
-        assert float(made.flight(state).torque[0, 0]) != 0.0
-        rates.append(float(_first_rate(made, state)[0]))
-    assert abs(rates[0]) > 1e-2
+        if effect == "rotor_arm":
+            assert float(made.flight(state).torque[0, axis]) != 0.0
+        rates.append(float(_first_rate(made, state)[axis]))
+    assert abs(rates[0]) > (1e-2, 0.0, 1e-3)[axis]
     assert rates[1] == pytest.approx((1.0 + e) * rates[0], rel=1e-3)
 
 
@@ -148,20 +153,6 @@ def test_only_the_chosen_drones_rotors_are_faster():
     point = SIMULATORS["point_mass"]()
     still = hovering(point, positions(2))
     assert eqx.tree_equal(point.with_faster_rotors(still, faster, jnp.asarray([True, True])), still)
-
-
-@pytest.mark.parametrize("e", [-0.5, 0.0, 2.0])
-def test_rotors_that_turn_at_different_speeds_turn_the_drone_by_their_torque(e):
-    """First step from rotors of which one pair is faster, without what their speeding up does."""
-    rates = []
-    for torque in (0.0, e):
-        made = _made(rotor_inertia={"e": -1.0}, rotor_torque={"e": torque})
-        state = hovering(made, positions(1))
-        faster = state.rotor_vel * jnp.asarray([[1.05, 1.0, 1.05, 1.0]])
-        state = eqx.tree_at(lambda s: s.rotor_vel, state, faster)
-        rates.append(float(_first_rate(made, state)[2]))
-    assert abs(rates[0]) > 1e-3
-    assert rates[1] == pytest.approx((1.0 + e) * rates[0], rel=1e-3)
 
 
 def test_a_prescribed_attitude_leaves_a_weaker_thrust_and_its_lag_alone():
