@@ -1,6 +1,7 @@
 """What is said of the interface: a fault with its numbers, and what flights do not tell."""
 
 import dataclasses
+from collections.abc import Iterable
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -76,3 +77,15 @@ SIZED = frozenset(
 def of_reference(part: str) -> str:
     """What a part is called where the reference has it wrong."""
     return f"{part} of the reference"
+
+
+def in_reference(fault: InterfaceFault) -> InterfaceFault:
+    """A fault of the reference, as it is said of the flights beside it."""
+    advice = f"In the reference flights: {fault.advice[0].lower()}{fault.advice[1:]}"
+    return dataclasses.replace(fault, part=of_reference(fault.part), advice=advice)
+
+
+def in_order(faults: Iterable[InterfaceFault]) -> tuple[InterfaceFault, ...]:
+    """Faults in the order of `PARTS`, those of the reference last."""
+    order = [*PARTS, *map(of_reference, PARTS)]
+    return tuple(sorted(faults, key=lambda fault: order.index(fault.part)))

@@ -11,7 +11,7 @@ reference's: what both sets share falls out, so that small changes show.
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,11 +19,11 @@ from diagnosis.interface import commands, orders, position, scales
 from diagnosis.interface.commands import Following
 from diagnosis.interface.fault import (
     ORDERED,
-    PARTS,
     SIZED,
     Evidence,
     InterfaceFault,
-    of_reference,
+    in_order,
+    in_reference,
 )
 from diagnosis.interface.inputs import lift_given, thrust_given
 from diagnosis.interface.mended import below_floor
@@ -67,8 +67,8 @@ def interface_faults(
         later = _later_since(now.turned, before.turned, flights)
     if turn is not None:  # it says more than that the path is turned
         own = [fault for fault in own if fault.part != "frame of the path"]
-    beside = (_in_reference(fault) for fault in there if fault.part in ORDERED)
-    return _in_order(fault for fault in (*own, turn, later, *beside) if fault is not None)
+    beside = (in_reference(fault) for fault in there if fault.part in ORDERED)
+    return in_order(fault for fault in (*own, turn, later, *beside) if fault is not None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,7 +115,7 @@ def _faults(flights: FlightSet, made: Checks) -> tuple[InterfaceFault, ...]:
     if made.followed and whole:
         found += _followed(made.followed)
     found.append(_heading(_drones(flights)))
-    return _in_order(fault for fault in found if fault is not None)
+    return in_order(fault for fault in found if fault is not None)
 
 
 def _placed(made: Checks) -> tuple[InterfaceFault | None, set[str]]:
@@ -133,16 +133,6 @@ def _placed(made: Checks) -> tuple[InterfaceFault | None, set[str]]:
         for line in _shares(part, chosen)
     )
     return position.of_position(words, (*shares, *risen)), {"velocity", "attitude", "accelerometer"}
-
-
-def _in_reference(fault: InterfaceFault) -> InterfaceFault:
-    advice = f"In the reference flights: {fault.advice[0].lower()}{fault.advice[1:]}"
-    return dataclasses.replace(fault, part=of_reference(fault.part), advice=advice)
-
-
-def _in_order(faults: Iterable[InterfaceFault]) -> tuple[InterfaceFault, ...]:
-    order = [*PARTS, *map(of_reference, PARTS)]
-    return tuple(sorted(faults, key=lambda fault: order.index(fault.part)))
 
 
 def _drones(flights: FlightSet) -> list[DroneLog]:
