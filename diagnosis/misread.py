@@ -1,9 +1,9 @@
 """The answer where columns of the logs do not hold what they are taken for: mend the logs first.
 
 A replay reads position, velocity, attitude and commands. If one of them is in another order, sign
-or frame, every number that a simulator could be compared with is wrong, so that none is computed.
-It does not read the accelerometer, the angular velocity and the order of the motors: they are
-witnesses, and a fault of theirs alone leaves the answer as it is.
+or frame, the simulator would be compared with wrong numbers. Then nothing is simulated.
+A replay does not read the accelerometer, the angular velocity or the order of the motors. If only
+these are wrong, the answer stays as it is.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,6 @@ def misread(question: Question) -> Diagnosis:
         LogError: As `prepare`.
     """
     inputs, compared = driven(question)
-    n, unknown = len(inputs.flights), "the logs must be mended first"
     return Diagnosis(
         verdict="unexplained",
         probability=None,
@@ -58,7 +57,7 @@ def misread(question: Question) -> Diagnosis:
         where=(),
         candidates=(),
         support=(),
-        shrink=unknown_shrink(n, unknown),
+        shrink=unknown_shrink(len(inputs.flights), "the logs must be mended first"),
         next_flight=None,
         flights=flights_used(question.flights, inputs, lambda _: "checked only"),
         reference=None

@@ -185,7 +185,7 @@ def _worlds(simulator: AbstractSimulator) -> None:
     for i in range(2):
         alone = flights.fly(simulator, pos[i], cmds[i])
         demand(
-            close(jax.tree.map(lambda x, i=i: x[i], together), alone, 1e-3, 1e-3),
+            close(jax.tree.map(lambda x, i=i: x[i], together), alone),
             f"world {i} of two flies differently than alone; write for one world",
         )
 
@@ -196,7 +196,7 @@ def _renumbering(simulator: AbstractSimulator) -> None:
     turned = flights.fly(simulator, pos[order], cmds[:, order])
     for name in ("pos", "vel", "quat", "ang_vel", "thrust", "torque"):
         demand(
-            close(getattr(turned, name), getattr(straight, name)[:, order], 1e-3, 1e-4),
+            close(getattr(turned, name), getattr(straight, name)[:, order]),
             f"`flight().{name}` depends on the numbers of the drones",
         )
 

@@ -21,9 +21,7 @@ from bench.paper.values import varied
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
 from bench.stats.choices import choices
-from bench.stats.scores import (
-    PRIMARY,
-)
+from bench.stats.scores import PRIMARY
 from bench.stats.statistics import difference, estimate
 from bench.stats.verdicts import Verdict, in_cell
 from bench.store.tables import Tables

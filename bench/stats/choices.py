@@ -66,7 +66,7 @@ class Better(NamedTuple):
     minutes: float
     """Flight that it is billed for, mean over tasks [fleet-minutes]."""
     above: Entry
-    """The method with the best score among default settings that need no more flight."""
+    """The best method with default settings that needs no more flight."""
     above_score: float
 
 

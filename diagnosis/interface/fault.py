@@ -86,6 +86,6 @@ def in_reference(fault: InterfaceFault) -> InterfaceFault:
 
 
 def in_order(faults: Iterable[InterfaceFault]) -> tuple[InterfaceFault, ...]:
-    """Faults in the order of `PARTS`, those of the reference last."""
+    """The faults, sorted as `PARTS` are. Faults of the reference come last."""
     order = [*PARTS, *map(of_reference, PARTS)]
     return tuple(sorted(faults, key=lambda fault: order.index(fault.part)))

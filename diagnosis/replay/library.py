@@ -24,7 +24,7 @@ from simulators.effects.contract import (
 )
 
 NOTHING = 1e-9
-"""Factors nearer to 0 leave nothing; rounding is smaller."""
+"""A factor nearer to 0 than this leaves nothing; rounding is smaller."""
 FAR = 1e9
 """Stands for an infinite neutral value (a natural frequency), so that vectors can be compared."""
 
@@ -49,7 +49,7 @@ class Slot:
     """Whether it multiplies (`Parameter.factor`)."""
 
     def multiplies(self, base: float) -> bool:
-        """Whether what acts on top of `base` is a ratio to it; of nothing there is none."""
+        """Whether a change multiplies `base`. If `base` leaves nothing, a change is added to it."""
         return self.factor and bool(abs(base + 1.0 - self.neutral) > NOTHING)
 
     def beyond(self, value: float, base: float) -> tuple[float, float]:

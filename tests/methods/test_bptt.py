@@ -16,6 +16,7 @@ from methods.lf_baseline import LFBaseline
 from methods.training import bptt
 from methods.training.bptt import BPTT, Training
 from methods.training.context import Context, silent
+from methods.training.meter import train_metered
 from methods.training.policy import PolicyController
 from simulators.contract import with_effects
 from simulators.effects.contract import WrenchEffect
@@ -289,6 +290,22 @@ def test_the_policy_that_is_returned_has_seen_the_last_update():
     last = returns(HOLD, train(HOLD, steady).policy, KEY)
     assert last == pytest.approx(float(longer[4]), rel=1e-5)
     assert np.abs(np.diff(longer)).min() > 1e-3 * abs(last)  # neighbours are told apart
+
+
+STILL = BPTT(epochs=30, lr=0.0, n_worlds=1, smoothing=3, patience=5)
+
+
+def test_training_ends_when_patience_runs_out():
+    """Nothing is learned, so the first full average stays the best: 2 + 5 epochs and one more."""
+    policy = fresh(HOLD)
+    training = train(HOLD, STILL, policy=policy)
+    assert training.epochs == (STILL.smoothing - 1) + STILL.patience + 1
+    assert not training.out_of_budget
+    assert same(training.policy, policy)
+    cell = setup(HOLD, PointMass(), policy)
+    trained = train_metered(HFHotStart(trainer=STILL), cell, KEY)
+    assert trained.status == "ok"
+    assert trained.ledger.hf_fleet_seconds == pytest.approx(training.epochs * 40 * H * 2)
 
 
 def test_small_improvements_do_not_keep_a_run_alive_and_large_ones_do():

@@ -265,6 +265,12 @@ def test_crashes_of_the_isolated_drone_equal_a_recount():
     assert fly(NOMINAL).crashes == 0
 
 
+def test_there_is_nothing_to_correct_if_reality_is_the_point_mass():
+    pool = fly(NOMINAL)
+    np.testing.assert_allclose(pool.transitions.target, 0.0, atol=1e-3)
+    assert pool.pos_remainder == pytest.approx(0.0, abs=1e-6)
+
+
 @pytest.mark.parametrize("attitude", ["filtered", "measured"])
 @pytest.mark.parametrize(
     "nominal",

@@ -134,6 +134,16 @@ def test_the_gradient_through_a_linear_flight_is_the_nominal_one():
     assert float(total(plan, damped)) < float(total(plan, PointMass())) - 1e-3
 
 
+def test_the_residual_is_added_to_the_nominal_acceleration():
+    simulator = corrected(Damping(rate=0.0))
+    pos, _ = CLIMB.reset(KEY)
+    action = lift(CLIMB, 0.0).actions[0]
+    state = simulator.reset(pos, KEY)
+    for _ in range(5):
+        state = simulator.step(state, action)
+    np.testing.assert_allclose(state.vel, [[5 * 0.02 * 0.5, 0.0, 0.0]] * 2, atol=1e-6)
+
+
 def test_features_are_the_papers_twelve_numbers():
     nominal = PointMass()
     state = nominal.reset(jnp.asarray([[1.0, 2.0, 3.0]]), KEY)

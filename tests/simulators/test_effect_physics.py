@@ -8,6 +8,7 @@ import pytest
 from flying import (
     DT,
     HOVER,
+    KEY,
     OWN_DRAG,
     SIMULATORS,
     SPEC,
@@ -22,6 +23,7 @@ from flying import (
     positions,
     random_cmds,
     restore,
+    x64,
 )
 
 from simulators.algebra.rotation import body_z, rpy_to_quat
@@ -210,6 +212,21 @@ def test_a_gust_hits_crazyflow_at_its_onset():
     made = disturbed("crazyflow", gust={"x": 1.5, "onset": onset})
     expected = 1.5 * coasting(c0, np.clip(T - onset, 0, None))
     np.testing.assert_allclose(hovering_flight(made).vel[:, 0, 0], expected, rtol=2e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("onset", [0.4033, 0.4133])
+def test_a_later_gust_leaves_proportionally_less_speed(onset):
+    """dv / d onset = -a, the same anywhere within a step."""
+    with x64():
+        nominal = SIMULATORS["point_mass"]()
+
+        def final_speed(onset):
+            made = attached(nominal, gust={"x": 1.2, "onset": onset})
+            state = made.reset(positions(1), KEY)
+            return fly(made, state, hold([0.0, 0.0, 0.0, HOVER], STEPS)).vel[-1, 0, 0]
+
+        _, slope = jax.jvp(final_speed, (onset,), (1.0,))
+        assert float(slope) == pytest.approx(-1.2, rel=1e-9)
 
 
 @both

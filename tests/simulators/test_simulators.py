@@ -3,7 +3,18 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flying import SIMULATORS, SPEC, both, fly_from_rest, positions, random_cmds
+from flying import (
+    HOVER,
+    SIMULATORS,
+    SPEC,
+    both,
+    fly,
+    fly_from_rest,
+    hold,
+    hovering,
+    positions,
+    random_cmds,
+)
 
 from bench.conformance.command import findings
 from simulators import registry
@@ -28,3 +39,25 @@ def test_drones_do_not_act_on_each_other(name):
 def test_the_airframe_and_its_actions_are_those_that_controllers_believe(name):
     assert SIMULATORS[name]().spec == SPEC
     assert SIMULATORS[name]().action_space == ActionSpace()
+
+
+@both
+def test_hover_thrust_holds_the_height(name):
+    """From spun-up rotors; what remains is the rounding of the rotor speed."""
+    simulator = SIMULATORS[name]()
+    flight = fly(simulator, hovering(simulator, positions(3)), hold([0, 0, 0, HOVER], 50, 3))
+    np.testing.assert_allclose(flight.pos[-1], positions(3), atol=1e-3)
+    np.testing.assert_allclose(flight.thrust, HOVER, rtol=1e-4)
+
+
+@both
+@pytest.mark.parametrize("axis", [0, 1])
+def test_tilt_accelerates_in_the_direction_of_the_paper(name, axis):
+    """Positive pitch flies to +x, positive roll to -y."""
+    cmd = [0.0, 0.0, 0.0, HOVER]
+    cmd[1 - axis] = 0.1
+    simulator = SIMULATORS[name]()
+    vel = fly(simulator, hovering(simulator, positions(3)), hold(cmd, 50, 3)).vel[-1, 0]
+    sign = 1.0 if axis == 0 else -1.0
+    assert sign * vel[axis] > 0.5
+    assert abs(vel[1 - axis]) < 0.02

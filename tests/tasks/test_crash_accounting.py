@@ -75,6 +75,13 @@ def test_the_choreography_crashes_as_it_was_made_to(flown):
     assert 20 < contact_steps < HORIZON
 
 
+def test_a_sustained_contact_counts_once(flown):
+    _, _, rec = flown
+    on_floor = np.asarray(rec.contact)[:, 2]
+    assert on_floor[-50:].all()
+    assert np.sum(on_floor[1:] & ~on_floor[:-1]) + on_floor[0] == 1
+
+
 def test_the_records_rewards_sum_to_the_episodes_return(flown):
     _, sums, rec = flown
     assert float(sums.reward) == pytest.approx(float(rec.reward.mean(axis=1).sum()), rel=1e-4)

@@ -63,6 +63,31 @@ def test_the_error_is_the_length_of_the_offset(name):
     np.testing.assert_allclose(task.error(state), steps, atol=2e-3)
 
 
+@pytest.mark.parametrize("name", ["figure8", "pitchandexpand"])
+def test_the_targets_velocity_is_the_rate_of_its_motion(name):
+    """Against the change of the offset of a drone that stands still, along its direction."""
+    task = TASKS[name](n_drones=3)
+    state = random_state(task)
+    later = eqx.tree_at(lambda s: s.step, state, state.step + 1)
+    moved = (task.target(later).offset - task.target(state).offset) / 0.02
+    target = task.target(state)
+    away = target.offset / jnp.linalg.norm(target.offset, axis=-1, keepdims=True)
+    if name == "figure8":  # the ring's nearest point slides along the ring: project onto the offset
+        moved, expected = ((x * away).sum(-1) for x in (moved, target.vel))
+    else:
+        expected = target.vel
+    np.testing.assert_allclose(moved, expected, atol=0.08)
+
+
+def test_circles_velocity_is_tangential():
+    task = TASKS["circle"](n_drones=3)
+    state = random_state(task)
+    vel, pos = task.target(state).vel, state.flight.pos
+    np.testing.assert_allclose((vel[:, :2] * pos[:, :2]).sum(-1), 0.0, atol=1e-6)
+    np.testing.assert_allclose(jnp.linalg.norm(vel, axis=-1), 1.0, atol=1e-4)
+    assert (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0] > 0).all()
+
+
 @every_task
 def test_the_targets_acceleration_is_the_rate_of_its_velocity(name):
     """That of a drone which is where it should be, a step earlier and a step later."""
