@@ -22,7 +22,7 @@ from diagnosis.decide.verdict import Floor, floor_of
 from diagnosis.decision import Decision
 from diagnosis.fit.descent import polished
 from diagnosis.fit.equations import dispersion, loosened, spread_between
-from diagnosis.fit.evidence import Evidence
+from diagnosis.fit.evidence import Evidence, bounds, outwards
 from diagnosis.fit.fit import Set
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.outliers import beyond
@@ -56,6 +56,8 @@ class Reference:
     """Standard deviation of that between flights, beyond noise."""
     spread: Float[np.ndarray, " params"]
     """Variance of what its flights have of their own, in units of the dispersion."""
+    pull: Float[np.ndarray, " params"]
+    """How its flights pull at the bounds at which the vector stands."""
 
     @property
     def floor(self) -> Floor:
@@ -119,9 +121,13 @@ def fit_reference(
     spread = spread_between(normal, _shared(library), decision)
     normal = loosened(normal, spread)
     phi = dispersion(normal, n_flights)
-    H = normal.H.sum(axis=0)
-    precision = H + phi * np.diag(_prior(library, decision, np.diag(H) < phi * prior))
-    return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread)
+    H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
+    believed = phi * _prior(library, decision, np.diag(H) < phi * prior)
+    pull = outwards(
+        g - believed * (vector - library.neutral), vector, *bounds(library.slots, library.neutral)
+    )
+    precision = H + np.diag(believed)
+    return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread, pull)
 
 
 def beside(
@@ -131,7 +137,7 @@ def beside(
     if base is None:
         return Evidence.of(likelihood, decision=decision)
     precision = pinned(likelihood.library, base.precision)
-    return Evidence.of(likelihood, base.vector, precision, base.spread, decision)
+    return Evidence.of(likelihood, base.vector, precision, base.spread, base.pull, decision)
 
 
 def pinned(

@@ -232,12 +232,18 @@ def intervals(
     `interval_widening`, and by the root of the structure that the fit leaves (Birge's ratio): what
     all flights have in common and no effect describes, moves parameters by as much, and flights do
     not differ in it. They have no end where flights say nothing of a parameter.
+
+    Where what the reference shares stands at a bound, nobody knows whether a change counts from
+    there or from where the flights would have it: an interval holds both (`past_bounds`).
     """
     free = evidence.free(fit.effects)
     phi = evidence.phi * max(1.0, structure(evidence.library, fit.normal).value)
     value, error = sizes(evidence, fit)
     width = 1.96 * evidence.decision.interval_widening * np.sqrt(phi) * error
-    return free, value - width, value + width
+    slope, following = _slopes(evidence, fit, free, value)
+    step, shared = evidence.past_bounds(fit, free)
+    past = value + slope * (step + following * shared)
+    return free, np.minimum(value, past) - width, np.maximum(value, past) + width
 
 
 def sizes(
@@ -249,20 +255,24 @@ def sizes(
     of `phi`, infinite where flights say nothing of a parameter; a factor of what is known badly may
     be known well.
     """
-    base, slots, free = (
-        evidence.base + fit.shift,
-        evidence.library.slots,
-        evidence.free(fit.effects),
-    )
-    if not free:
-        return np.zeros(0), np.zeros(0)
-    found = [slots[i].beyond(fit.total[i], base[i]) for i in free]
-    value, slope = np.asarray(found).T
+    base, free = evidence.base + fit.shift, evidence.free(fit.effects)
+    slots = evidence.library.slots
+    value = np.asarray([slots[i].beyond(fit.total[i], base[i])[0] for i in free])
+    slope, following = _slopes(evidence, fit, free, value)
+    return value, np.abs(slope) * np.sqrt(evidence.variance(fit, free, following))
+
+
+def _slopes(
+    evidence: Evidence, fit: Fit, free: list[int], value: Float[np.ndarray, " free"]
+) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
+    """Slopes of sizes by their parameters, and how much of a shared shift counts like a step."""
+    base, slots = evidence.base + fit.shift, evidence.library.slots
+    slope = [slots[i].beyond(fit.total[i], base[i])[1] for i in free]
     following = [
         slots[i].neutral - x if slots[i].multiplies(base[i]) else 0.0
         for i, x in zip(free, value, strict=True)
     ]
-    return value, np.abs(slope) * np.sqrt(evidence.variance(fit, free, np.asarray(following)))
+    return np.asarray(slope), np.asarray(following)
 
 
 def at_bounds(evidence: Evidence, fit: Fit) -> list[AtBound]:

@@ -41,6 +41,8 @@ class Evidence:
     """How well the reference flights tell that vector; None without them."""
     spread: Float[np.ndarray, " params"]
     """Variance of what flights have of their own, in units of the dispersion."""
+    pull: Float[np.ndarray, " params"]
+    """How the reference flights pull at the bounds at which their vector stands."""
     phi: float = 1.0
     """Dispersion between flights."""
     decision: Decision = Decision()
@@ -53,12 +55,13 @@ class Evidence:
         base: Float[np.ndarray, " params"] | None = None,
         precision: Float[np.ndarray, "params params"] | None = None,
         spread: Float[np.ndarray, " params"] | None = None,
+        pull: Float[np.ndarray, " params"] | None = None,
         decision: Decision = Decision(),
     ) -> "Evidence":
         """That of flights, as far as nothing else is known beside the nominal simulator."""
         base = likelihood.library.neutral if base is None else base
-        spread = np.zeros(len(base)) if spread is None else spread
-        return cls(likelihood, base, precision, spread, decision=decision)
+        spread, pull = (np.zeros(len(base)) if x is None else x for x in (spread, pull))
+        return cls(likelihood, base, precision, spread, pull, decision=decision)
 
     @property
     def library(self) -> Library:
@@ -324,6 +327,29 @@ class Evidence:
         found = np.einsum("ij,jk,ik->i", along, inverse, along) + loose
         return np.where(told & (found > 0.0), found, np.inf)
 
+    def past_bounds(
+        self, fit: Fit, free: list[int]
+    ) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
+        """How far free parameters, and their shared shifts, would move if the shift had no bounds.
+
+        A vehicle that answers sooner than the simulator, say, has no delay that is allowed. To
+        first order; zero where nothing that a reference shares stands at a bound and pulls.
+        """
+        nothing = np.zeros(len(free))
+        if self.precision is None or not free:
+            return nothing, nothing
+        H, g = fit.normal.H.sum(axis=0), fit.normal.g.sum(axis=0)
+        pull = outwards(
+            g + self.pull - self.precision @ fit.shift, self.base + fit.shift, *self.ends
+        )
+        if not pull.any() or not np.isfinite(H).all():
+            return nothing, nothing
+        let_go = np.column_stack([H[:, free], pull])
+        known = np.linalg.solve(H + self.precision, let_go)
+        own, right = H[np.ix_(free, free)] - H[free] @ known[:, :-1], -H[free] @ known[:, -1]
+        step = np.linalg.lstsq(*scaled(own, right), rcond=1e-9)[0] / scale_of(own)
+        return step, (known[:, -1] - known[:, :-1] @ step)[free]
+
     def log_evidence(self, fit: Fit) -> float:
         """Laplace's log evidence [nats]; of parameters that cannot be flown minus infinity."""
         free = self.free(fit.effects)
@@ -339,6 +365,17 @@ class Evidence:
         width = (self.library.high - self.library.low)[free]
         sizes = np.linalg.slogdet(H / self.phi + np.diag(2 * np.pi / width**2))[1]
         return float(np.sum(np.log(width / np.sqrt(2 * np.pi))) + 0.5 * sizes)
+
+
+def outwards(
+    pull: Float[np.ndarray, " params"],
+    vector: Float[np.ndarray, " params"],
+    low: Float[np.ndarray, " params"],
+    high: Float[np.ndarray, " params"],
+) -> Float[np.ndarray, " params"]:
+    """What a pull on a vector does at the bounds at which it stands, and zero elsewhere."""
+    held = (vector <= low + 1e-9) & (pull < 0.0) | (vector >= high - 1e-9) & (pull > 0.0)
+    return np.where(held, pull, 0.0)
 
 
 def bounds(

@@ -14,6 +14,7 @@ from diagnosis.decide.verdict import (
     intervals,
     judge,
     limits,
+    sizes,
     structure,
 )
 from diagnosis.decision import Decision
@@ -232,13 +233,13 @@ def test_dispersion_of_independent_noise_is_one_and_of_moody_flights_is_not(repl
 
 
 def test_the_smallest_visible_size_falls_with_the_root_of_flight_time(replay):
-    sizes = []
+    visible = []
     for n_flights in (2, 8):
         evidence = Evidence.of(likelihood_of(replay, n_flights=n_flights))
         fits = attribute(evidence, n_flights).weighed(1.0)
         found = {replay.library.slots[i]: x for i, x in limits(fits.evidence, fits.nominal)}
-        sizes.append(next(x for slot, x in found.items() if slot.effect == "drag"))
-    assert sizes[0] / sizes[1] == pytest.approx(2.0, rel=0.35)
+        visible.append(next(x for slot, x in found.items() if slot.effect == "drag"))
+    assert visible[0] / visible[1] == pytest.approx(2.0, rel=0.35)
 
 
 def test_a_reference_takes_out_what_both_sets_share(replay, dragged):
@@ -249,6 +250,22 @@ def test_a_reference_takes_out_what_both_sets_share(replay, dragged):
     assert replay.library.slots[free[0]].parameter == "x"
     assert low[0] - 0.02 < 0.4 < high[0] + 0.02
     assert any(shared.effect == "drag" for shared in dragged.shared(replay.library))
+
+
+def test_an_interval_holds_both_where_a_reference_stands_at_its_bound(replay):
+    """The vehicle answers 14 ms sooner than its simulator, and a delay cannot be negative."""
+    sooner, late = PointMass(dt=0.005, attitude_tau=0.09), frozenset({"delay"})
+    base = fit_reference(make_likelihood(replay, fly(sooner, seed=1), SIGMA))
+    late_flights = fly(with_effects(sooner, [Delay(seconds=0.03)]), n_flights=4, seed=11)
+    evidence = beside(make_likelihood(replay, late_flights, base.enlarged * SIGMA), base)
+    fits = Fits.of(evidence)
+    fit = refit(fits, late, fits.nominal)[late]
+    (at,), low, high = intervals(evidence, fit)
+    assert base.vector[at] == evidence.low[at] == 0.0
+    assert base.pull[at] < 0.0
+    (found,), (error,) = sizes(evidence, fit)
+    assert found + 4.0 * error < 0.03
+    assert low[0] < found < 0.03 < high[0]
 
 
 def test_a_gust_is_found_beside_a_reference(replay, dragged):

@@ -66,7 +66,7 @@ def test_all_reference_flights_are_fitted_unless_a_twin_takes_over(monkeypatch, 
         asked.append(len(logs))
         n = len(replay.library.neutral)
         enlarged, none = np.full(9, 100.0), np.zeros(n)
-        return Reference(replay.library.neutral, np.eye(n), enlarged, 1.0, 0.0, 0.0, none)
+        return Reference(replay.library.neutral, np.eye(n), enlarged, 1.0, 0.0, 0.0, none, none)
 
     monkeypatch.setattr(prepared, "reference_of", lost)
     question = prepared.Question(
