@@ -62,12 +62,13 @@ CLAIMED := paper off_spec budget ablations
 reports: $(READY)
 	@echo "Writing the pages in reports/ from the tables in results/."
 	@$(BIN)/bench claims $(addprefix results/,$(CLAIMED)) --notes reports/paper_notes.md
-	@for suite in $(CLAIMED) scale transfer field_parts contact worlds; do \
+	@for suite in $(CLAIMED) scale transfer field_parts contact worlds paper_rotorpy; do \
 		$(BIN)/bench leaderboard results/$$suite > /dev/null && $(BIN)/bench report results/$$suite \
 			|| exit 1; \
 	done
 	@$(BIN)/bench worlds results/paper results/transfer --notes reports/worlds_notes.md
 	@$(BIN)/bench worlds results/worlds --out reports/worlds_trained.md --notes reports/worlds_trained_notes.md
+	@$(BIN)/bench worlds results/paper results/paper_rotorpy --out reports/rotorpy.md --notes reports/rotorpy_notes.md
 	@$(BIN)/bench worlds results/paper results/field_parts --out reports/field_parts.md --notes reports/field_parts_notes.md
 	@$(BIN)/bench worlds results/paper results/contact --out reports/contact.md --notes reports/contact_notes.md
 	@$(BIN)/python -m bench.paper.tuning results/tuning reports/tuning.md

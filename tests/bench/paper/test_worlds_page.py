@@ -256,6 +256,7 @@ def test_a_sweep_in_one_world_shows_none(tmp_path, capsys):
     [
         ("worlds.md", ("paper", "transfer"), "worlds_notes.md"),
         ("worlds_trained.md", ("worlds",), "worlds_trained_notes.md"),
+        ("rotorpy.md", ("paper", "paper_rotorpy"), "rotorpy_notes.md"),
         ("field_parts.md", ("paper", "field_parts"), "field_parts_notes.md"),
         ("contact.md", ("paper", "contact"), "contact_notes.md"),
     ],
