@@ -66,7 +66,7 @@ class Better(NamedTuple):
     minutes: float
     """Flight that it is billed for, mean over tasks [fleet-minutes]."""
     above: Entry
-    """The best method with default settings that needs no more flight."""
+    """The best of the methods with default settings whose flight is at most `minutes`."""
     above_score: float
 
 

@@ -22,7 +22,7 @@ from diagnosis.decide.verdict import Floor, floor_of
 from diagnosis.decision import Decision
 from diagnosis.fit.descent import polished
 from diagnosis.fit.equations import dispersion, loosened, spread_between
-from diagnosis.fit.evidence import Evidence, bounds, outwards
+from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Set
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.outliers import beyond
@@ -57,7 +57,7 @@ class Reference:
     spread: Float[np.ndarray, " params"]
     """Variance of what its flights have of their own, in units of the dispersion."""
     pull: Float[np.ndarray, " params"]
-    """How its flights pull at the bounds at which the vector stands."""
+    """Gradient of its flights at that vector: not zero where the vector stands at a bound."""
 
     @property
     def floor(self) -> Floor:
@@ -123,10 +123,7 @@ def fit_reference(
     phi = dispersion(normal, n_flights)
     H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
     believed = phi * _prior(library, decision, np.diag(H) < phi * prior)
-    pull = outwards(
-        g - believed * (vector - library.neutral), vector, *bounds(library.slots, library.neutral)
-    )
-    precision = H + np.diag(believed)
+    pull, precision = g - believed * (vector - library.neutral), H + np.diag(believed)
     return Reference(vector, precision, enlarged, phi, floor.value, floor.scatter, spread, pull)
 
 

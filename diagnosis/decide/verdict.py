@@ -236,13 +236,11 @@ def intervals(
     Where what the reference shares stands at a bound, nobody knows whether a change counts from
     there or from where the flights would have it: an interval holds both (`past_bounds`).
     """
-    free = evidence.free(fit.effects)
     phi = evidence.phi * max(1.0, structure(evidence.library, fit.normal).value)
-    value, error = sizes(evidence, fit)
+    free, value, slope, following = _on_top(evidence, fit)
+    error = np.abs(slope) * np.sqrt(evidence.variance(fit, free, following))
     width = 1.96 * evidence.decision.interval_widening * np.sqrt(phi) * error
-    slope, following = _slopes(evidence, fit, free, value)
-    step, shared = evidence.past_bounds(fit, free)
-    past = value + slope * (step + following * shared)
+    past = value + slope * evidence.past_bounds(fit, free, following)
     return free, np.minimum(value, past) - width, np.maximum(value, past) + width
 
 
@@ -255,24 +253,28 @@ def sizes(
     of `phi`, infinite where flights say nothing of a parameter; a factor of what is known badly may
     be known well.
     """
-    base, free = evidence.base + fit.shift, evidence.free(fit.effects)
-    slots = evidence.library.slots
-    value = np.asarray([slots[i].beyond(fit.total[i], base[i])[0] for i in free])
-    slope, following = _slopes(evidence, fit, free, value)
+    free, value, slope, following = _on_top(evidence, fit)
     return value, np.abs(slope) * np.sqrt(evidence.variance(fit, free, following))
 
 
-def _slopes(
-    evidence: Evidence, fit: Fit, free: list[int], value: Float[np.ndarray, " free"]
-) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
-    """Slopes of sizes by their parameters, and how much of a shared shift counts like a step."""
-    base, slots = evidence.base + fit.shift, evidence.library.slots
-    slope = [slots[i].beyond(fit.total[i], base[i])[1] for i in free]
+def _on_top(
+    evidence: Evidence, fit: Fit
+) -> tuple[
+    list[int], Float[np.ndarray, " free"], Float[np.ndarray, " free"], Float[np.ndarray, " free"]
+]:
+    """Free entries, their sizes and slopes, and the share of a shared shift that counts as size."""
+    base, slots, free = (
+        evidence.base + fit.shift,
+        evidence.library.slots,
+        evidence.free(fit.effects),
+    )
+    found = [slots[i].beyond(fit.total[i], base[i]) for i in free]
+    value, slope = np.asarray(found, float).reshape(-1, 2).T
     following = [
         slots[i].neutral - x if slots[i].multiplies(base[i]) else 0.0
         for i, x in zip(free, value, strict=True)
     ]
-    return np.asarray(slope), np.asarray(following)
+    return free, value, slope, np.asarray(following)
 
 
 def at_bounds(evidence: Evidence, fit: Fit) -> list[AtBound]:

@@ -42,7 +42,7 @@ class Evidence:
     spread: Float[np.ndarray, " params"]
     """Variance of what flights have of their own, in units of the dispersion."""
     pull: Float[np.ndarray, " params"]
-    """How the reference flights pull at the bounds at which their vector stands."""
+    """Gradient of the reference flights at their vector: not zero where that stands at a bound."""
     phi: float = 1.0
     """Dispersion between flights."""
     decision: Decision = Decision()
@@ -328,27 +328,28 @@ class Evidence:
         return np.where(told & (found > 0.0), found, np.inf)
 
     def past_bounds(
-        self, fit: Fit, free: list[int]
-    ) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
-        """How far free parameters, and their shared shifts, would move if the shift had no bounds.
+        self, fit: Fit, free: list[int], following: Float[np.ndarray, " free"]
+    ) -> Float[np.ndarray, " free"]:
+        """How far bounds hold back free parameters plus `following` times their shared shifts.
 
-        A vehicle that answers sooner than the simulator, say, has no delay that is allowed. To
-        first order; zero where nothing that a reference shares stands at a bound and pulls.
+        A vehicle that answers sooner than the simulator asks for a delay below zero, which no
+        simulator has. To first order, this is the step from the fit to where the flights and
+        their reference would be if their shared shift had no bounds.
         """
         nothing = np.zeros(len(free))
-        if self.precision is None or not free:
-            return nothing, nothing
-        H, g = fit.normal.H.sum(axis=0), fit.normal.g.sum(axis=0)
-        pull = outwards(
-            g + self.pull - self.precision @ fit.shift, self.base + fit.shift, *self.ends
-        )
-        if not pull.any() or not np.isfinite(H).all():
-            return nothing, nothing
-        let_go = np.column_stack([H[:, free], pull])
-        known = np.linalg.solve(H + self.precision, let_go)
-        own, right = H[np.ix_(free, free)] - H[free] @ known[:, :-1], -H[free] @ known[:, -1]
-        step = np.linalg.lstsq(*scaled(own, right), rcond=1e-9)[0] / scale_of(own)
-        return step, (known[:, -1] - known[:, :-1] @ step)[free]
+        if self.precision is None:
+            return nothing
+        H, at = fit.normal.H.sum(axis=0), self.base + fit.shift
+        pull = fit.normal.g.sum(axis=0) + self.pull - self.precision @ fit.shift
+        low, high = at <= self.low + 1e-9, at >= self.high - 1e-9
+        held = np.where(low & (pull < 0.0) | high & (pull > 0.0), pull, 0.0)
+        if not held.any() or not np.isfinite(H).all():
+            return nothing
+        own, _ = self.reduced(fit.normal, fit, free)
+        shift = np.linalg.solve(H + self.precision, held)
+        step = np.linalg.lstsq(*scaled(own, -H[free] @ shift), rcond=1e-9)[0] / scale_of(own)
+        shift += self.following(fit, free, step)
+        return step + following * shift[free]
 
     def log_evidence(self, fit: Fit) -> float:
         """Laplace's log evidence [nats]; of parameters that cannot be flown minus infinity."""
@@ -365,17 +366,6 @@ class Evidence:
         width = (self.library.high - self.library.low)[free]
         sizes = np.linalg.slogdet(H / self.phi + np.diag(2 * np.pi / width**2))[1]
         return float(np.sum(np.log(width / np.sqrt(2 * np.pi))) + 0.5 * sizes)
-
-
-def outwards(
-    pull: Float[np.ndarray, " params"],
-    vector: Float[np.ndarray, " params"],
-    low: Float[np.ndarray, " params"],
-    high: Float[np.ndarray, " params"],
-) -> Float[np.ndarray, " params"]:
-    """What a pull on a vector does at the bounds at which it stands, and zero elsewhere."""
-    held = (vector <= low + 1e-9) & (pull < 0.0) | (vector >= high - 1e-9) & (pull > 0.0)
-    return np.where(held, pull, 0.0)
 
 
 def bounds(
