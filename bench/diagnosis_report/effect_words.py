@@ -3,7 +3,8 @@
 An effect without a card is shown under its registered name, in its parameters' own units.
 """
 
-from bench.diagnosis_report.numbers import clean
+from bench.diagnosis_report.numbers import clean, estimate, join, with_unit
+from diagnosis.result import Effect
 from simulators import registry
 from simulators.effects.card import Shown, load_card
 
@@ -26,3 +27,31 @@ def range_of(effect: str, parameter: str) -> float | None:
     except (KeyError, registry.UnknownPluginError, registry.BrokenPluginError):
         return None
     return info.high - info.low
+
+
+def within(interval: str) -> str:
+    """An interval in words after its estimate; nothing if it is not known."""
+    return f" (95 %: {interval})" if interval else ""
+
+
+def combined(effect: Effect) -> list[str]:
+    """What flights tell that cannot tell an effect from aliases that act on the same number."""
+    own = load_card(clean(effect.name)).combined
+    if own is None or len(effect.parameters) != 1:
+        return []
+    name, power = own
+    others = [load_card(clean(alias)) for alias in effect.aliases]
+    same = [card.label for card in others if card.combined and card.combined[0] == name]
+    if not same:
+        return []
+    which = (
+        join([load_card(clean(effect.name)).label, *same]) if len(same) < len(others) else "them"
+    )
+    (size,) = effect.parameters
+    low, high = (
+        None if x is None else 100.0 * ((1.0 + x) ** power - 1.0) for x in (size.low, size.high)
+    )
+    ends = (low, high) if low is None or high is None else (min(low, high), max(low, high))
+    value, interval = estimate(100.0 * ((1.0 + size.value) ** power - 1.0), *ends)
+    size_text = f"{value} %" + within(with_unit(interval, "%") if interval else "")
+    return [f"What these flights tell is {name}: {size_text}, whichever of {which} it is."]

@@ -5,7 +5,7 @@ Words are chosen here; what they state was decided before and stands in the `Dia
 
 from collections.abc import Sequence
 
-from bench.diagnosis_report.effect_words import parameter_words, range_of, toward
+from bench.diagnosis_report.effect_words import combined, parameter_words, range_of, toward, within
 from bench.diagnosis_report.gap_text import drift_clause, outstanding
 from bench.diagnosis_report.numbers import (
     clean,
@@ -49,7 +49,7 @@ def verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return _none(diagnosis, against)
     if diagnosis.verdict == "too_few":
-        return f"Too few flights to tell whether anything changed: {_extent(diagnosis)}."
+        return _too_few(diagnosis)
     if diagnosis.verdict == "partly":
         return _partly(diagnosis, against)
     if diagnosis.verdict == "unexplained":
@@ -93,6 +93,19 @@ def _none(diagnosis: Diagnosis, against: str) -> str:
             f"({_extent(diagnosis)}), but check the logs: {_parts(diagnosis)}."
         )
     return f"Nothing separates these flights from {against} beyond noise: {_extent(diagnosis)}."
+
+
+def _too_few(diagnosis: Diagnosis) -> str:
+    said = f"Too few flights to tell whether anything changed: {_extent(diagnosis)}"
+    if diagnosis.reference is not None:
+        said += f", beside {count(len(diagnosis.reference.used), 'reference flight')}"
+    if not diagnosis.effects:
+        return f"{said}."
+    likeliest = effect_phrase(diagnosis.effects[0], "before")
+    return (
+        f"{said}. If something did, it looks most like {likeliest}; but so may flights "
+        "differ of which nothing changed."
+    )
 
 
 def _partly(diagnosis: Diagnosis, against: str) -> str:
@@ -181,7 +194,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
     """What must be said beside the verdict, each as a sentence."""
     said = [fault.advice for fault in diagnosis.interface]
     said += [
-        *(line for effect in diagnosis.blamed for line in _combined(effect)),
+        *(line for effect in diagnosis.blamed for line in combined(effect)),
         *_beside_effect(diagnosis),
         *_at_bounds(diagnosis),
         *_support(diagnosis),
@@ -211,11 +224,13 @@ def _twin(diagnosis: Diagnosis) -> list[str]:
     if not lines:
         return []
     best = max(lines, key=lambda line: line.simulator / max(line.twin, 1e-12))
+    single = diagnosis.reference is not None and len(diagnosis.reference.used) == 1
+    left_out = "parts of its flight" if single else "reference flights"
     return [
         "The simulator as delivered already misses the reference flights, so these flights are "
-        "compared with a twin that was learned from the reference: on reference flights left out "
-        f"of its fit it is off by {quantity(best.twin, best.unit, 2)} in {clean(best.channel)}, "
-        f"the simulator by {quantity(best.simulator, best.unit, 2)}."
+        f"compared with a twin that was learned from the reference: on {left_out} left out of its "
+        f"fit it is off by {quantity(best.twin, best.unit, 2)} in {clean(best.channel)}, the "
+        f"simulator by {quantity(best.simulator, best.unit, 2)}."
     ]
 
 
@@ -247,24 +262,6 @@ def _beside_effect(diagnosis: Diagnosis) -> list[str]:
     if shrink.reason:
         said.append(f"How far the gap shrinks is not known: {clean(shrink.reason).rstrip('.')}.")
     return said
-
-
-def _combined(effect: Effect) -> list[str]:
-    """What flights tell that cannot tell an effect from its aliases, where all act on it alone."""
-    cards = [load_card(clean(name)).combined for name in (effect.name, *effect.aliases)]
-    if not effect.aliases or len(effect.parameters) != 1 or None in cards:
-        return []
-    (name, power), *others = (card for card in cards if card is not None)
-    if any(other != name for other, _ in others):
-        return []
-    (size,) = effect.parameters
-    low, high = (
-        None if x is None else 100.0 * ((1.0 + x) ** power - 1.0) for x in (size.low, size.high)
-    )
-    ends = (low, high) if low is None or high is None else (min(low, high), max(low, high))
-    value, interval = estimate(100.0 * ((1.0 + size.value) ** power - 1.0), *ends)
-    within = _within(with_unit(interval, "%")) if interval else ""
-    return [f"What these flights tell is {name}: {value} %{within}, whichever of them it is."]
 
 
 def _at_bounds(diagnosis: Diagnosis) -> list[str]:
@@ -304,7 +301,7 @@ def effect_phrase(effect: Effect, base: str) -> str:
         negative = parameter.value < 0 and bool(words.less)
         size, interval = parameter_texts(name, parameter, -1.0 if negative else 1.0)
         template = words.less if negative else words.more
-        return template.format(size, base=base) + _within(interval)
+        return template.format(size, base=base) + within(interval)
     sizes, directions = [], True
     for parameter in effect.parameters:
         shown = parameter_words(name, parameter.name)
@@ -312,7 +309,7 @@ def effect_phrase(effect: Effect, base: str) -> str:
         size, interval = parameter_texts(name, parameter, sign)
         directions = directions and bool(shown.opposite)
         equal = f"{size} {label}" if shown.opposite else f"{label} = {size}"
-        sizes.append(equal + _within(interval))
+        sizes.append(equal + within(interval))
     return words.noun + (f" {'by' if directions else 'with'} {join(sizes)}" if sizes else "")
 
 
@@ -365,10 +362,6 @@ def set_label(names: Sequence[str]) -> str:
     """A set of effects by their short names."""
     labels = [load_card(clean(name)).label for name in names]
     return " + ".join(labels) if labels else "no effect"
-
-
-def _within(interval: str) -> str:
-    return f" (95 %: {interval})" if interval else ""
 
 
 def _alike(diagnosis: Diagnosis) -> list[str]:

@@ -51,6 +51,11 @@ class Candidate:
     parameters: tuple[ChangedParameter, ...]
     """Its parameters."""
 
+    @property
+    def possible(self) -> bool:
+        """Whether each size lies within what its parameter may be."""
+        return all(one.beyond == "no" for one in self.parameters)
+
 
 @dataclasses.dataclass(frozen=True)
 class Naming:

@@ -46,6 +46,7 @@ from diagnosis.twin.channels import CHANNELS, FEWEST_SAMPLES, UNITS, Channels
 from diagnosis.twin.diagnose_change import ChangeStudy, diagnose_change
 from diagnosis.twin.drift import Scored, allowed, drift_shrink, excess_of, left_share, misfit_ratios
 from diagnosis.twin.memory import rms
+from diagnosis.twin.naming import FEWEST_TO_NAME
 
 MOST_CANDIDATES = 8
 """Effects that are listed."""
@@ -171,7 +172,7 @@ def _used(
 
 
 def _effects(study: ChangeStudy, verdict: str, decision: Decision) -> tuple[Effect, ...]:
-    """The named effects; of an unexplained change, the best candidate, which is not blamed."""
+    """The named effects; where none is named and something shows, the best candidate, unblamed."""
     found = study.answer
     if found.effects:
         # Of the first effect or what looks like it (`Naming.probability`). No name is surer than
@@ -187,10 +188,14 @@ def _effects(study: ChangeStudy, verdict: str, decision: Decision) -> tuple[Effe
             )
             for i, name in enumerate(found.effects)
         )
-    if found.change != "unexplained" or not found.candidates:
+    if found.change == "none" or not found.candidates:
         return ()
     best = found.candidates[0]
+    if found.change == "too_few" and not (best.p < decision.alarm_chance and best.log_evidence > 0):
+        return ()
     shown = _parameters(best.parameters, best.effect, verdict)
+    if len(study.twin.scores) < FEWEST_TO_NAME:
+        shown = tuple(dataclasses.replace(one, low=None, high=None) for one in shown)
     return (Effect(name=best.effect, blamed=False, probability=None, aliases=(), parameters=shown),)
 
 
@@ -213,7 +218,7 @@ def _parameters(
 
 
 def _where(
-    study: ChangeStudy, errors: Sequence[Float[np.ndarray, "time 6"]], decision: Decision
+    study: ChangeStudy, errors: Sequence[Float[np.ndarray, "_ 6"]], decision: Decision
 ) -> tuple[ChannelGap, ...]:
     """What is left beside the twin, channel by channel."""
     excess = excess_of(study.twin, study.scored, errors)
@@ -311,8 +316,10 @@ def _shrink(
 
 
 def _limits(study: ChangeStudy) -> list[tuple[int, float]]:
-    """The smallest visible change of every parameter that was not named."""
+    """The smallest visible change of every parameter that was not named; none if none can be."""
     library, found = study.twin.library, study.answer
+    if len(study.twin.scores) < FEWEST_TO_NAME:
+        return []
     by_name = {(s.effect, s.parameter): i for i, s in enumerate(library.slots)}
     return [
         (by_name[one.effect, one.parameter], one.limit)

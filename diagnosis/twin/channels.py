@@ -11,6 +11,7 @@ flight east look alike.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,6 +34,8 @@ ANGLES = 3
 """Leading channels that are angles."""
 FEWEST_SAMPLES = 50
 """Samples that a flight must have to say anything: one second; a choice."""
+PART = 125
+"""Samples that count in a part of a flight, at least: 2.5 seconds; a choice."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +59,31 @@ class Channels:
     def gap(self) -> Float[np.ndarray, "time 6"]:
         """Measured minus simulated."""
         return self.measured - self.simulated
+
+    def parts(self, before: int) -> tuple["Channels", ...]:
+        """The flight in parts of `PART` samples that count or a few more, or as a whole.
+
+        Each begins with the `before` samples that precede it, which do not count.
+        """
+        n, counted = max(int(self.valid.sum()) // PART, 1), np.cumsum(self.valid)
+        inner = np.searchsorted(counted, counted[-1] * np.arange(1, n) / n)
+        ends = [0, *inner.tolist(), len(counted)]
+        return tuple(
+            self._part(max(start - before, 0), start, end)
+            for start, end in itertools.pairwise(ends)
+        )
+
+    def _part(self, history: int, start: int, end: int) -> "Channels":
+        valid = self.valid[history:end].copy()
+        valid[: start - history] = False
+        return Channels(
+            name=self.name,
+            measured=self.measured[history:end],
+            simulated=self.simulated[history:end],
+            slopes=self.slopes[:, history:end],
+            vel=self.vel[history:end],
+            valid=valid,
+        )
 
 
 def make_channels(

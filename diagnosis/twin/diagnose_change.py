@@ -133,8 +133,8 @@ def helps(twin: Twin, scored: Sequence[Scored], decision: Decision) -> bool:
     always like some effect. The misfit is compared flight by flight, and the mean flight decides:
     pooled over samples, one flight that fits far better would outweigh several that fit worse.
     """
-    if len(scored) < 2:
-        return True  # there is no other flight
+    if all(one.after is one.before for one in scored):
+        return True  # there is no other flight, and no other part of the flight
     shrink = drift_shrink(scored, (), decision)
     grows = shrink.high is not None and shrink.high < 0.0
     left = excess_of(twin, scored, [one.after for one in scored])[list(twin.colour.seen)]

@@ -10,9 +10,11 @@ from diagnosis.decision import Decision
 from diagnosis.fit.shrinkage import shrink_of
 from diagnosis.logs.segments import NODE_DT, WINDOW
 from diagnosis.result_parts import ChannelShrink, Shrink
-from diagnosis.twin.channels import ANGLES, Channels
+from diagnosis.twin.channels import ANGLES, Channels, N
 from diagnosis.twin.hypothesis import Hypothesis
+from diagnosis.twin.memory import LENGTH
 from diagnosis.twin.twin import Twin
+from diagnosis.twin.units import Group, make_group
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,19 +67,41 @@ def score_flights(
         fitting: The same, simulated where the effects fit.
         at: The effects.
     """
-    width = twin.library.high - twin.library.low
-    columns = list(at.columns)
     made = []
     for i, (plain, flight) in enumerate(zip(unchanged, fitting, strict=True)):
         before = twin.errors(plain)
         after = before
-        if columns and len(fitting) > 1:
-            others = dataclasses.replace(at.comparison, target=at.comparison.target.without(i))
-            further = (others.estimate(columns).value - at.change[columns]) * width[columns]
-            slopes = twin.memory.respond(flight)[columns]
-            after = twin.errors(flight) - np.tensordot(further, slopes, axes=1)
+        if at.columns and len(fitting) > 1:
+            after = _after(twin, flight, at, at.comparison.target.without(i))
+        elif at.columns and len(parts := flight.parts(LENGTH)) > 1:
+            after = _after_in_parts(twin, at, parts)
         made.append(Scored(plain.name, plain.valid, before, after, twin.beyond(plain)))
     return tuple(made)
+
+
+def _after(
+    twin: Twin, flight: Channels, at: Hypothesis, others: Group
+) -> Float[np.ndarray, "time 6"]:
+    """Measured minus the twin with the effects in the sizes that other flights show."""
+    columns, width = list(at.columns), twin.library.high - twin.library.low
+    comparison = dataclasses.replace(at.comparison, target=others)
+    further = (comparison.estimate(columns).value - at.change[columns]) * width[columns]
+    slopes = twin.memory.respond(flight)[columns]
+    return twin.errors(flight) - np.tensordot(further, slopes, axes=1)
+
+
+def _after_in_parts(
+    twin: Twin, at: Hypothesis, parts: Sequence[Channels]
+) -> Float[np.ndarray, "time 6"]:
+    """The same of a single flight, each part in the sizes that its other parts show."""
+    width = twin.library.high - twin.library.low
+    group = make_group([twin.score(part) for part in parts], width)
+    continued = dataclasses.replace(group, h=group.h + group.H @ at.change)
+    out = np.empty((0, N))
+    for i, part in enumerate(parts):
+        after = _after(twin, part, at, continued.without(i))
+        out = np.concatenate([out, after[min(len(out), LENGTH) :]])
+    return out
 
 
 def misfit(twin: Twin, scored: Sequence[Scored]) -> tuple[float, float]:
@@ -107,7 +131,7 @@ def allowed(twin: Twin, scored: Sequence[Scored]) -> Float[np.ndarray, " 6"]:
 
 
 def excess_of(
-    twin: Twin, scored: Sequence[Scored], errors: Sequence[Float[np.ndarray, "time 6"]]
+    twin: Twin, scored: Sequence[Scored], errors: Sequence[Float[np.ndarray, "_ 6"]]
 ) -> Float[np.ndarray, " 6"]:
     """Squared error of each channel beyond what the twin allows, over the latter."""
     each = [one.rms(e) for one, e in zip(scored, errors, strict=True)]

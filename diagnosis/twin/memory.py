@@ -213,7 +213,7 @@ def fit_memories(grams: Sequence[Gram], scale: Scale) -> tuple[Memory, tuple[Mem
 
 
 def rms(
-    errors: Sequence[np.ndarray], valid: Sequence[Bool[np.ndarray, " time"]]
+    errors: Sequence[np.ndarray], valid: Sequence[Bool[np.ndarray, " _"]]
 ) -> Float[np.ndarray, " 6"]:
     """Root mean square of each channel over all flights."""
     joined = np.concatenate([e[v] for e, v in zip(errors, valid, strict=True)])

@@ -15,6 +15,10 @@ from diagnosis.twin.evidence import weigh
 from diagnosis.twin.hypothesis import Hypothesis, Refly, settle
 from diagnosis.twin.units import Estimate, Group, compare
 
+FEWEST_TO_NAME = 2
+"""Reference flights without which nothing is named: of a single one nobody knows how flights
+differ of which nothing changed."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Named(Naming):
@@ -63,24 +67,27 @@ def name_change(
     alone = _scaled(_settled(library, alone, seen, every, refly, decision), seen)
     candidates = _candidates(library, [alone[e] for e in seen], n, decision)
     sure = _sure(candidates, p_none, n, decision)
-    share, aliases = _class_of(sure, candidates, decision)
+    share, alike = _class_of(sure, candidates, decision)
     rest = {
         "candidates": candidates,
         "unseen": tuple(sorted(set(library.candidates) - set(seen))),
         "nothing": nothing,
     }
+    if len(reference) < FEWEST_TO_NAME:
+        return Named("too_few", (), (), 0.0, (), at=nothing, **rest)
     if not sure or share < decision.least_chance:
         other = p_none < decision.alarm_chance or _elsewhere(reference, target, decision)
         change: VerdictKind = "unexplained" if sure or other else "none"
         if change == "none" and min(len(reference), len(target)) < decision.few_flights:
             change = "too_few"
         return Named(change, (), (), share, (), at=nothing, **rest)
-    at = alone[sure[0].effect]
+    first, *aliases = alike
+    at = alone[first]
     named = _further(library, at, sure, aliases, n, decision)
     while named != at.effects:
         tried = settle(at.of(library, named), library, every, refly)
         named = _clear(library, tried, n, decision)
-        at = tried if named == tried.effects else alone[sure[0].effect].of(library, named)
+        at = tried if named == tried.effects else alone[first].of(library, named)
 
     def with_first(at: Hypothesis, aliases: tuple[str, ...], instead: tuple[Named, ...]) -> Named:
         return Named(
@@ -94,13 +101,12 @@ def name_change(
             **rest,
         )
 
-    alike = (sure[0].effect, *aliases)
     instead = tuple(
         with_first(alone[e], tuple(x for x in alike if x != e), ())
         for e in aliases
         if any(p.clear for p in changed(library, (e,), alone[e].estimate, n, decision))
     )
-    return with_first(at, aliases, instead)
+    return with_first(at, tuple(aliases), instead)
 
 
 def _elsewhere(reference: Group, target: Group, decision: Decision) -> bool:
@@ -234,7 +240,11 @@ def _sure(
 def _class_of(
     sure: Sequence[Candidate], candidates: Sequence[Candidate], decision: Decision
 ) -> tuple[float, tuple[str, ...]]:
-    """The share of the best sure candidate with its aliases, and these aliases."""
+    """The share of the best sure candidate with its aliases, and their names, to be named first.
+
+    Of effects that flights cannot tell apart, one whose size is possible goes before one whose size
+    lies beyond its range: a battery that fades by 300 % a minute stands for a weak rotor.
+    """
     if not sure:
         return 0.0, ()
     best = sure[0]
@@ -243,7 +253,10 @@ def _class_of(
         for c in candidates
         if c is not best and best.log_evidence - c.log_evidence < decision.alias_nats
     ]
-    return best.share + sum(c.share for c in near), tuple(c.effect for c in near)
+    possible = [c for c in (best, *near) if c in sure and c.possible]
+    first = possible[0] if possible else best
+    alike = (first, *(c for c in (best, *near) if c is not first))
+    return best.share + sum(c.share for c in near), tuple(c.effect for c in alike)
 
 
 def _further(

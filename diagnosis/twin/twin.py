@@ -30,12 +30,15 @@ from jaxtyping import Bool, Float
 
 from diagnosis.decision import Decision
 from diagnosis.logs.flights import LogError
+from diagnosis.logs.segments import NODE_DT
 from diagnosis.replay.library import Library
-from diagnosis.twin.channels import Channels, N
-from diagnosis.twin.memory import GROUPS, Memory, fit_memories, gram, rms, scale_of
+from diagnosis.twin.channels import PART, Channels, N
+from diagnosis.twin.memory import GROUPS, LENGTH, Memory, fit_memories, gram, rms, scale_of
 
 FEWEST = 2
-"""Reference flights without which none can be left out."""
+"""Reference flights without which none can be left out: a single one is cut into parts."""
+FEWEST_PARTS = 3
+"""Parts of a single reference flight; a choice."""
 FEWEST_TO_JUDGE = 4
 """Flights below which none stands out; a choice."""
 ORDERS = (0, 1, 2, 4)
@@ -78,8 +81,8 @@ def _innovation(x: Float[np.ndarray, "*n time 6"], a: Float[np.ndarray, "order 6
 
 
 def fit_colour(
-    errors: Sequence[Float[np.ndarray, "time 6"]],
-    valid: Sequence[Bool[np.ndarray, " time"]],
+    errors: Sequence[Float[np.ndarray, "_ 6"]],
+    valid: Sequence[Bool[np.ndarray, " _"]],
     order: int,
     seen: tuple[int, ...],
 ) -> Colour:
@@ -116,6 +119,8 @@ class Score:
     alone: float
     """The same with every parameter at what this flight alone says of it, within its range: what
     no candidate explains."""
+    samples: int
+    """Samples that count."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,7 +173,20 @@ def score(
     Hw, hw = H * width[:, None] * width, h * width
     own = np.linalg.solve(Hw + np.eye(len(width)), hw)
     left = float(r @ r - 2.0 * own @ hw + own @ Hw @ own)
-    return Score(flight.name, H, h, float(r @ r) / n, left / n)
+    return Score(flight.name, H, h, float(r @ r) / n, left / n, int(flight.valid.sum()))
+
+
+def _joined(parts: Sequence[Score]) -> Score:
+    """What a flight says that was scored in parts."""
+    weight = np.asarray([part.samples for part in parts])
+    return Score(
+        name=parts[0].name,
+        H=np.sum([part.H for part in parts], axis=0),
+        h=np.sum([part.h for part in parts], axis=0),
+        misfit=float(np.average([part.misfit for part in parts], weights=weight)),
+        alone=float(np.average([part.alone for part in parts], weights=weight)),
+        samples=int(weight.sum()),
+    )
 
 
 def make_twin(
@@ -179,14 +197,23 @@ def make_twin(
 ) -> Twin:
     """The twin of reference flights; those that no twin of the others follows are set aside.
 
+    The parts of a single flight are predicted from one another.
+
     Raises:
-        LogError: There are fewer than `FEWEST` flights.
+        LogError: There is a single flight, and it has fewer than `FEWEST_PARTS` parts.
     """
     if len(flights) < FEWEST:
-        raise LogError(
-            f"the reference has {len(flights)} usable flights; {FEWEST} or more are expected, so "
-            "that each can be predicted from the others."
-        )
+        (flight,) = flights
+        parts = flight.parts(LENGTH)
+        if len(parts) < FEWEST_PARTS:
+            raise LogError(
+                f"the reference has 1 usable flight, with {NODE_DT * flight.valid.sum():.1f} s "
+                f"that count; {FEWEST} flights are expected, or one of "
+                f"{NODE_DT * PART * FEWEST_PARTS:g} s, so that each part can be predicted from "
+                "the others."
+            )
+        twin = _twin(parts, library, seen, ())
+        return dataclasses.replace(twin, scores=(_joined(twin.scores),))
     twin = _twin(flights, library, seen, ())
     odd = standing_out([s.alone for s in twin.scores], decision)
     if not odd.any():

@@ -16,6 +16,8 @@ The scatter of u_i between flights, not the noise within them, makes the covaria
 | phi | median over parameters of the scatter over Hbar: how far flights differ beyond noise |
 | d0 | flights that the common phi counts for; moderated variance (Smyth 2004, Sec. 3) |
 
+Where each group is a single flight, phi is `DIFFER` times its length.
+
 Parameters are in units of their range, with a prior of that width in every direction.
 """
 
@@ -26,11 +28,17 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import f as fisher
 
+from diagnosis.logs.segments import NODE_DT
 from diagnosis.twin.twin import Score
 
 PRIOR_FLIGHTS = 4.0
 """d0. Logarithms of single scatters over phi have a standard deviation of 0.8 on
 `crazyflie_plain`, as with 4 degrees of freedom."""
+
+DIFFER = 0.65
+"""phi over the length of a flight [1/s]: 0.65 (27 and 42 s) over 12 random halves of `nanobench`,
+0.65 (3.7 and 5.8 s) of `crazyflie_plain`, medians. It grows with the length, because what differs
+between flights stays for a whole flight."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,13 +51,15 @@ class Group:
     """Scores."""
     misfit: Float[np.ndarray, " flights"]
     """Chi-square per number of each."""
+    samples: Float[np.ndarray, " flights"]
+    """Samples of each that count."""
 
     def __len__(self) -> int:
         return len(self.h)
 
     def without(self, i: int) -> "Group":
         """All flights but one."""
-        left = (np.delete(x, i, axis=0) for x in (self.H, self.h, self.misfit))
+        left = (np.delete(x, i, axis=0) for x in vars(self).values())
         return Group(*left)
 
 
@@ -57,7 +67,8 @@ def make_group(scores: Sequence[Score], width: Float[np.ndarray, " params"]) -> 
     """Scores with parameters in units of `width`."""
     H = np.stack([s.H for s in scores]) * width[:, None] * width
     misfit = np.asarray([s.misfit for s in scores])
-    return Group(H, np.stack([s.h for s in scores]) * width, misfit)
+    samples = np.asarray([float(s.samples) for s in scores])
+    return Group(H, np.stack([s.h for s in scores]) * width, misfit, samples)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,6 +134,9 @@ class Comparison:
 
 def compare(reference: Group, target: Group, columns: Sequence[int]) -> Comparison:
     """Both groups with the common phi of the parameters at `columns`."""
+    if len(reference) + len(target) == 2:
+        length = float(np.mean([*reference.samples, *target.samples])) * NODE_DT
+        return Comparison(reference, target, max(1.0, DIFFER * length))
     ratios = []
     for k in columns:
         groups = [_part(g, [k]) for g in (reference, target)]
@@ -135,7 +149,7 @@ def compare(reference: Group, target: Group, columns: Sequence[int]) -> Comparis
 
 
 def _part(group: Group, at: Sequence[int]) -> Group:
-    return Group(group.H[:, at][:, :, at], group.h[:, at], group.misfit)
+    return Group(group.H[:, at][:, :, at], group.h[:, at], group.misfit, group.samples)
 
 
 def _weights(group: Group, mean: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " flights"]:

@@ -92,6 +92,15 @@ def test_silence_of_too_few_flights_is_no_all_clear():
     assert verdict(load(found)).startswith("Too few flights to tell whether anything changed: ")
 
 
+def test_too_few_flights_say_what_a_change_would_look_like():
+    found = diagnoses_for_tests.reference() | {"verdict": "too_few"}
+    found["effects"][0]["blamed"] = False
+    said = verdict(load(found))
+    assert "beside" in said
+    assert "If something did, it looks most like" in said
+    assert said.endswith("but so may flights differ of which nothing changed.")
+
+
 def test_a_twin_of_the_reference_is_said_to_stand_between():
     found = diagnoses_for_tests.reference()
     found["details"]["followed"] = [
@@ -117,6 +126,23 @@ def test_a_probability_of_effects_that_look_alike_is_given_to_all_of_them():
     alone = load(diagnoses_for_tests.alias())
     assert effect_heading(alone, alone.effects[0]) == "mass, probability 0.52"
     assert candidate_notes(alone)[-1].endswith("the sum over all sets that hold it.")
+
+
+@pytest.mark.parametrize(
+    ("aliases", "end"),
+    [
+        (["thrust_gain"], "whichever of them it is."),
+        (["thrust_gain", "battery"], "whichever of mass and thrust gain it is."),
+        (["battery"], None),
+        ([], None),
+    ],
+)
+def test_what_aliases_have_in_common_is_said_of_those_that_have_it(aliases, end):
+    """Thrust over mass does not say how a battery fades."""
+    found = diagnoses_for_tests.alias()
+    found["effects"][0]["aliases"] = aliases
+    said = [line for line in remarks(load(found)) if "thrust over mass" in line]
+    assert [line.endswith(end) for line in said] == ([True] if end else [])
 
 
 def test_too_few_flights_are_no_reason_to_change_nothing():
@@ -206,9 +232,6 @@ def test_of_effects_that_look_alike_what_they_share_is_told(name, alias, said):
     blamed |= {"name": name, "aliases": [alias]}
     blamed["parameters"] = [diagnoses_for_tests.parameter("e", 0.2, 0.15, 0.25, "-")]
     assert said in remarks(load(found))[0]
-    for others in ([alias, "battery"], []):
-        blamed["aliases"] = others
-        assert not any("What these flights tell is" in line for line in remarks(load(found)))
 
 
 def test_the_badge_of_a_gap_that_a_set_makes_up_for_is_not_unexplained():

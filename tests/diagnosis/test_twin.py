@@ -199,18 +199,69 @@ def test_intervals_cover_no_change_as_often_as_they_say():
         scores = [_score(theta + 0.1 * rng.normal()) for theta in truth]
         group = make_group(scores, np.ones(1))
         parts = (slice(0, 6), slice(6, 12))
-        both = [type(group)(group.H[at], group.h[at], group.misfit[at]) for at in parts]
+        both = [type(group)(*(x[at] for x in vars(group).values())) for at in parts]
         estimate = compare(both[0], both[1], [0]).estimate([0])
         held += abs(estimate.value[0]) < 2.14 * estimate.error[0]
     assert 0.91 < held / 300 < 0.99
 
 
 def _score(theta):
-    return Score("", np.asarray([[100.0]]), np.asarray([100.0 * theta]), 1.0, 1.0)
+    return Score("", np.asarray([[100.0]]), np.asarray([100.0 * theta]), 1.0, 1.0, 300)
 
 
-def test_one_reference_flight_is_refused():
-    with pytest.raises(LogError, match="2 or more are expected"):
+def long_flight(seed, change=(), n=1200):
+    """A flight of 24 s."""
+    each = [flight(1000 * seed + i, change) for i in range(n // 300)]
+    joined = {
+        name: np.concatenate([getattr(f, name) for f in each])
+        for name in ("measured", "simulated", "vel", "valid")
+    }
+    slopes = np.concatenate([f.slopes for f in each], axis=1)
+    return Channels(name=f"long flight {seed}", slopes=slopes, **joined)
+
+
+def test_the_parts_of_a_flight_count_each_of_its_samples_once():
+    whole = long_flight(1)
+    parts = whole.parts(40)
+    counted = [part.measured[part.valid] for part in parts]
+    assert len(parts) == whole.valid.sum() // 125
+    assert min(map(len, counted)) >= 125
+    np.testing.assert_array_equal(np.concatenate(counted), whole.measured[whole.valid])
+    # What precedes a part is there for the memory, and does not count.
+    np.testing.assert_array_equal(
+        parts[1].measured[:40], whole.measured[parts[0].valid.size - 40 :][:40]
+    )
+    assert not parts[1].valid[:40].any()
+
+
+def test_a_single_reference_flight_makes_a_twin_that_names_nothing():
+    """It says what looks likeliest: how flights differ without a change, nobody knows."""
+    twin = make_twin([long_flight(1)], LIBRARY, EVERY)
+    assert [score.name for score in twin.scores] == ["long flight 1"]
+    np.testing.assert_allclose(twin.memory.weights[0][:3], [0.3, 0.15, 0.05], atol=0.05)
+    changed = long_flight(2, [(column("attitude_gain", "g"), 0.06)])
+    for flights in (
+        [changed],
+        [flight(i, [(column("attitude_gain", "g"), 0.06)]) for i in range(8)],
+    ):
+        found, _ = answer_change(twin, flights)
+        assert (found.change, found.effects) == ("too_few", ())
+        assert found.candidates[0].effect == "attitude_gain"
+
+
+def test_a_single_changed_flight_is_scored_part_by_part():
+    changed = long_flight(2, [(column("attitude_gain", "g"), 0.06)])
+    found, (scored,) = answer_change(plain_twin(), [changed])
+    assert found.effects == ("attitude_gain",)
+    assert scored.after.shape == scored.before.shape
+    assert found.misfit[1] < 0.5 * found.misfit[0]
+    assert np.nanmean(scored.drift(scored.after)) < np.nanmean(scored.drift(scored.before))
+
+
+def test_one_short_reference_flight_is_refused():
+    with pytest.raises(
+        LogError, match=r"with 5.8 s that count; 2 flights are expected, or one of 7"
+    ):
         make_twin([flight(0)], LIBRARY, EVERY)
 
 
@@ -290,6 +341,23 @@ def test_an_effect_that_looks_alike_is_named_where_the_first_does_not_explain_fl
     assert {p.effect for p in other.parameters} == {*other.effects}
     monkeypatch.setattr(diagnose_change, "helps", lambda *_: False)
     assert answer_change(twin, flights)[0].change == "unexplained"
+
+
+def test_of_effects_that_look_alike_one_of_a_possible_size_is_named_first():
+    at, like = column("attitude_gain", "g"), column("thrust_gain", "e")
+    size, impossible = 0.05, 1.4 * LIBRARY.slots[like].high
+
+    def alike(one):
+        """The flight with an effect that must be impossibly large to do what the other does."""
+        slopes = one.slopes.copy()
+        slopes[like] = slopes[at] * size / impossible
+        return dataclasses.replace(one, slopes=slopes)
+
+    twin = make_twin([alike(flight(i)) for i in range(5)], LIBRARY, EVERY)
+    found, _ = answer_change(twin, [alike(flight(100 + i, [(at, size)])) for i in range(5)])
+    assert [c.effect for c in found.candidates[:2]] == ["thrust_gain", "attitude_gain"]
+    assert not found.candidates[0].possible
+    assert (found.effects, found.aliases) == (("attitude_gain",), ("thrust_gain",))
 
 
 @pytest.mark.parametrize(

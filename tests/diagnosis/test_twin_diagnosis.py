@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_twin import column, flight, plain_twin
+from test_twin import EVERY, LIBRARY, column, flight, long_flight, plain_twin
 
 from diagnosis.decide.prepared import Question
 from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile
@@ -14,6 +14,7 @@ from diagnosis.logs.inputs import Inputs
 from diagnosis.result import Diagnosis
 from diagnosis.twin.as_diagnosis import alone, as_diagnosis, weighed_anew
 from diagnosis.twin.diagnose_change import ChangeStudy, answer_change
+from diagnosis.twin.twin import make_twin
 
 T = np.arange(0.0, 6.0, 0.01)
 
@@ -36,12 +37,22 @@ def study(change=(), n=8, odd=False):
     targets = [flight(100 + i, change) for i in range(n)]
     if odd:
         targets[0] = dataclasses.replace(targets[0], measured=targets[0].measured * 2.0)
-    answer, scored = answer_change(plain_twin(), targets)
-    sets = flown([f.name for f in targets]), flown([f"flight {i}" for i in range(8)])
+    return study_of(plain_twin(), targets)
+
+
+def study_of(twin, targets):
+    """The question and the study of some flights beside a twin."""
+    answer, scored = answer_change(twin, targets)
+    sets = flown([f.name for f in targets]), flown([score.name for score in twin.scores])
     driven = [Inputs(one.flights, False, "commands", ()) for one in sets]
     question = Question(sets[0], reference=sets[1])
     aside = tuple(f for f in targets if f.name in answer.set_aside)
-    return question, ChangeStudy(driven[0], driven[1], plain_twin(), answer, scored, aside, ())
+    return question, ChangeStudy(driven[0], driven[1], twin, answer, scored, aside, ())
+
+
+def beside_one(change=()):
+    """A flight beside a single reference flight."""
+    return study_of(make_twin([long_flight(1)], LIBRARY, EVERY), [long_flight(2, change)])
 
 
 def diagnosis_of(*args, **settings):
@@ -84,6 +95,18 @@ def test_silence_of_three_flights_is_not_none():
     found = diagnosis_of(n=3)
     assert found.verdict == "too_few"
     assert found.next_flight.startswith("Fly at least 5 flights of 5 to 10 s like the reference")
+
+
+def test_few_flights_that_look_changed_say_what_it_looks_like_and_blame_nothing():
+    found = as_diagnosis(*beside_one([(column("attitude_gain", "g"), 0.06)]))
+    assert Diagnosis.of_json(found.to_json()) == found
+    (likeliest,) = found.effects
+    assert (found.verdict, likeliest.name, likeliest.blamed) == ("too_few", "attitude_gain", False)
+    # Of a single reference flight nobody knows how flights differ.
+    assert all(p.low is None and p.high is None for p in likeliest.parameters)
+    assert found.details.limits == ()
+    assert "at least 5 reference flights" in found.next_flight
+    assert as_diagnosis(*beside_one()).effects == ()
 
 
 def test_a_flight_that_nothing_explains_is_left_out_with_the_reason():
