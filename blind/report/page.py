@@ -16,7 +16,8 @@ from blind.report.pictures import write_pictures
 from blind.report.tables import Tables
 
 INTRODUCTION = (
-    "Flights were made whose effect the diagnosis was not told. Every diagnosis ran in a process "
+    "Flights were simulated, most of them with an effect, and the diagnosis was not told which. "
+    "Every diagnosis ran in a process "
     "of its own that was given nothing but a folder of flights with a random name; what was done "
     "to the vehicle stood in a separate, salted file whose SHA-256 was printed before the first "
     "diagnosis and checked after the last. The controller flew on the noisy estimates that are "
@@ -34,7 +35,7 @@ DECIDABLE = (
     "chi-square of 25 or more. In an undecidable case an answer is right if it is `none`, or if "
     "the true effect is the named one or among its aliases. For realities with equations of their "
     "own, decidability and Cramér-Rao bounds are computed from the same effects and paths in "
-    "crazyflow. They include the uncertainty that reference flights leave."
+    "crazyflow. Both include the uncertainty that reference flights leave."
 )
 
 

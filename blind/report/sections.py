@@ -270,7 +270,8 @@ def _calibrated(tables: Tables) -> tuple[str, ...]:
     hits = round(sum(row["n"] * row["value"] for row in rows))
     stated = sum(row["n"] * row["stated"] for row in rows) / n if n else math.nan
     low, high = clopper_pearson(hits, n)
-    word = MISSING if not n else "met" if low <= stated <= high else "**missed**"
+    late = "missed, on the safe side" if stated < low else "**missed**"
+    word = MISSING if not n else "met" if low <= stated <= high else late
     value = hits / n if n else math.nan
     aim = f"{percent(stated)}, the mean stated"
     shown = (f"{hits}/{n}", percent(value), _range(low, high))

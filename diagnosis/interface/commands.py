@@ -8,12 +8,22 @@ error(P, d) = tr S_yy - max(0, <P, C(d)>)^2 / tr S_uu(d).
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.interface.readings import Chosen, Reading, choose, choose_signs, signed_orders
+from diagnosis.interface.readings import (
+    AXES,
+    RIGHT,
+    TURNED,
+    Chosen,
+    Reading,
+    choose,
+    choose_signs,
+    signed_orders,
+)
 from diagnosis.logs.flights import DroneLog
 from diagnosis.logs.noise import measured
 
@@ -52,6 +62,13 @@ class Following:
         size = np.trace(self.uu, axis1=1, axis2=2)
         return self.yy.sum() - along**2 / np.maximum(size, 1e-12)
 
+    def turned_errors(self) -> Float[np.ndarray, " lags"]:
+        """Squared error of every lag, with the turn in yaw that fits best."""
+        C = self.yu
+        along = np.hypot(C[:, 1, 0] - C[:, 0, 1], C[:, 0, 0] + C[:, 1, 1])
+        size = np.trace(self.uu, axis1=1, axis2=2)
+        return self.yy.sum() - along**2 / np.maximum(size, 1e-12)
+
     def one_axis(self, axis: int) -> tuple[float, float, float]:
         """Squared error of one angle: by its command, by that with the other sign, by neither.
 
@@ -78,7 +95,7 @@ class Following:
 
     def turn(self) -> float:
         """The angle [rad] by which measured tilts are turned against commanded ones."""
-        i = int(np.argmin(self.errors(np.eye(2))))
+        i = int(np.argmin(self.turned_errors()))
         C = self.yu[i]
         return float(np.arctan2(C[1, 0] - C[0, 1], C[0, 0] + C[1, 1]))
 
@@ -111,14 +128,24 @@ def _sums(drone: DroneLog, t: Float[np.ndarray, " times"]) -> Following:
 
 
 def order(found: Following) -> tuple[Chosen | None, Float[np.ndarray, "2 2"]]:
-    """What commanded roll and pitch hold, None if flights do not tell, and the order and sign."""
+    """What commanded roll and pitch hold, None if flights do not tell, and the order and sign.
+
+    Where they are turned by more than `RIGHT`, that is a turn in place of an order and sign.
+    """
     orders = signed_orders(2)
     readings = [
         Reading(_WORDS.get(words, words), float(found.errors(matrix).min()), changes)
         for words, changes, matrix in orders
     ]
+    readings.append(Reading(TURNED, float(found.turned_errors().min()), len(AXES)))
     n = 2 * int(found.seconds / INDEPENDENT)
-    chosen = choose_signs(choose(readings, float(found.yy.sum()), n), _signs(found))
+    chosen = choose(readings, float(found.yy.sum()), n)
+    if chosen is not None and chosen.names == (TURNED,):
+        chosen = dataclasses.replace(chosen, names=())
+        if abs(turn := found.turn()) > RIGHT:
+            c, s = math.cos(turn), math.sin(turn)
+            return chosen, np.asarray([[c, -s], [s, c]])
+    chosen = choose_signs(chosen, _signs(found))
     if chosen is None or not chosen.names:
         return chosen, np.eye(2)
     place = next(i for i, r in enumerate(readings) if r.name == chosen.names[0])

@@ -28,7 +28,7 @@ from diagnosis.interface.fault import (
 from diagnosis.interface.inputs import lift_given, thrust_given
 from diagnosis.interface.mended import below_floor
 from diagnosis.interface.motors import SINCE, Turning, motor_order, turning, turning_lag
-from diagnosis.interface.readings import Chosen
+from diagnosis.interface.readings import RIGHT, Chosen
 from diagnosis.interface.scales import Size
 from diagnosis.interface.windows import Windows, make_windows
 from diagnosis.logs.flights import DroneLog, FlightSet, VehicleFile
@@ -111,7 +111,7 @@ def _faults(flights: FlightSet, made: Checks) -> tuple[InterfaceFault, ...]:
     down = position.points_down(made.rise)
     found += [placed, None if down else below_floor(flights)]
     if made.windows is not None and whole and not down:  # these need the attitude and the ground
-        found += [_thrust_scale(made.windows, flights.vehicle), _path_frame(made.windows)]
+        found += [_thrust_scale(made.windows, flights.vehicle), _path_frame(made.windows, made)]
     if made.followed and whole:
         found += _followed(made.followed)
     found.append(_heading(_drones(flights)))
@@ -276,11 +276,13 @@ def _thrust_scale(windows: Windows, vehicle: VehicleFile) -> InterfaceFault | No
     return InterfaceFault(part="thrust", readings=(reading,), advice=advice, evidence=(evidence,))
 
 
-def _path_frame(windows: Windows) -> InterfaceFault | None:
+def _path_frame(windows: Windows, made: Checks) -> InterfaceFault | None:
     """A turn of the path that is no order or sign of axes."""
     size = scales.path_turn(windows)
-    if size is None or not size.beyond(-scales.TURN, scales.TURN) or abs(size.value) > _RIGHT:
+    if size is None or not size.beyond(-scales.TURN, scales.TURN):
         return None
+    if made.compared.get("attitude") is None and abs(size.value) > RIGHT:
+        return None  # the path follows the attitude in no frame
     return _turned(
         "frame of the path",
         "position and velocity are turned",
@@ -346,10 +348,6 @@ def _turned(
     )
 
 
-_RIGHT = math.radians(45.0)
-"""Beyond it a turn is an order or sign of axes, which other checks name."""
-
-
 def _followed(followed: Sequence[Following]) -> list[InterfaceFault | None]:
     """Clock and turn of commanded roll and pitch."""
     chosen, matrix = commands.order(commands.together(followed))
@@ -370,9 +368,10 @@ def _followed(followed: Sequence[Following]) -> list[InterfaceFault | None]:
             )
         )
     turn = None if chosen.names else scales.command_turn(followed)
-    if turn is not None and turn.beyond(-scales.TURN, scales.TURN) and abs(turn.value) < _RIGHT:
+    if turn is not None and turn.beyond(-scales.TURN, scales.TURN):
         against = "commanded roll and pitch: check whose yaw is used."
-        found.append(_turned("frame of the commands", "flown tilts are turned", against, turn))
+        part = "frame of the commands" if abs(turn.value) < RIGHT else "attitude command"
+        found.append(_turned(part, "flown tilts are turned", against, turn))
     return found
 
 

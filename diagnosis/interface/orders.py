@@ -8,6 +8,8 @@
 | attitude | the direction of the specific force that the path needs |
 """
 
+import dataclasses
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,6 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from diagnosis.interface.readings import (
     AXES,
+    RIGHT,
+    TURNED,
     Chosen,
     Reading,
     choose,
@@ -76,11 +80,18 @@ def attitude(windows: Windows) -> Chosen | None:
         axis[:, :2] = axis[:, :2] @ matrix.T
         readings.append(Reading(words, _pointed(windows, axis), 1))
     across = windows.force[:, :2]
+    turn, error = _any_turn(windows, upright.as_matrix()[:, :, 2])
+    readings.append(Reading(TURNED, error, len(AXES)))
+    chosen = choose(readings, _spread(across), across.size)
+    if chosen is not None and chosen.names == (TURNED,):
+        chosen = dataclasses.replace(chosen, names=())
+        if abs(turn) > RIGHT:
+            return chosen
     flips = {name: attitudes[name][0][:, :, 2] for name in _FLIPS}
     for words in _MIRRORS:
         flips[words] = flips[""] * np.append(np.diag(PATHS[words]), 1.0)
     return choose_signs(
-        choose(readings, _spread(across), across.size),
+        chosen,
         {f"the path's {axis} axis": _one_way(windows, flips, i) for i, axis in enumerate("xy")},
     )
 
@@ -135,6 +146,13 @@ def _one_way(
         for name, axis in axes.items()
     ]
     return readings, remainder(force, free), len(force)
+
+
+def _any_turn(windows: Windows, axis: Float[np.ndarray, "windows 3"]) -> tuple[float, float]:
+    """The turn of the path [rad] that fits best, and the squared error that it leaves."""
+    terms, force = tilt_terms(windows, axis)
+    fit, *_ = np.linalg.lstsq(terms, force, rcond=None)
+    return math.atan2(fit[1], fit[0]), float(np.sum((force - terms @ fit) ** 2))
 
 
 def _pointed(windows: Windows, axis: Float[np.ndarray, "windows 3"]) -> float:

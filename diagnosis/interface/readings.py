@@ -10,6 +10,7 @@ if it explains at least `EXPLAINED` of what is predicted.
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -24,6 +25,11 @@ EXPLAINED = 0.5
 FEWEST = 8
 """Fewest numbers; with fewer, the quantile is above 30."""
 
+TURNED = "turned in yaw by any angle"
+"""The reading of a frame that is turned. It is no order or sign of axes, and is meant only where
+none of these fits as well; its angle is a size (`scales.py`)."""
+RIGHT = math.radians(45.0)
+"""Turn up to which each axis still has its own sign: half of a right angle."""
 AXES = ("x", "y", "z")
 
 

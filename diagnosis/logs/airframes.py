@@ -110,6 +110,14 @@ POINT_MASSES = {
             rotor_lag=0.072,
         ),
         _rotorpy(
+            "crazyfliebrushless",
+            4.052e-08,
+            3100.0,
+            0.043 * math.sqrt(0.5),
+            inertia=(3.3e-5, 3.6e-5, 5.9e-5),
+            rotor_lag=0.05,
+        ),
+        _rotorpy(
             "hummingbird",
             5.57e-06,
             1500.0,

@@ -16,6 +16,7 @@ MASSES = {
     "cf2x_P250": 0.0318,
     "cf2x_T350": 0.0379,
     "crazyflie": 0.03,
+    "crazyfliebrushless": 0.044,
     "hummingbird": 0.5,
     "px4_sihsim_quadx": 1.0,
 }

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from flights_for_tests import flight_set, made_log, point_mass_set
+from test_twin import EVERY, LIBRARY, column, flight
 
-from blind.twin.power import STUDIED, told, turns_named, write_turns
+from blind.power.twin import CLEAN, STUDIED, measure, told, turns_named, write_table, write_turns
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.inputs import choose_inputs, thrust_of_pwm
 from diagnosis.twin.flown import twin_replay
+from diagnosis.twin.twin import make_twin
 from simulators import registry
 
 
@@ -69,3 +71,21 @@ def test_a_turned_path_is_counted_where_it_is_named():
     named = turns_named(point_mass_set(n_flights=8, seconds=6.0), 2, (4, 4), seed=0)
     assert (named[0.0], named[10.0]) == (0, 2)
     assert "| 10 | 2/2 (16 to 100 %) |" in write_turns(named, 2)
+
+
+def test_the_drift_that_a_named_fault_makes_falls_as_without_the_fault():
+    case = ("attitude gain", 0.06)
+    change = [(column("attitude_gain", "g"), case[1])]
+    channels = {
+        CLEAN: [flight(i) for i in range(12)],
+        case: [flight(i, change) for i in range(12)],
+    }
+    clean, found = measure(
+        channels, lambda chosen: make_twin(chosen, LIBRARY, EVERY), 2, 2, (6, 6), 0
+    )
+    assert clean.falls == ((0.0, 0.0),) * 2
+    assert found.named == 2
+    for named, without in found.falls:
+        assert without > 0.0
+        assert named == pytest.approx(without, rel=0.2)
+    assert write_table([clean, found]).splitlines()[-1].endswith(" % |")

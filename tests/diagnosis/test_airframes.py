@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import rotorpy.vehicles.crazyflie_params
+import rotorpy.vehicles.crazyfliebrushless_params
 import rotorpy.vehicles.hummingbird_params
 import rotorpy.vehicles.px4_sihsim_quadx_params
 from flights_for_tests import few_or_all, flight_set, made_log
@@ -260,7 +261,15 @@ def test_named_airframes_are_crazyflows(name):
     np.testing.assert_array_equal(np.diag(ours.drag), -np.asarray(theirs["drag_matrix"]))
 
 
-@pytest.mark.parametrize("name", ["crazyflie", "hummingbird", "px4_sihsim_quadx"])
+ROTORPYS = ("crazyflie", "crazyfliebrushless", "hummingbird", "px4_sihsim_quadx")
+
+
+def test_every_airframe_of_rotorpy_has_a_name_here():
+    folder = pathlib.Path(rotorpy.vehicles.crazyflie_params.__file__).parent
+    assert {file.stem for file in folder.glob("*_params.py")} == {f"{n}_params" for n in ROTORPYS}
+
+
+@pytest.mark.parametrize("name", ROTORPYS)
 def test_named_airframes_are_rotorpys(name):
     theirs = getattr(rotorpy.vehicles, f"{name}_params").quad_params
     ours = AIRFRAMES[name]

@@ -67,7 +67,13 @@ def test_a_fault_of_order_or_sign_is_named_alone(clean, name):
     ("name", "parameters", "part", "value"),
     [
         ("path_turned_in_yaw", {"angle": 0.26}, "frame of the path", 15.0),
+        ("path_turned_in_yaw", {"angle": 0.785}, "frame of the path", 45.0),
+        ("path_turned_in_yaw", {"angle": -1.2}, "frame of the path", -68.8),
+        ("path_turned_in_yaw", {"angle": 2.2}, "frame of the path", 126.1),
         ("tilt_turned_in_yaw", {"angle": -0.26}, "frame of the commands", -15.0),
+        ("tilt_turned_in_yaw", {"angle": 0.7}, "frame of the commands", 40.1),
+        ("tilt_turned_in_yaw", {"angle": -1.0}, "attitude command", -57.3),
+        ("tilt_turned_in_yaw", {"angle": 2.0}, "attitude command", 114.6),
         ("thrust_gain", {"e": 1.0}, "thrust", 0.5),
         ("thrust_gain", {"e": -0.5}, "thrust", 2.0),
     ],

@@ -1,12 +1,13 @@
 """Power, coverage and false alarms of the twin, by faults put into halves of real flights.
 
-    python -m blind.twin.power FLIGHTS --splits 200 --fault-splits 40 --reference 9 --target 9
+    python -m blind.power.twin FLIGHTS --splits 200 --fault-splits 40 --reference 9 --target 9
 
 Flights are split at random into a reference and a target. Undisturbed targets count false alarms;
 targets with a fault in their commands count how often it is named, or stands among the aliases of
-what is named, and how often its interval holds its true size. A second table counts targets with a
-turned path, which the check of the interface names. Splits of one set share flights, so that
-Clopper-Pearson intervals, which stand for independent splits, are too narrow.
+what is named, and how often its interval holds its true size. "Drift falls by" is how much of the
+drift that the fault makes goes with what is named, where something is. A second table counts
+targets with a turned path, which the check of the interface names. Splits of one set share flights,
+so that Clopper-Pearson intervals, which stand for independent splits, are too narrow.
 """
 
 import argparse
@@ -27,8 +28,9 @@ from diagnosis.replay.replay import Replay
 from diagnosis.twin.answer import ChangedParameter, TwinAnswer
 from diagnosis.twin.channels import Channels
 from diagnosis.twin.diagnose_change import answer_change
+from diagnosis.twin.drift import Scored
 from diagnosis.twin.flown import flight_of, seen, twin_replay
-from diagnosis.twin.twin import make_twin
+from diagnosis.twin.twin import Twin, make_twin
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +82,9 @@ class Tally:
     """What was put into the logs."""
     answers: tuple[TwinAnswer, ...]
     """One a split."""
+    falls: tuple[tuple[float, float], ...]
+    """By how much the drift of the changed flights falls in each split [m]: with what is named in
+    the sizes that other flights show, and without the fault."""
 
     @property
     def alarms(self) -> int:
@@ -132,7 +137,7 @@ def fly(flights: FlightSet, scales: Sequence[float]) -> tuple[Mapping[Case, tupl
         made[name, size] = flight_of(replay, inputs.flights)(replay.library.neutral)
         sys.stderr.write(f"flown: {name or 'undisturbed'} {size:g}\n")
 
-    def twin_of(chosen: Sequence[Channels]) -> object:
+    def twin_of(chosen: Sequence[Channels]) -> Twin:
         return make_twin(chosen, replay.library, seen(replay))
 
     return made, twin_of
@@ -148,15 +153,30 @@ def measure(
 ) -> list[Tally]:
     """The answers to every case over random splits; faults in the first `fault_splits` of them."""
     rng, names = np.random.default_rng(seed), [c.name for c in channels[CLEAN]]
-    found: dict[Case, list[TwinAnswer]] = {case: [] for case in channels}
+    found: dict[Case, list[tuple[TwinAnswer, tuple[float, float]]]] = {c: [] for c in channels}
     for k in range(splits):
         order = [names[i] for i in rng.permutation(len(names))]
         before, after = order[: sizes[0]], order[sizes[0] : sum(sizes)]
         twin = twin_of([c for c in channels[CLEAN] if c.name in before])
         for case, flights in channels.items():
             if case == CLEAN or k < fault_splits:
-                found[case].append(answer_change(twin, [c for c in flights if c.name in after])[0])
-    return [Tally(case, tuple(answers)) for case, answers in found.items()]
+                answer, scored = answer_change(twin, [c for c in flights if c.name in after])
+                found[case].append((answer, _falls(twin, scored, channels[CLEAN])))
+    return [
+        Tally(case, tuple(a for a, _ in made), tuple(f for _, f in made))
+        for case, made in found.items()
+    ]
+
+
+def _falls(
+    twin: Twin, scored: Sequence[Scored], undisturbed: Sequence[Channels]
+) -> tuple[float, float]:
+    """By how much the drift falls with what is named, and without the fault [m], in the mean."""
+    clean = {c.name: c for c in undisturbed}
+    each = [(one.drift(e) for e in (one.before, one.after, twin.errors(clean[one.name])))
+            for one in scored]  # fmt: skip
+    before, after, without = (np.nanmean(np.concatenate(x)) for x in zip(*each, strict=True))
+    return float(before - after), float(before - without)
 
 
 def turns_named(
@@ -184,15 +204,16 @@ def _share(k: int, n: int) -> str:
 def write_table(tallies: Sequence[Tally]) -> str:
     """The table of all cases, in Markdown."""
     lines = [
-        "| fault | named or alias | named first | mean estimate | coverage | limit | misfit left |",
-        "|---|---|---|---|---|---|---|",
+        "| fault | named or alias | named first | mean estimate | coverage | limit | misfit left "
+        "| drift falls by |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for tally in tallies:
         n = len(tally.answers)
         if tally.case == CLEAN:
             aside = np.mean([len(a.set_aside) for a in tally.answers])
             lines.append(
-                f"| none: alarms | {_share(tally.alarms, n)} | | | | | {aside:.2f} aside |"
+                f"| none: alarms | {_share(tally.alarms, n)} | | | | | {aside:.2f} aside | |"
             )
             continue
         (name, size), fault = tally.case, STUDIED[tally.case[0]]
@@ -213,16 +234,19 @@ def _line(tally: Tally, name: str, size: float, fault: Studied, n: int) -> str:
     left = np.mean([after / before for before, after in misfits]) if misfits else np.nan
     mean = np.mean([p.value for p in shown]) if shown else np.nan
     limit = np.median([p.limit for p in shown]) if shown else np.nan
+    falls = np.asarray([f for a, f in zip(tally.answers, tally.falls, strict=True) if a.effects])
+    drift = f"{100 * falls[:, 0].sum() / falls[:, 1].sum():.0f} %" if len(falls) else ""
     unit = "" if fault.unit == "-" else f" {fault.unit}"
     return (
         f"| {name} {size:+.4g}{unit} | {_share(tally.named, n)} | {tally.first}/{n} | "
-        f"{mean:+.4f} | {held}/{len(shown)} | {limit:.4f} | {left:.2f} |"
+        f"{mean:+.4f} | {held}/{len(shown)} | {limit:.4f} | {left:.2f} | "
+        f"{drift} |"
     )
 
 
 def main() -> None:
     """Prints the table of a flight set."""
-    parser = argparse.ArgumentParser(prog="python -m blind.twin.power", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m blind.power.twin", description=__doc__)
     parser.add_argument("flights", type=Path, help="folder of logs of one undisturbed vehicle")
     parser.add_argument("--splits", type=int, default=200, help="undisturbed splits")
     parser.add_argument("--fault-splits", type=int, default=40, help="splits of every fault")

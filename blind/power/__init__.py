@@ -1,0 +1,1 @@
+"""How small a change, and which faults of logs, a diagnosis finds: faults put into flights."""
