@@ -20,6 +20,8 @@ DAMPINGS = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
 With 0.01 as the least, the fit of one set of reference flights crept along a valley to its side."""
 STEPS = 8
 """Most Gauss-Newton steps of a refit."""
+SETTLED = 0.05
+"""Fall of the objective, over the dispersion, below which a fit does not move any more."""
 ACROSS = 0.1
 """How near an onset must be to the edge of a window for the window beside to be tried [s]."""
 
@@ -73,7 +75,7 @@ def polished(evidence: Evidence, fit: Fit, goal: float, steps: int = 2 * STEPS) 
 def _ends(evidence: Evidence, fit: Fit, gain: float, left: int, goal: float) -> bool:
     """Whether a fit that gained so much is settled, or will not reach `goal` in `left` steps."""
     reached = -0.5 * (fit.objective - left * gain) / evidence.phi
-    return gain < 0.05 * evidence.phi or reached < goal
+    return gain < SETTLED * evidence.phi or reached < goal
 
 
 def _jointly(evidence: Evidence, fit: Fit) -> Fit:
@@ -83,7 +85,9 @@ def _jointly(evidence: Evidence, fit: Fit) -> Fit:
     first order promises much that is not there: the step is damped until it is better.
     """
     for damping in DAMPINGS if np.isfinite(fit.normal.H).all() else ():
-        at = evidence.joint_step(fit, damping)
+        *at, promise = evidence.joint_step(fit, damping)
+        if promise < SETTLED * evidence.phi:
+            return fit  # a damped step promises less
         tried = evidence.as_flown(evidence.made(fit.effects, *at, whole=False))
         if tried.objective < fit.objective:
             # What flights draw for themselves goes by slopes, which are anew here.

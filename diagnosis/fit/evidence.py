@@ -181,8 +181,10 @@ class Evidence:
 
     def joint_step(
         self, fit: Fit, damping: float = 0.0, others: Normal | None = None
-    ) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
+    ) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"], float]:
         """Beside a reference, the vector and the shared shift one step from `fit`, as flown.
+
+        The last number is the fall of the objective that first order promises.
 
         Levenberg and Marquardt's step of the free parameters and of the shift at once: the
         curvature of each is raised by a share `damping` of its own. With `others`, normal
@@ -192,19 +194,20 @@ class Evidence:
         free, n, normal = self.free(fit.effects), len(fit.vector), others or fit.normal
         H, g = normal.H.sum(axis=0), normal.g.sum(axis=0)
         if not np.isfinite(H).all() or not np.isfinite(g).all():
-            return fit.vector, fit.shared
+            return fit.vector, fit.shared, 0.0
         every = [*free, *range(n)]
         joint, right = H[np.ix_(every, every)], g[every]
-        joint[np.diag_indices_from(joint)] *= 1.0 + damping
         joint[-n:, -n:] += self.precision
+        damped = joint + damping * np.diag(np.diag(H)[every])
         right[-n:] -= self.precision @ fit.shared
         bounds = zip(self.bounds_of(free), (self.low, self.high), strict=True)
         low, high = (np.concatenate(ends) for ends in bounds)
-        step = bounded_step(joint, right, low - fit.vector[every], high - fit.vector[every])
+        step = bounded_step(damped, right, low - fit.vector[every], high - fit.vector[every])
+        promise = float(2.0 * right @ step - step @ joint @ step)
         shift = step[-n:].copy()
         shared = self._walked(self.base + fit.shared, shift) - self.base
         shift[free] += step[:-n]
-        return self._walked(fit.vector, shift), shared
+        return self._walked(fit.vector, shift), shared, promise
 
     def _walked(
         self, vector: Float[np.ndarray, " params"], by: Float[np.ndarray, " params"]

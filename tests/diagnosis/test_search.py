@@ -14,6 +14,7 @@ from diagnosis.decide.reference import pinned
 from diagnosis.decide.verdict import Floor, Structure, intervals, judge, structure
 from diagnosis.decision import Decision
 from diagnosis.fit import search
+from diagnosis.fit.descent import polished
 from diagnosis.fit.equations import bounded_step
 from diagnosis.fit.evidence import Evidence, bounds
 from diagnosis.fit.likelihood import NARROW, Likelihood
@@ -322,14 +323,14 @@ def test_a_polished_set_is_worth_what_it_flies_with_its_shared_shift(replay):
     assert again.objective == pytest.approx(polished.objective, abs=0.1)
 
 
-def test_a_damped_step_is_shorter_and_an_undamped_one_solves_both(replay):
+def test_a_damped_step_is_shorter_and_an_undamped_one_solves_both(replay, monkeypatch):
     likelihood = make_likelihood(replay, point_mass_set(Drag(c=0.4), n_flights=2).flights, SIGMA)
     library = replay.library
     precision = np.diag(np.full(len(library.slots), 1e3))
     evidence = Evidence.of(likelihood, library.neutral, precision)
     drag = frozenset({"drag"})
     fit, (at,) = evidence.as_flown(evidence.made(drag, library.neutral)), library.indices["drag"]
-    vector, shared = evidence.joint_step(fit, 0.0)
+    vector, shared, promise = evidence.joint_step(fit, 0.0)
     H, g = fit.normal.H.sum(axis=0), fit.normal.g.sum(axis=0)
     assert abs((g - H @ (vector - library.neutral))[at]) < 1e-2 * abs(g[at])
     size = np.sqrt(np.diag(H))
@@ -338,10 +339,20 @@ def test_a_damped_step_is_shorter_and_an_undamped_one_solves_both(replay):
         step = (vector - library.neutral - shared)[at]
         return np.linalg.norm([size[at] * step, *(size * shared)])
 
-    assert length(*evidence.joint_step(fit, 1.0)) < 0.9 * length(vector, shared)
+    *damped, less = evidence.joint_step(fit, 1.0)
+    assert length(*damped) < 0.9 * length(vector, shared)
+    assert 0.0 < less < promise
+    flown = evidence.as_flown(evidence.made(drag, vector, shared, whole=False))
+    assert fit.objective - flown.objective == pytest.approx(promise, rel=0.3)
+    settled, flights = polished(evidence, fit, -np.inf), []
+    as_flown = Evidence.as_flown
+    monkeypatch.setattr(Evidence, "as_flown", lambda *a: flights.append(a) or as_flown(*a))
+    polished(evidence, settled, -np.inf)
+    assert len(flights) == 1  # no more is promised than what ends a fit
     broken = dataclasses.replace(fit.normal, H=np.full_like(fit.normal.H, np.nan))
-    stays = evidence.joint_step(fit, others=broken)
+    *stays, nothing = evidence.joint_step(fit, others=broken)
     np.testing.assert_array_equal(stays, (fit.vector, fit.shared))
+    assert nothing == 0.0
 
 
 @pytest.mark.parametrize("neutral", [0.0, 1.0])
