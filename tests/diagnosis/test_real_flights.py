@@ -1,0 +1,128 @@
+"""What is said of real flights: undisturbed halves, faults put into one of them, a changed drone.
+
+The sets stand beside the repository (`reports/real_flights.md`). Each case is answered beside the
+twin of the other flights, and no answer may contradict itself (`consistent`).
+"""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from blind.draw.faults import FAULTS
+from diagnosis.decide.prepared import Question
+from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.result import Diagnosis
+from diagnosis.twin.as_diagnosis import beside_twin
+
+REAL = Path(__file__).parents[2].parent / "shared" / "flights"
+
+
+def real(name: str) -> FlightSet:
+    if not (REAL / name).is_dir():
+        pytest.skip("The real flights are not beside the repository")
+    return load_flights(REAL / name)
+
+
+def halves(name: str) -> tuple[FlightSet, FlightSet]:
+    flights = real(name)
+    even, odd = (dataclasses.replace(flights, flights=flights.flights[i::2]) for i in (0, 1))
+    return even, odd
+
+
+def some(flights: FlightSet, n: int) -> FlightSet:
+    return dataclasses.replace(flights, flights=flights.flights[:n])
+
+
+def consistent(found: Diagnosis) -> Diagnosis:
+    """No answer stands that is likelier wrong than right, may be of no size, or makes it worse."""
+    for effect in found.blamed:
+        assert effect.probability is not None
+        assert effect.probability >= 0.5
+        assert any(p.low > 0.0 or p.high < 0.0 for p in effect.parameters)
+    if found.blamed:
+        assert found.details.misfit.after < found.details.misfit.before
+        assert found.shrink.high is None or found.shrink.high > 0.0
+    return found
+
+
+def changed(flights: FlightSet, reference: FlightSet) -> Diagnosis:
+    return consistent(beside_twin(Question(flights, "crazyflow", reference)))
+
+
+def class_of(found: Diagnosis) -> set[str]:
+    """The first effect that is blamed and what looks like it."""
+    return {found.blamed[0].name, *found.blamed[0].aliases} if found.blamed else set()
+
+
+def test_undisturbed_halves_differ_by_nothing():
+    """Two flights (log163, log169) have a hole of a second at their start."""
+    even, odd = halves("crazyflie_plain")
+    found = changed(even, odd)
+    assert (found.verdict, found.effects) == ("none", ())
+    worst = {line.channel: line.gap_rms for line in found.where}
+    assert worst["acceleration up"] < 0.2
+
+
+@pytest.mark.parametrize(
+    ("fault", "given", "named", "parameter"),
+    [
+        ("delay", {"seconds": 0.03}, "delay", "seconds"),
+        ("trim", {"roll": 0.0, "pitch": np.radians(3.0)}, "trim", "pitch"),
+        ("thrust_gain", {"e": 0.07}, "thrust_gain", "e"),
+        ("tilt_turned_in_yaw", {"angle": np.radians(10.0)}, "frame_misalignment", "angle"),
+    ],
+)
+def test_a_fault_that_is_put_into_the_commands_is_named_in_its_size(fault, given, named, parameter):
+    even, odd = halves("crazyflie_plain")
+    found = changed(FAULTS[fault].apply(even, given), odd)
+    assert named in class_of(found)
+    (blamed,) = (effect for effect in found.blamed if effect is found.blamed[0])
+    if blamed.name == named:
+        size = blamed.parameter(parameter)
+        assert size.low < given[parameter] < size.high
+
+
+def test_a_start_that_is_cut_off_hides_no_delay():
+    even, odd = halves("crazyflie_plain")
+    late = FAULTS["delay"].apply(even, {"seconds": 0.03})
+    cut = tuple(
+        dataclasses.replace(flight, drones=tuple(_after(drone, 0.7) for drone in flight.drones))
+        for flight in late.flights
+    )
+    found = changed(dataclasses.replace(late, flights=cut), odd)
+    assert "delay" in class_of(found)
+
+
+def _after(drone, seconds):
+    kept = drone.t >= drone.t[0] + seconds
+    columns = {
+        field.name: value if value is None else value[kept]
+        for field in dataclasses.fields(drone)
+        for value in [getattr(drone, field.name)]
+    }
+    return dataclasses.replace(drone, **columns)
+
+
+def test_three_flights_beside_five_name_a_family_of_aliases():
+    even, odd = halves("crazyflie_plain")
+    found = changed(FAULTS["thrust_gain"].apply(some(even, 3), {"e": 0.1}), some(odd, 5))
+    assert {"thrust_gain", "mass"} <= class_of(found)
+
+
+def test_a_drone_that_carries_more_is_told_by_each_flight_alone():
+    heavy, plain = real("crazyflie_changed"), real("crazyflie_plain")
+    for flights in (heavy, some(heavy, 1)):
+        found = changed(flights, plain)
+        assert class_of(found) & {"mass", "thrust_gain"}
+        (size,) = found.blamed[0].parameters
+        over = size.value if found.blamed[0].name == "thrust_gain" else 1 / (1 + size.value) - 1
+        assert over == pytest.approx(-0.257, abs=0.01)
+
+
+def test_a_mass_that_was_weighed_anew_is_taken_out_first():
+    heavy, plain = real("crazyflie_changed"), real("crazyflie_plain")
+    weighed = dataclasses.replace(heavy.vehicle, mass=1.347 * heavy.vehicle.mass)
+    found = changed(dataclasses.replace(heavy, vehicle=weighed), plain)
+    assert not class_of(found) & {"mass", "thrust_gain", "battery"}
