@@ -10,14 +10,15 @@ from bench.text import markdown
 from bench.text.numbers import MISSING, number, significant, span
 
 TIES = (
-    f"In brackets: who is shown to be at most {NEAR:g} below it, by a 95 % interval. Where seeds "
-    "scatter widely, others cannot be told from the best though they may be far worse"
+    "In brackets are methods whose 95 % interval shows a score at most "
+    f"{NEAR:g} lower. Where seeds scatter widely, other methods cannot be separated from the best, "
+    "though they may be far worse"
 )
 """What a name in brackets in the table of whom to choose means."""
 TUNED = (
-    "Settings that are better than every default of the same bill. They were found by comparing "
-    "many on the same tables, so that their scores are a little too good. On tasks that are not "
-    "named the method had its default:"
+    "With these settings a method scores higher than every method with default settings that needs "
+    "no more flight. They were found by comparing many settings on the same tables, so that their "
+    "scores are a little too good. On tasks that are not named, the method had its defaults:"
 )
 """What is said of settings that are better than all defaults."""
 CHOSEN = "Which method to choose, and how far below it the others may be"
@@ -42,8 +43,9 @@ def whom(found: Sequence[Choice], tables: Tables) -> list[str]:
     parts = [
         "## Which method to choose",
         markdown.table(("team size", *budgets), lines, range(len(shown) + 1)),
-        "For a team and the high-fidelity flight that may be spent: the best method, its score (0: "
-        f"a team that stays at its spawn; 1: the upper reference). {TIES} ([who, and by how much]"
+        "Each line is a team size, each column the high-fidelity flight that may be spent. A cell "
+        "names the best method and its score (0: a team that stays at its spawn; 1: the upper "
+        f"reference). {TIES} ([which, and by how much]"
         f"(#{markdown.anchor(CHOSEN)})). {means}Scores are for comparing methods of one line: "
         "references differ from line to line, and each is one training. Hybrid without a "
         "residual's name has the MLP ensemble.",

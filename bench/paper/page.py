@@ -67,8 +67,9 @@ HOW = (
     "task and a team size) is **supported** if every cell supports it after Holm's correction, "
     "**refuted** if one cell refutes it, and **undecided** otherwise: a tie is no win, and cells "
     "that were not run support nothing. Differences are paired by training seed; a run that "
-    "diverged counts with the policy that it left. Intervals are of one cell, without correction; "
-    "p is after it. For a claim about every cell the correction is stricter than it needs to be. "
+    "diverged counts with its last policy. Intervals are of one cell, without correction; "
+    "p values are corrected. For a claim about every cell the correction is stricter than it needs "
+    "to be. "
     "The settled reward leaves out take-off, so that relative gaps are far larger by it than by "
     "the whole return. Contacts are flags in this simulator: drones never push each other."
 )

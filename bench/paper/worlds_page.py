@@ -136,8 +136,8 @@ def document(
     parts += [
         "Claims about policies that train or fly in a world, judged there by settled rewards as on "
         "the page of the paper. A claim about more cells than were flown in a world is undecided "
-        "there unless what was flown refutes it. Where worlds have different cells, another "
-        "verdict need not come from the world."
+        "there unless what was flown refutes it. If two worlds have different cells, their "
+        "verdicts may differ because of the cells, not because of the worlds."
     ]
     where = list(dict.fromkeys(place for own in claims.values() for place in own))
     rows = [
@@ -183,8 +183,9 @@ def _summary(made: Matrix, cells: str) -> list[str]:
             continue
         best = max(here, key=lambda s: s.scores[world][0])
         bullets.append(
-            f"- {world.name}: best mean {markdown.escape(_name(flown_as(best.entry, world)))} "
-            f"({measured(*best.scores[world])})."
+            f"- The best mean score in {world.name} has "
+            f"{markdown.escape(_name(flown_as(best.entry, world)))}: "
+            f"{measured(*best.scores[world])}."
         )
     if not bullets:
         return ["## In short", "No method flew in every world."]
