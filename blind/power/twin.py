@@ -13,23 +13,26 @@ so that Clopper-Pearson intervals, which stand for independent splits, are too n
 import argparse
 import dataclasses
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
+from rich.progress import track
 
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import FAULTS
 from blind.score.scoring import clopper_pearson
+from diagnosis.decision import Decision
 from diagnosis.interface.faults import interface_faults
-from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.logs.flights import FlightLog, FlightSet, load_flights
 from diagnosis.logs.inputs import choose_inputs
 from diagnosis.replay.replay import Replay
 from diagnosis.twin.answer import ChangedParameter, TwinAnswer
 from diagnosis.twin.channels import Channels
 from diagnosis.twin.diagnose_change import answer_change
 from diagnosis.twin.drift import Scored
-from diagnosis.twin.flown import flight_of, seen, twin_replay
+from diagnosis.twin.flown import Fly, flight_of, seen, twin_replay
 from diagnosis.twin.twin import Twin, make_twin
 
 
@@ -116,6 +119,16 @@ class Tally:
         ]
 
 
+@dataclasses.dataclass(frozen=True)
+class Flown:
+    """All flights with one fault in their logs."""
+
+    channels: tuple[Channels, ...]
+    """What they show beside the nominal simulator."""
+    again: Callable[[Collection[str]], Fly] | None = None
+    """What simulates those of some names elsewhere."""
+
+
 def told(flights: FlightSet, replay: Replay) -> list[str]:
     """What can be studied: faults of columns that were logged, by effects that the replay shows."""
     return [
@@ -125,16 +138,23 @@ def told(flights: FlightSet, replay: Replay) -> list[str]:
     ]
 
 
-def fly(flights: FlightSet, scales: Sequence[float]) -> tuple[Mapping[Case, tuple], Callable]:
-    """The channels of every case, and what makes a twin of some of them."""
+def fly(
+    flights: FlightSet, scales: Sequence[float]
+) -> tuple[Mapping[Case, Flown], Callable[[Sequence[Channels]], Twin]]:
+    """Every case as it flies, and what makes a twin of some flights."""
     replay = twin_replay(flights, choose_inputs(flights), "crazyflow")
     cases = [CLEAN]
     for name in told(flights, replay):
         cases += [(name, STUDIED[name].aim * scale) for scale in scales]
     made = {}
     for name, size in cases:
-        inputs = choose_inputs(STUDIED[name].apply(flights, size) if name else flights)
-        made[name, size] = flight_of(replay, inputs.flights)(replay.library.neutral)
+        logs = choose_inputs(STUDIED[name].apply(flights, size) if name else flights).flights
+
+        def again(names: Collection[str], logs: Sequence[FlightLog] = logs) -> Fly:
+            return flight_of(replay, [log for log in logs if log.name in names])
+
+        channels = flight_of(replay, logs)(replay.library.neutral)
+        made[name, size] = Flown(channels, again)
         sys.stderr.write(f"flown: {name or 'undisturbed'} {size:g}\n")
 
     def twin_of(chosen: Sequence[Channels]) -> Twin:
@@ -144,24 +164,27 @@ def fly(flights: FlightSet, scales: Sequence[float]) -> tuple[Mapping[Case, tupl
 
 
 def measure(
-    channels: Mapping[Case, Sequence[Channels]],
-    twin_of: Callable,
+    flown: Mapping[Case, Flown],
+    twin_of: Callable[[Sequence[Channels]], Twin],
     splits: int,
     fault_splits: int,
     sizes: tuple[int, int],
     seed: int,
 ) -> list[Tally]:
     """The answers to every case over random splits; faults in the first `fault_splits` of them."""
-    rng, names = np.random.default_rng(seed), [c.name for c in channels[CLEAN]]
-    found: dict[Case, list[tuple[TwinAnswer, tuple[float, float]]]] = {c: [] for c in channels}
-    for k in range(splits):
+    clean = flown[CLEAN].channels
+    rng, names = np.random.default_rng(seed), [c.name for c in clean]
+    found: dict[Case, list[tuple[TwinAnswer, tuple[float, float]]]] = {c: [] for c in flown}
+    for k in track(range(splits), "answering", console=Console(stderr=True)):
         order = [names[i] for i in rng.permutation(len(names))]
         before, after = order[: sizes[0]], order[sizes[0] : sum(sizes)]
-        twin = twin_of([c for c in channels[CLEAN] if c.name in before])
-        for case, flights in channels.items():
+        twin = twin_of([c for c in clean if c.name in before])
+        for case, flights in flown.items():
             if case == CLEAN or k < fault_splits:
-                answer, scored = answer_change(twin, [c for c in flights if c.name in after])
-                found[case].append((answer, _falls(twin, scored, channels[CLEAN])))
+                chosen = [c for c in flights.channels if c.name in after]
+                again = flights.again(after) if flights.again else None
+                answer, scored = answer_change(twin, chosen, Decision(), again)
+                found[case].append((answer, _falls(twin, scored, clean)))
     return [
         Tally(case, tuple(a for a, _ in made), tuple(f for _, f in made))
         for case, made in found.items()
@@ -172,10 +195,19 @@ def _falls(
     twin: Twin, scored: Sequence[Scored], undisturbed: Sequence[Channels]
 ) -> tuple[float, float]:
     """By how much the drift falls with what is named, and without the fault [m], in the mean."""
-    clean = {c.name: c for c in undisturbed}
-    each = [(one.drift(e) for e in (one.before, one.after, twin.errors(clean[one.name])))
-            for one in scored]  # fmt: skip
-    before, after, without = (np.nanmean(np.concatenate(x)) for x in zip(*each, strict=True))
+    clean = {c.name: c for c in undisturbed if c.name in {one.name for one in scored}}
+    intact = [
+        dataclasses.replace(one, valid=clean[one.name].valid).drift(twin.errors(clean[one.name]))
+        for one in scored
+    ]
+    before, after, without = (
+        np.nanmean(np.concatenate(each))
+        for each in (
+            [one.drift(one.before) for one in scored],
+            [one.drift(one.after) for one in scored],
+            intact,
+        )
+    )
     return float(before - after), float(before - without)
 
 
@@ -258,8 +290,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the splits")
     given = parser.parse_args()
     flights, sizes = load_flights(given.flights), (given.reference, given.target)
-    channels, twin_of = fly(flights, given.scales)
-    tallies = measure(channels, twin_of, given.splits, given.fault_splits, sizes, given.seed)
+    flown, twin_of = fly(flights, given.scales)
+    tallies = measure(flown, twin_of, given.splits, given.fault_splits, sizes, given.seed)
     turned = turns_named(flights, given.splits, sizes, given.seed)
     sys.stdout.write(f"{write_table(tallies)}\n\n{write_turns(turned, given.splits)}\n")
 

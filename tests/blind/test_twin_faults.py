@@ -5,7 +5,16 @@ import pytest
 from flights_for_tests import flight_set, made_log, point_mass_set
 from test_twin import EVERY, LIBRARY, column, flight
 
-from blind.power.twin import CLEAN, STUDIED, measure, told, turns_named, write_table, write_turns
+from blind.power.twin import (
+    CLEAN,
+    STUDIED,
+    Flown,
+    measure,
+    told,
+    turns_named,
+    write_table,
+    write_turns,
+)
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.inputs import choose_inputs, thrust_of_pwm
 from diagnosis.twin.flown import twin_replay
@@ -76,13 +85,11 @@ def test_a_turned_path_is_counted_where_it_is_named():
 def test_the_drift_that_a_named_fault_makes_falls_as_without_the_fault():
     case = ("attitude gain", 0.06)
     change = [(column("attitude_gain", "g"), case[1])]
-    channels = {
-        CLEAN: [flight(i) for i in range(12)],
-        case: [flight(i, change) for i in range(12)],
+    flown = {
+        CLEAN: Flown(tuple(flight(i) for i in range(12))),
+        case: Flown(tuple(flight(i, change) for i in range(12))),
     }
-    clean, found = measure(
-        channels, lambda chosen: make_twin(chosen, LIBRARY, EVERY), 2, 2, (6, 6), 0
-    )
+    clean, found = measure(flown, lambda chosen: make_twin(chosen, LIBRARY, EVERY), 2, 2, (6, 6), 0)
     assert clean.falls == ((0.0, 0.0),) * 2
     assert found.named == 2
     for named, without in found.falls:
