@@ -11,7 +11,10 @@ from bench.plan.suite import load_suite
 from bench.store.tables import Tables
 
 HOUSE = Path(__file__).parents[2]
-CURRENT = ("paper", "paper_rotorpy", "tuning", "off_spec", "budget", "ablations", "worlds", "scale")
+CURRENT = (
+    *("paper", "paper_rotorpy", "tuning", "off_spec", "budget", "ablations"),
+    *("floor", "worlds", "scale"),
+)
 """Suites whose committed rows are of this protocol."""
 
 
