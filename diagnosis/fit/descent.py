@@ -85,13 +85,13 @@ def _jointly(evidence: Evidence, fit: Fit) -> Fit:
     first order promises much that is not there: the step is damped until it is better.
     """
     for damping in DAMPINGS if np.isfinite(fit.normal.H).all() else ():
-        *at, promise = evidence.joint_step(fit, damping)
+        vector, shared, promise = evidence.joint_step(fit, damping)
         if promise < SETTLED * evidence.phi:
             return fit  # a damped step promises less
-        tried = evidence.as_flown(evidence.made(fit.effects, *at, whole=False))
+        tried = evidence.as_flown(evidence.made(fit.effects, vector, shared, whole=False))
         if tried.objective < fit.objective:
             # What flights draw for themselves goes by slopes, which are anew here.
-            tried = evidence.as_flown(evidence.made(fit.effects, *at))
+            tried = evidence.as_flown(evidence.made(fit.effects, vector, shared))
             if tried.objective < fit.objective:
                 return tried
     return fit
