@@ -103,8 +103,8 @@ def _too_few(diagnosis: Diagnosis) -> str:
         return f"{said}."
     likeliest = effect_phrase(diagnosis.effects[0], "before")
     return (
-        f"{said}. If something did, it looks most like {likeliest}; but so may flights "
-        "differ of which nothing changed."
+        f"{said}. If something did, it looks most like {likeliest}, but two "
+        "flights of an unchanged vehicle may differ as much."
     )
 
 

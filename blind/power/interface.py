@@ -4,9 +4,9 @@
 
 `DRAW` is a folder that `bench blind` wrote, with its flights (`runs/cases`). Each set of flights is
 read as it is, and once with every fault of order, sign, frame or unit that its columns can have,
-and with those of `SIZED`; files are written and read as a user's are. A fault is named if the check
-says one of its parts, or if the files are refused with the reason. The first table counts sets of
-which something is said without a fault, by what acts on the drone.
+and with those of `SIZED`. Each time the flights are written to files and read back. A fault counts
+as named if the check names one of its parts, or if the files are refused with the reason. The first
+table counts sets of which something is said without a fault, by what acts on the drone.
 """
 
 import argparse

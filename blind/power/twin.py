@@ -126,7 +126,7 @@ class Flown:
     channels: tuple[Channels, ...]
     """What they show beside the nominal simulator."""
     again: Callable[[Collection[str]], Fly] | None = None
-    """What simulates those of some names elsewhere."""
+    """Given names, what simulates the flights of these names at any vector of the library."""
 
 
 def told(flights: FlightSet, replay: Replay) -> list[str]:

@@ -57,15 +57,16 @@ class Following:
 
     def errors(self, matrix: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, " lags"]:
         """Squared error of every lag."""
-        along = np.maximum(np.einsum("ij,lij->l", matrix, self.yu), 0.0)
-        # `matrix` keeps lengths, so that tr S_uu is that of P u as well.
-        size = np.trace(self.uu, axis1=1, axis2=2)
-        return self.yy.sum() - along**2 / np.maximum(size, 1e-12)
+        return self._left(np.maximum(np.einsum("ij,lij->l", matrix, self.yu), 0.0))
 
     def turned_errors(self) -> Float[np.ndarray, " lags"]:
         """Squared error of every lag, with the turn in yaw that fits best."""
         C = self.yu
-        along = np.hypot(C[:, 1, 0] - C[:, 0, 1], C[:, 0, 0] + C[:, 1, 1])
+        return self._left(np.hypot(C[:, 1, 0] - C[:, 0, 1], C[:, 0, 0] + C[:, 1, 1]))
+
+    def _left(self, along: Float[np.ndarray, " lags"]) -> Float[np.ndarray, " lags"]:
+        """Squared error of every lag, where `along` are the products <P, C> of some P."""
+        # P keeps lengths, so that tr S_uu is that of P u as well.
         size = np.trace(self.uu, axis1=1, axis2=2)
         return self.yy.sum() - along**2 / np.maximum(size, 1e-12)
 

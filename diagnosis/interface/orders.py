@@ -80,7 +80,7 @@ def attitude(windows: Windows) -> Chosen | None:
         axis[:, :2] = axis[:, :2] @ matrix.T
         readings.append(Reading(words, _pointed(windows, axis), 1))
     across = windows.force[:, :2]
-    turn, error = _any_turn(windows, upright.as_matrix()[:, :, 2])
+    turn, error = path_turned(*tilt_terms(windows, windows.rotation[:, :, 2]))
     readings.append(Reading(TURNED, error, len(AXES)))
     chosen = choose(readings, _spread(across), across.size)
     if chosen is not None and chosen.names == (TURNED,):
@@ -148,9 +148,10 @@ def _one_way(
     return readings, remainder(force, free), len(force)
 
 
-def _any_turn(windows: Windows, axis: Float[np.ndarray, "windows 3"]) -> tuple[float, float]:
-    """The turn of the path [rad] that fits best, and the squared error that it leaves."""
-    terms, force = tilt_terms(windows, axis)
+def path_turned(
+    terms: Float[np.ndarray, "rows 5"], force: Float[np.ndarray, " rows"]
+) -> tuple[float, float]:
+    """The turn in yaw of the path [rad] that fits some rows of `tilt_terms`, and what it leaves."""
     fit, *_ = np.linalg.lstsq(terms, force, rcond=None)
     return math.atan2(fit[1], fit[0]), float(np.sum((force - terms @ fit) ** 2))
 

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import stats
 
 from diagnosis.interface.commands import Following, together
-from diagnosis.interface.orders import tilt_terms
+from diagnosis.interface.orders import path_turned, tilt_terms
 from diagnosis.interface.readings import ALPHA
 from diagnosis.interface.windows import Windows
 
@@ -108,8 +108,7 @@ def path_turn(windows: Windows) -> Size | None:
     twice = np.concatenate([pieces(windows)] * 2)
 
     def turn(chosen: Bool[np.ndarray, " rows"]) -> float:
-        fit, *_ = np.linalg.lstsq(terms[chosen], force[chosen], rcond=None)
-        return math.atan2(fit[1], fit[0])
+        return path_turned(terms[chosen], force[chosen])[0]
 
     return _over(twice, turn)
 

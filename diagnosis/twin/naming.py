@@ -13,11 +13,8 @@ from diagnosis.result import VerdictKind
 from diagnosis.twin.answer import Candidate, ChangedParameter, Naming
 from diagnosis.twin.evidence import weigh
 from diagnosis.twin.hypothesis import Hypothesis, Refly, settle
+from diagnosis.twin.twin import FEWEST
 from diagnosis.twin.units import Estimate, Group, compare
-
-FEWEST_TO_NAME = 2
-"""Reference flights without which nothing is named: of a single one nobody knows how flights
-differ of which nothing changed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +70,7 @@ def name_change(
         "unseen": tuple(sorted(set(library.candidates) - set(seen))),
         "nothing": nothing,
     }
-    if len(reference) < FEWEST_TO_NAME:
+    if len(reference) < FEWEST:  # nobody knows how flights of an unchanged vehicle differ
         return Named("too_few", (), (), 0.0, (), at=nothing, **rest)
     if not sure or share < decision.least_chance:
         other = p_none < decision.alarm_chance or _elsewhere(reference, target, decision)

@@ -36,7 +36,8 @@ from diagnosis.twin.channels import PART, Channels, N
 from diagnosis.twin.memory import GROUPS, LENGTH, Memory, fit_memories, gram, rms, scale_of
 
 FEWEST = 2
-"""Reference flights without which none can be left out: a single one is cut into parts."""
+"""Reference flights without which none can be left out, and without which nothing is named. A
+single one is cut into parts, which do not say how flights differ."""
 FEWEST_PARTS = 3
 """Parts of a single reference flight; a choice."""
 FEWEST_TO_JUDGE = 4

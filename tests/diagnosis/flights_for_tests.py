@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile
+from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile, load_flights
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.replay import make_replay
 from simulators import registry
@@ -21,6 +21,17 @@ from simulators.flight import Flight
 from simulators.point_mass import PointMass
 from simulators.tracking import PDTracker
 from simulators.vehicle import CONTROL_DT, GRAVITY
+
+REAL = Path(__file__).parents[2].parent / "shared" / "flights"
+
+
+def real(name, n=None):
+    """The first flights of a real set; the test is skipped where they are not."""
+    if not (REAL / name).is_dir():
+        pytest.skip("The real flights are not beside the repository")
+    flights = load_flights(REAL / name)
+    return dataclasses.replace(flights, flights=flights.flights[:n])
+
 
 SIGMA = np.repeat([1e-3, 1e-2, 3e-3], 3)
 """Noise of the flights: m, m/s, rad."""

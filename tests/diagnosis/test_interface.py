@@ -1,12 +1,11 @@
 """Interface faults: none in clean flights, and each that is written into them named."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 from diagnoses_for_tests import load, none
-from flights_for_tests import flight_set, point_mass_set
+from flights_for_tests import flight_set, point_mass_set, real
 from scipy.spatial.transform import Rotation
 
 from bench.diagnosis_report.documents import diagnosis_text
@@ -21,10 +20,8 @@ from diagnosis.interface.mended import mended
 from diagnosis.interface.motors import MOMENTS, motor_order, turning_lag
 from diagnosis.interface.motors import turning as turnings
 from diagnosis.interface.readings import Reading, choose, signed_orders
-from diagnosis.logs.flights import DroneLog, FlightLog, load_flights
+from diagnosis.logs.flights import DroneLog, FlightLog
 from diagnosis.result import Diagnosis
-
-REAL = Path(__file__).parents[2].parent / "shared" / "flights"
 
 
 @pytest.fixture(scope="module")
@@ -310,13 +307,6 @@ def test_the_jackknife_of_a_mean_is_students_interval():
     assert size is not None
     reach = 12.924 * x.std(ddof=1) / 2.0  # Student's t of 3 at 0.0005
     assert size.high - size.value == pytest.approx(reach, rel=1e-3)
-
-
-def real(name):
-    """A set of real flights; the test is skipped where they are not."""
-    if not (REAL / name).is_dir():
-        pytest.skip("The real flights are not beside the repository")
-    return load_flights(REAL / name)
 
 
 @pytest.mark.parametrize("name", ["crazyflie_plain", "nanobench"])

@@ -1,11 +1,10 @@
 """Position columns that are upside down, exchanged or mirrored, and checks that want motion."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
-from flights_for_tests import flight_set, point_mass_set
+from flights_for_tests import flight_set, point_mass_set, real
 
 from bench.diagnosis_report.sentences import not_checked
 from blind.draw.faults import ALL
@@ -16,19 +15,10 @@ from diagnosis.interface.mended import lifted, lowest
 from diagnosis.interface.position import rise
 from diagnosis.interface.readings import Reading, choose, choose_signs, remainder
 from diagnosis.interface.untold import untold
-from diagnosis.logs.flights import DroneLog, FlightLog, load_flights
+from diagnosis.logs.flights import DroneLog, FlightLog
 
-REAL = Path(__file__).parents[2].parent / "shared" / "flights"
 FLIPPED = {"x": np.diag([-1.0, 1.0, 1.0]), "z": np.diag([1.0, 1.0, -1.0])}
 EXCHANGED = np.asarray([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-
-
-def real(name, n=None):
-    """The first flights of a real set; the test is skipped where they are not."""
-    if not (REAL / name).is_dir():
-        pytest.skip("The real flights are not beside the repository")
-    flights = load_flights(REAL / name)
-    return dataclasses.replace(flights, flights=flights.flights[:n])
 
 
 def changed(flights, matrix, *columns):

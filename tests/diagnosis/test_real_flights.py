@@ -5,24 +5,16 @@ twin of the other flights, and no answer may contradict itself (`consistent`).
 """
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
+from flights_for_tests import real
 
 from blind.draw.faults import FAULTS
 from diagnosis.decide.prepared import Question
-from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.logs.flights import FlightSet
 from diagnosis.result import Diagnosis
 from diagnosis.twin.as_diagnosis import beside_twin
-
-REAL = Path(__file__).parents[2].parent / "shared" / "flights"
-
-
-def real(name: str) -> FlightSet:
-    if not (REAL / name).is_dir():
-        pytest.skip("The real flights are not beside the repository")
-    return load_flights(REAL / name)
 
 
 def halves(name: str) -> tuple[FlightSet, FlightSet]:
@@ -78,9 +70,8 @@ def test_a_fault_that_is_put_into_the_commands_is_named_in_its_size(fault, given
     even, odd = halves("crazyflie_plain")
     found = changed(FAULTS[fault].apply(even, given), odd)
     assert named in class_of(found)
-    (blamed,) = (effect for effect in found.blamed if effect is found.blamed[0])
-    if blamed.name == named:
-        size = blamed.parameter(parameter)
+    if found.blamed[0].name == named:
+        size = found.blamed[0].parameter(parameter)
         assert size.low < given[parameter] < size.high
 
 
