@@ -18,7 +18,8 @@ TIES = (
 TUNED = (
     "With these settings a method scores higher than every method that has its default settings "
     "and spends no more flight. The settings were found by comparing many on the same tables, so "
-    "that these scores are a little too good. On tasks that are not named, the method had its defaults:"
+    "that these scores are a little too good. On tasks that are not named, the method had its "
+    "defaults:"
 )
 """What is said of settings that are better than all defaults."""
 CHOSEN = "Which method to choose, and how far below it the others may be"
