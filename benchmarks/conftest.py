@@ -4,14 +4,16 @@ import os
 
 import pytest
 
-from bench.execution.environment import xla_flags
+from bench.execution.environment import environment
 
 CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+if "PYTEST_XDIST_WORKER" in os.environ:  # nothing is measured there
+    CORES = set()
 if CORES:  # before JAX counts them
     os.sched_setaffinity(0, {min(CORES)})
 
-os.environ.setdefault("SCIPY_ARRAY_API", "1")  # crazyflow wants it before SciPy is imported
-os.environ["XLA_FLAGS"] = xla_flags()
+# Without the folder of programs: a diagnosis would keep its fits there, and then fit nothing.
+os.environ |= {k: v for k, v in environment().items() if k != "JAX_COMPILATION_CACHE_DIR"}
 
 
 @pytest.fixture
