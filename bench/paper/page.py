@@ -32,27 +32,28 @@ from bench.text.pages import read_notes, refuse_folder, write_text
 
 TITLE = "How to train a drone team: the paper's claims beside ours"
 COST = (
-    "Gap to the upper reference (1 minus the settled score) against high-fidelity flight, a panel "
-    "a team size: means over tasks and seeds, bars one standard deviation over seeds; 1 is a team "
-    "that stays at its spawn, 0 the upper reference; both axes logarithmic but near 0. Small "
-    "markers are other budgets of the same method"
+    "Gap to the upper reference (1 minus the settled score) against high-fidelity flight. There is "
+    "one panel for each team size. Points are means over tasks and seeds, bars one standard "
+    "deviation over seeds. A gap of 1 is a team that stays at its spawn, 0 the upper reference. "
+    "Both axes are logarithmic, except near 0. Small markers are other budgets of the same method"
 )
 """What the first figure shows."""
 GRID = (
     "Settled reward, high-fidelity flight and share of training steps in contact against team "
-    "size, a column a task: means over seeds, bars from the worst to the best seed. Contacts are "
-    "of methods that train in high fidelity"
+    "size. There is one column for each task. Points are means over seeds, bars reach from the "
+    "worst to the best seed. Contacts are of methods that train in high fidelity"
 )
 """What the second figure shows."""
 WORLDS = (
-    "Deployed on drones that are off their specification, a row a world, a column a task: a dot "
-    "for each seed"
+    "Policies deployed on drones that are off their specification: one row for each world, one "
+    "column for each task, one dot for each seed"
 )
 """What the figure of the off-spec drones shows."""
 FLIGHTS = (
-    "How much more Hybrid loses with few calibration flights than with the whole pool, a panel a "
-    "team size: means over seeds with one standard deviation; 0 flights: the LF baseline. Dashed: "
-    "10 and 15 %, within which the paper's claims are; logarithmic beyond 10 %"
+    "How much more Hybrid loses with few calibration flights than with the whole pool, with one "
+    "panel for each team size. Points are means over seeds with one standard deviation. 0 flights: "
+    "the LF baseline. Dashed lines: 10 and 15 %, within which the paper's claims are. The axis is "
+    "logarithmic beyond 10 %"
 )
 """What the figure of the budgets shows."""
 SETTINGS = (
