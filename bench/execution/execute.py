@@ -12,7 +12,6 @@ from bench.execution.progress import SweepProgress
 from bench.execution.worker import Done, do_runs
 from bench.plan.planned_run import Run
 from bench.store.record import Outcome
-from bench.store.resume import was_interrupted
 from bench.store.store import Store
 
 
@@ -109,19 +108,19 @@ class _Execution:
             elif status == "failed" and (cause := self._own_failure(run)):
                 self._finish(run, status, cause)  # by itself, before the others died
             else:
-                self._fail(run, done.error, interrupted=True)
+                self._fail(run, done.error)
 
     def _own_failure(self, run: Run) -> str:
         """Why a run failed by itself since it was started; empty if it did not."""
         content = self._store.read(run.name)
         begun = datetime.datetime.fromtimestamp(self._schedule.clock[run.name], datetime.UTC)
         late = datetime.datetime.fromisoformat(content["committed"]) >= begun
-        return content["cause"] if late and not was_interrupted(content) else ""
+        return content["cause"] if late and not content["interrupted"] else ""
 
-    def _fail(self, run: Run, cause: str, interrupted: bool) -> None:
+    def _fail(self, run: Run, cause: str) -> None:
         """Stores a run as failed for a reason outside of the run."""
         try:
-            self._store.commit(run, Outcome("failed", cause=cause, interrupted=interrupted))
+            self._store.commit(run, Outcome("failed", cause=cause, interrupted=True))
         except OSError as error:
             cause = f"{cause}; and this could not be stored: {error.strerror}"
         self._finish(run, "failed", cause)
@@ -141,7 +140,7 @@ class _Execution:
         cause = f"parent {parent} failed" + (f": {reason}" if reason else "")
         for child in self._schedule.end(parent, status):
             if child.name not in self._schedule.status:  # not by way of another child
-                self._fail(child, cause, interrupted=True)
+                self._fail(child, cause)
 
 
 class _Schedule:

@@ -11,8 +11,8 @@ from bench.text.numbers import MISSING, number, significant, span
 
 TIES = (
     "In brackets are methods that are not shown to be worse than the best and whose 95 % interval "
-    f"ends at most {NEAR:g} below it. Where seeds scatter widely, other methods cannot be separated from the best, "
-    "though they may be far worse"
+    f"ends at most {NEAR:g} below it. Where seeds scatter widely, other methods cannot be "
+    "separated from the best, though they may be far worse"
 )
 """What a name in brackets in the table of whom to choose means."""
 TUNED = (

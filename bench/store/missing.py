@@ -11,7 +11,6 @@ from bench.store.resume import (
     finished_rows,
     lost_parents,
     outdated_rows,
-    was_interrupted,
 )
 from bench.store.store import Store, UnreadableRunError
 from bench.store.tables import IDENTITY, Tables
@@ -95,7 +94,7 @@ def _of_folder(run: Run, store: Store, causes: Mapping[str, str]) -> State:
 
 def _failed(run: Run, content: Mapping[str, Any]) -> State:
     """What was interrupted is tried again; what failed by itself only with --retry-failed."""
-    interrupted = was_interrupted(content)
+    interrupted = content["interrupted"]
     ended = "interrupted" if interrupted else "failed"
     return State(run, None, f"{ended}: {content['cause']}", not interrupted)
 

@@ -72,7 +72,7 @@ def make_standing(
         content = sound.get(run.name) or failed_row(run.name, causes)
         if run.name in rows or (content is not None and content["status"] != "failed"):
             standing.done.append(run)
-        elif content is None or retry_failed or was_interrupted(content):
+        elif content is None or retry_failed or content["interrupted"]:
             standing.missing.append(run)
         else:
             standing.failed.append(run)
@@ -172,11 +172,6 @@ def reproduces(found: Mapping[str, float], row: Mapping[str, float]) -> str:
                 "to train it and what starts from it anew"
             )
     return ""
-
-
-def was_interrupted(content: Mapping[str, Any]) -> bool:
-    """Whether a failed run ended from outside and is tried again; older files do not say."""
-    return content.get("interrupted", True)
 
 
 def stale_lines(done: Sequence[Run], recorded: Tables, sound: Mapping[str, dict]) -> list[str]:

@@ -64,8 +64,6 @@ LARGE = ("curves", "trajectories")
 FEW_TRAJECTORIES = "flights.parquet"
 """Part of the table `trajectories` that a repository keeps; it is read where that is missing."""
 _ORIGIN = ("key", "committed", "commit", "dirty", "program", "machine", "device")
-UNKNOWN = dict.fromkeys(_ORIGIN, "") | {"dirty": False}
-"""Origin of a run whose record is older than the column."""
 
 
 class TableError(UsageError):
@@ -164,7 +162,7 @@ class Tables:
                     "its tables to, e.g. results/quick."
                 )
             try:
-                found[name] = schema.validate(_completed(name, pd.read_parquet(path)))
+                found[name] = schema.validate(pd.read_parquet(path))
             except pa.errors.SchemaErrors as error:
                 wrong = error.failure_cases.iloc[0]
                 reason = f"{wrong['check']} fails, found {wrong['failure_case']}"
@@ -266,13 +264,6 @@ class Tables:
             part.replace(directory / f"{name}.parquet")
 
 
-def _completed(name: str, frame: pd.DataFrame) -> pd.DataFrame:
-    """A stored table with the columns of provenance that older tables lack."""
-    if name != "runs" or "program" in frame:
-        return frame
-    return frame.assign(**UNKNOWN).reindex(columns=list(SCHEMAS["runs"].columns))
-
-
 def table(name: str, rows: list[dict] | pd.DataFrame) -> pd.DataFrame:
     """The table `name` of `SCHEMAS` from its rows, which are checked where `Tables` are made."""
     return (
@@ -312,13 +303,11 @@ def runs_row(content: Mapping) -> dict:
     """The row of the table `runs` from a run's run.json."""
     resolved = content["resolved"]
     settings = {"method": resolved["settings"], "task": resolved["task_settings"]}
-    origin = {column: content[column] for column in UNKNOWN if column in content}
-    cut_off = content["status"] == "failed" and content.get("interrupted", False)
-    return {column: content[column] for column in ("run", *IDENTITY, "status")} | {
+    cut_off = content["status"] == "failed" and content["interrupted"]
+    own = ("run", *IDENTITY, "status", "key", "committed", "program")
+    return {column: content[column] for column in own} | {
         "cause": f"{INTERRUPTED}{content['cause']}" if cut_off else content["cause"],
         "settings": json.dumps(settings, sort_keys=True),
         "versions": json.dumps(resolved["versions"] | content["packages"], sort_keys=True),
-        **UNKNOWN,
-        **origin,
-        **content.get("provenance", {}),
+        **content["provenance"],
     }

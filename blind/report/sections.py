@@ -156,7 +156,7 @@ def parameters(tables: Tables) -> list[str]:
     table = tables.parameters
     if table.empty:
         return ["No parameter could be compared."]
-    rows, told = [], "half_width" in table  # not in tables of earlier draws
+    rows = []
     compared = records(table)
     for quantity in sorted({row["quantity"] for row in compared}):
         part = [row for row in compared if row["quantity"] == quantity]
@@ -164,7 +164,7 @@ def parameters(tables: Tables) -> list[str]:
         inside, n = (sum(row[key] for row in part) for key in ("inside", "intervals"))
         over = np.asarray([row["over_bound"] for row in part], float)
         over = over[np.isfinite(over)]
-        widths = np.asarray([row.get("half_width") for row in part], float)
+        widths = np.asarray([row["half_width"] for row in part], float)
         known = widths[np.isfinite(widths)]
         show = percent if part[0]["relative"] else lambda x: f"{x:.2g}"
         rows.append(
@@ -172,13 +172,13 @@ def parameters(tables: Tables) -> list[str]:
                 markdown.escape(quantity),
                 str(len(part)),
                 show(middle),
-                *([show(float(np.median(known))) if len(known) else MISSING] if told else []),
+                show(float(np.median(known))) if len(known) else MISSING,
                 f"{np.sqrt(np.mean(over**2)):.2f}" if len(over) else MISSING,
                 f"{np.median(over):.2f}" if len(over) else MISSING,
                 f"{inside}/{n}" if n else MISSING,
             )
         )
-    headings = ("quantity", "answers", "median error", *(["half-width"] if told else []))
+    headings = ("quantity", "answers", "median error", "half-width")
     headings += ("RMS / bound", "median / bound", "inside")
     scaled = (
         " An offset of the centre of mass is compared in crazyflow's inertia (0.76 to 0.78 of the "
@@ -191,7 +191,7 @@ def parameters(tables: Tables) -> list[str]:
         "[m]. The bound is Cramér and Rao's for what the diagnosis looks at, half seconds whose "
         "starts are unknown, in the same flights without noise; a flight followed from end to end "
         "could tell more. *Inside* counts 95 % intervals that hold the truth, all of an effect at "
-        "its first quantity." + (scaled if told and tables.run["reality"] == "rotorpy" else ""),
+        "its first quantity." + (scaled if tables.run["reality"] == "rotorpy" else ""),
         markdown.table(headings, rows),
     ]
 
@@ -223,7 +223,7 @@ def reliability(tables: Tables) -> list[str]:
 def measured_by(tables: Tables, study: str) -> list[str]:
     """What of a study is not that of the cases: its program, and effects that it lacks."""
     table = tables.studies[study]
-    known = table["diagnosis"].iloc[0] if "diagnosis" in table else "an earlier one"
+    known = table["diagnosis"].iloc[0]
     lines = []
     if known not in [source[:12] for source in tables.run["sources"]]:
         lines.append(f"**Measured with another version of the program than the cases: {known}.**")

@@ -87,8 +87,6 @@ class TwinAnswer(Naming):
     """Chi-square per number of the changed flights, without and with the named effects."""
     set_aside: tuple[str, ...]
     """Changed flights that do not count: the others differ from the twin far less."""
-    reference_set_aside: tuple[str, ...]
-    """Reference flights that do not count: no twin of the others follows them."""
 
 
 def followed(

@@ -120,7 +120,6 @@ def answer_change(
         followed=followed(twin.gap, twin.error, twin.colour.seen),
         misfit=misfit(twin, scored),
         set_aside=aside,
-        reference_set_aside=twin.set_aside,
     )
     return answer, scored
 

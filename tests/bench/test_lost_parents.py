@@ -131,9 +131,9 @@ def test_a_grandparent_that_is_lost_is_trained_again_too(plugins, write_suite):
     whole = dataclasses.replace(plan, runs=[*plan.runs, grand])
     recorded = Tables.empty()
     identities = [dict(zip(IDENTITY, run.identity, strict=True)) for run in plan.runs]
-    texts = dict.fromkeys(("cause", "settings", "versions"), "")
+    texts = dict.fromkeys(bench.store.tables.SCHEMAS["runs"].columns, "") | {"dirty": False}
     made = [
-        {"run": run.name, "status": "ok", **identity, **texts, **bench.store.tables.UNKNOWN}
+        {**texts, "run": run.name, "status": "ok", **identity}
         for run, identity in zip(plan.runs, identities, strict=True)
     ]
     recorded = dataclasses.replace(recorded, runs=bench.store.tables.table("runs", made))

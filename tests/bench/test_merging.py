@@ -12,12 +12,9 @@ from tables_for_tests import Sheet
 
 from bench.execution.sweep import recorded_tables
 from bench.report.leaderboard import write_leaderboard
-from bench.store.tables import IDENTITY, SCHEMAS, UNKNOWN, TableError, Tables
+from bench.store.tables import IDENTITY, SCHEMAS, TableError, Tables
 
 RESULTS = Path(__file__).parents[2] / "results"
-NEW = [*UNKNOWN]
-OLD = [column for column in SCHEMAS["runs"].columns if column not in NEW]
-"""Columns of the table `runs` that say where a row comes from, and those from before."""
 
 
 def made(*runs):
@@ -196,29 +193,20 @@ def test_identities_are_those_of_the_columns():
     assert len(metrics) == len(tables.results)
 
 
-def as_stored_before(tables, directory):
-    """Saves tables as they were before rows could be traced."""
-    tables.save(directory)
-    tables.runs[OLD].to_parquet(directory / "runs.parquet", index=False)
-
-
-def test_tables_from_before_rows_could_be_traced_load_and_take_new_rows(tmp_path):
-    old, new = made(("a", 0, "x", "ok"), ("a", 1, "x", "failed")), made(("a", 2, "y", "ok"))
-    as_stored_before(old, tmp_path)
-    loaded = Tables.load(tmp_path)
-    pd.testing.assert_frame_equal(loaded.runs[OLD], old.runs[OLD])
-    assert loaded.runs[NEW].drop_duplicates().to_dict("records") == [UNKNOWN]
-    loaded.merged(new).save(tmp_path)
-    found = Tables.load(tmp_path)
-    assert found.runs["program"].tolist() == ["", "", "y"]
-    assert_equal(of(found, {"a-s0-x"}), of(loaded, {"a-s0-x"}))
-
-
-def test_tables_that_lack_some_of_the_new_columns_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda runs: runs.drop(columns="machine"), "machine"),
+        (lambda runs: runs.assign(colour="red"), "colour"),
+        (lambda runs: runs[runs.columns[::-1]], "order"),
+        (lambda runs: pd.concat([runs, runs]), "duplicate"),
+    ],
+)
+def test_tables_with_other_columns_or_a_run_twice_are_refused(tmp_path, edit, said):
     tables = made(("a", 0, "x", "ok"))
     tables.save(tmp_path)
-    tables.runs.drop(columns="machine").to_parquet(tmp_path / "runs.parquet", index=False)
-    with pytest.raises(TableError, match=r"runs\.parquet cannot be used: .*machine"):
+    edit(tables.runs).to_parquet(tmp_path / "runs.parquet", index=False)
+    with pytest.raises(TableError, match=rf"runs\.parquet cannot be used: .*{said}"):
         Tables.load(tmp_path)
 
 

@@ -356,9 +356,6 @@ def test_failed_runs_are_tried_again_if_asked_for_and_interrupted_ones_always(st
     assert standing.missing == [interrupted, missing]
     again = make_standing(planned, sound, Tables.empty(), retry_failed=True)
     assert again.missing == planned.runs[1:]
-    for content in sound.values():
-        del content["interrupted"]  # as in stores of earlier versions
-    assert make_standing(planned, sound, Tables.empty(), retry_failed=False).failed == []
 
 
 def test_a_changed_source_under_an_unchanged_version_is_named(store, planned, monkeypatch):

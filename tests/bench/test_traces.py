@@ -3,13 +3,10 @@
 import subprocess
 from pathlib import Path
 
-import at_once
 import pandas as pd
-import pytest
 from clones import edit, planned
 
 from bench.plan import provenance as origins
-from bench.store.store import Store
 from bench.store.tables import Tables
 
 ROOT = Path(__file__).parents[2]
@@ -75,17 +72,6 @@ def test_the_program_of_a_run_is_a_hash_of_its_sources_alone(plugins, write_suit
     after = planned(write_suite, "child")
     assert [run.key for run in after] == [run.key for run in before]
     assert {run.program for run in after}.isdisjoint(run.program for run in before)
-
-
-def test_a_folder_from_before_runs_could_be_traced_has_a_row(plugins, write_suite, tmp_path):
-    (run,) = planned(write_suite, "instant")
-    store = Store(tmp_path / "results")
-    store.commit(run, at_once.outcome(run))
-    sound = store.sound(pytest.fail)
-    for column in ("provenance", "program"):
-        del sound[run.name][column]
-    (row,) = store.tables(sound, ()).runs.to_dict("records")
-    assert (row["key"], row["program"], row["machine"], row["dirty"]) == (run.key, "", "", False)
 
 
 def test_a_checkout_that_moved_while_a_sweep_ran_is_said(monkeypatch):

@@ -42,9 +42,9 @@ LIBRARIES = (
 TESTED: dict[str, tuple[str, ...]] = {
     "bench/store/kept.py": ("test_kept_rows", "test_restoring", "test_policies"),
     "bench/store/missing.py": ("test_outlook", "test_lost_parents"),
-    "bench/store/record.py": ("test_record", "test_store"),
+    "bench/store/record.py": ("test_record", "test_store", "test_structure"),
     "bench/store/resume.py": ("test_store", "test_lost_parents", "test_kept_rows"),
-    "bench/store/store.py": ("test_store",),
+    "bench/store/store.py": ("test_store", "test_policies", "test_execute"),
     "bench/store/tables.py": ("test_merging", "test_store", "test_kept_rows"),
     "bench/stats/against.py": ("test_against",),
     "bench/stats/bootstrap.py": ("test_bootstrap",),
