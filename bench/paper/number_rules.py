@@ -70,9 +70,17 @@ class AtMost(AbstractRule):
         found = [x for n in sizes(values) for x in of_size(values, self.entry, n)]
         if not found:
             return UNTESTED
-        verdict = Verdict.SUPPORTED if max(found) <= self.bound + 1e-9 else Verdict.REFUTED
+        cells = sorted(cell for cell, own in values.items() if own.get(self.entry))
+        over = [
+            cell.label
+            for cell in cells
+            if max(values[cell][self.entry].values()) > self.bound + 1e-9
+        ]
         text = f"{range_text(found)} in {len(found)} runs"
-        return Finding(text, verdict)
+        if over:
+            where = "; ".join(over)
+            text += f"; more than {self.bound:g} in {len(over)} of {len(cells)} cells ({where})"
+        return Finding(text, Verdict.REFUTED if over else Verdict.SUPPORTED)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from bench.stats.scores import UPPER, at_home, scored, undisturbed
-from bench.stats.statistics import FEWEST, Entry, Values, estimate, seed_values
+from bench.stats.statistics import FEWEST, Entry, Values, estimate, matched, seed_values
 from bench.stats.verdicts import Verdict, over_cells
 from bench.store.tables import Tables
 
@@ -62,12 +62,13 @@ class Better(NamedTuple):
     """The method with the settings that it had on `tasks`; on the others it had its default."""
     tasks: tuple[str, ...]
     score: float
-    """Mean over all tasks."""
+    """Mean over all tasks, of the seeds that `above` has, too."""
     minutes: float
     """Flight that it is billed for, mean over tasks [fleet-minutes]."""
     above: Entry
     """The best of the methods with default settings whose flight is at most `minutes`."""
     above_score: float
+    """Its mean over the same seeds."""
 
 
 def choices(tables: Tables) -> list[Choice]:
@@ -122,8 +123,9 @@ def better_settings(tables: Tables) -> list[Better]:
             pairs = [(scores[cell][e], scores[cell][best.best]) for cell, e in flown.items()]
             if over_cells(pairs).verdict is Verdict.SUPPORTED:
                 tasks = tuple(sorted(cell.task for cell, e in flown.items() if e == entry))
-                score = _mean(own.values() for own, _ in pairs)
-                found.append(Better(n, entry, tasks, score, minutes, best.best, best.score))
+                common = [matched(own, other) for own, other in pairs]
+                score, above = (_mean(both[i].values() for both in common) for i in (0, 1))
+                found.append(Better(n, entry, tasks, score, minutes, best.best, above))
     return found
 
 

@@ -194,3 +194,10 @@ def test_a_diverged_run_lowers_the_score_and_a_failed_one_leaves_fewer_seeds():
 def test_a_choice_is_named_as_in_the_claims_or_by_its_label():
     assert name_of(HYBRID) == "Hybrid"
     assert name_of(Entry("mine", "mlp")) == "mine (mlp)"
+
+
+def test_settings_are_told_by_the_seeds_that_the_default_has_too():
+    sheet = Scores().bound("spread").give(LF, 0.5, scatter=(0.0, 0.001, -0.001, 0.3, 0.3))
+    sheet.give(LF._replace(variant="limit=9"), 0.6)
+    (found,) = better_settings(sheet.tables())
+    assert (found.score, found.above_score) == pytest.approx((0.6, 0.5), abs=0.01)
