@@ -123,10 +123,18 @@ class Above(AbstractRule):
         if math.isnan(test.low):
             return ""
         low, high = (test.low, test.high) if test.mean >= 0.0 else (-test.high, -test.low)
+        apart = {
+            cell: difference(a, b).mean * math.copysign(1.0, test.mean) for cell, a, b in pairs
+        }
+        against = sum(x < 0.0 for x in apart.values())
+        few = ""
+        if 2 * against > len(pairs):
+            most = max(apart, key=lambda cell: apart[cell])
+            few = f", though not in {against} of them: the mean follows {most.label}"
         return (
             f"; {NAMES[self.first]}'s score is {number(abs(test.mean), 4)} "
             f"({span(low, high, 4)}) {'higher' if test.mean >= 0.0 else 'lower'} over "
-            f"{len(pairs)} {'cell' if len(pairs) == 1 else 'cells'}"
+            f"{len(pairs)} {'cell' if len(pairs) == 1 else 'cells'}{few}"
         )
 
 

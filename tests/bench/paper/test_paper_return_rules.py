@@ -170,6 +170,16 @@ def test_the_test_over_all_cells_is_in_scores():
     assert "score" not in judged(Above(HYBRID, LF), sheet, "reward").ours
 
 
+def test_a_mean_over_cells_that_most_contradict_names_the_cell_that_it_follows():
+    sheet = cells((-1.0, -1.0, -1.0), (30.0, 30.0, 30.0), (-2.0, -2.0, -2.0))
+    for task in ("task0", "task1", "task2"):
+        sheet.add_upper(-20.0, task=task)
+    text = judged(Above(HYBRID, LF), sheet).ours
+    assert text.endswith(
+        "higher over 3 cells, though not in 2 of them: the mean follows task1, N = 3"
+    )
+
+
 def test_other_worlds_are_no_evidence():
     sheet = cells((10.0, 10.0, 10.0)).add_upper(-20.0, task="task0")
     before = len(sheet.results)
