@@ -12,13 +12,13 @@ PYTHON = 'diagnosis.corrected("diagnosis.json")'
 """How the corrected simulator is had in Python."""
 LIKELIEST = 'diagnosis.corrected("diagnosis.json", likeliest=True)'
 """How the one with the likeliest set is had, where no cause is confirmed."""
-COMMAND = "bench diagnose diagnosis.json --remedy px4"
+COMMAND = "bench diagnose diagnosis.json --remedy crazyflie"
 """How the files for a vehicle are had."""
 CODE = (PYTHON, LIKELIEST, COMMAND)
 """What a page shows as code."""
 FILES = (
-    f"To write an autopilot's parameters and the next flight to files, run: {COMMAND} (or "
-    "crazyflie, or crazyflow)."
+    "For an autopilot's parameters and the next flight as files, run this beside the page: "
+    f"{COMMAND} (or px4, or crazyflow)."
 )
 """Where the numbers for a vehicle are."""
 

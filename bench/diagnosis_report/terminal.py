@@ -72,8 +72,7 @@ def show_summary(diagnosis: Diagnosis, out: Path, console: Console) -> None:
         console.print(Text(line, "yellow"))
     if diagnosis.compared:  # otherwise the advice stands among the remarks
         console.print(Group(_where(diagnosis), _candidates(diagnosis)))
-        change, *_ = remedy(diagnosis)
-        console.print(Text.assemble(("Change: ", "bold"), change))
+        console.print(Text.assemble(("Change: ", "bold"), " ".join(remedy(diagnosis, files=False))))
     if advice := next_flight(diagnosis):
         console.print(Text.assemble(("Fly next: ", "bold"), advice))
     place = Text.assemble("Page: ", (clean(out / "diagnosis.html"), "bold"))

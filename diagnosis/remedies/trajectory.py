@@ -13,6 +13,7 @@ from jaxtyping import Float
 from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
 from diagnosis.remedies.flight_paths import PATHS, smooth
+from simulators.vehicle import GRAVITY
 
 PIECES = 31
 """Polynomials that the trajectory memory of a Crazyflie holds: 4,096 bytes, 132 bytes each
@@ -66,6 +67,14 @@ class Trajectory:
         """Largest speed [m/s]."""
         t, values = self.sampled(_FINE)
         return float(np.linalg.norm(np.gradient(values[:, :3], t, axis=0), axis=1).max())
+
+    @property
+    def top_thrust(self) -> float:
+        """Largest thrust over the weight that the accelerations ask for, without drag."""
+        t, values = self.sampled(_FINE)
+        velocity = np.gradient(values[:, :3], t, axis=0)
+        force = np.gradient(velocity, t, axis=0) + np.asarray([0.0, 0.0, GRAVITY])
+        return float(np.linalg.norm(force, axis=1).max() / GRAVITY)
 
 
 def plan(path: str, geofence: Geofence = Geofence()) -> Trajectory:

@@ -54,7 +54,8 @@ class Mass(PlantEffect, WeightEffect):
         },
         probe=Probe("plant", {"e": 0.3}),
         paths={"thrust_gain": "fast_lines", "wind": "tumbling"},
-        check="weigh the vehicle with its battery",
+        check="weigh the vehicle with its battery (if the mass is as believed, thrust is missing, "
+        "and no mass was added)",
         changes=(
             Change(
                 autopilot="px4",

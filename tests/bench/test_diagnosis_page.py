@@ -110,7 +110,7 @@ def test_sizes_stand_with_their_use_and_the_end_of_their_range():
 def test_what_can_be_copied_is_marked_as_code():
     html = diagnosis_page(load(diagnoses_for_tests.effect()))
     assert "<code>diagnosis.corrected(&#34;diagnosis.json&#34;)</code>" in html
-    assert "<code>bench diagnose diagnosis.json --remedy px4</code> (or crazyflie" in html
+    assert "<code>bench diagnose diagnosis.json --remedy crazyflie</code> (or px4" in html
     assert "likeliest=True)</code>" in diagnosis_page(load(diagnoses_for_tests.unexplained()))
 
 

@@ -88,7 +88,19 @@ def test_a_remedy_is_written_beside_an_earlier_diagnosis(place, target, capsys):
     assert {"remedy.md", flight} <= files
     text = (folder / "remedy.md").read_text(encoding="utf-8")
     assert text.startswith("# What to change in ")
-    assert "at most" in text
+    assert "(3 x 3 x 2 m, with the origin on the floor, in its middle)" in text
+    assert "times the thrust of hover" in text
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_where_the_logs_come_first_no_flight_is_written(tmp_path, target):
+    flip = {"part": "heading", "readings": ["turned"], "advice": "Check.", "evidence": []}
+    found = made.unexplained() | {"interface": [flip]}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(found), encoding="utf-8")
+    assert run(tmp_path, "--remedy", target) == 0
+    folder = tmp_path / f"remedy-{target}"
+    assert not [path for path in folder.iterdir() if "flight" in path.name]
+    assert "mend the logs first" in (folder / "remedy.md").read_text(encoding="utf-8")
 
 
 def test_the_folder_of_a_diagnosis_stands_for_it(place, capsys):
@@ -194,7 +206,7 @@ def test_every_remedy_says_the_test_that_decides_between_what_looks_alike(target
     first = (
         "irst look at the propellers, the battery, and how commands become newtons in these logs"
     )
-    assert f"{first}. Also weigh the vehicle with its battery." in text
+    assert f"{first}. Also weigh the vehicle with its battery (if" in text
 
 
 def test_a_remedy_does_not_ask_for_the_command_that_wrote_it(place):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from diagnosis.decide.advice import pair_to_separate
 from diagnosis.remedies.changes import firmware_changes, without_parameter
 from diagnosis.remedies.flight_paths import GENERAL, PATHS
-from diagnosis.remedies.trajectory import LOWEST, MARGIN, PIECES, Geofence, plan
+from diagnosis.remedies.trajectory import LOWEST, MARGIN, PIECES, Geofence, Trajectory, plan
 from diagnosis.result import Effect, Parameter
 from simulators import registry
 from simulators.effects.card import load_cards, manoeuvre_path
@@ -30,6 +30,13 @@ def found(name, *parameters, aliases=(), verdict="effect", reference=False):
         name=name, blamed=True, probability=0.99, aliases=aliases, parameters=parameters
     )
     return dataclasses.replace(base, verdict=verdict, effects=(effect,))
+
+
+def test_the_thrust_that_a_path_asks_for_is_that_of_its_accelerations():
+    coefficients = np.zeros((1, 4, 8))
+    coefficients[0, [0, 2], 2] = 0.5 * 3.0, 0.5 * 2.0  # 3 m/s^2 along x and 2 upwards
+    flight = Trajectory("made here", 1.0, np.asarray([1.0]), coefficients)
+    assert flight.top_thrust == pytest.approx(np.hypot(3.0, 9.81 + 2.0) / 9.81, rel=1e-3)
 
 
 def amounts(diagnosis, autopilot):

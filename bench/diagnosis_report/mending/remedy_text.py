@@ -9,7 +9,7 @@ from bench.diagnosis_report.remedy import look_first, remedy
 from bench.diagnosis_report.sentences import logs_first, next_flight, verdict
 from bench.text import markdown
 from diagnosis.remedies.changes import FirmwareChange, firmware_changes, without_parameter
-from diagnosis.remedies.trajectory import Trajectory
+from diagnosis.remedies.trajectory import Geofence, Trajectory
 from diagnosis.result import Diagnosis
 from simulators.effects.card import load_card, manoeuvre
 
@@ -40,19 +40,41 @@ def remedy_text(
     return "\n\n".join(parts) + "\n"
 
 
-def flight_lines(diagnosis: Diagnosis, trajectory: Trajectory, named: bool) -> list[str]:
-    """What is in the files of the next flight; `named` if they are what the advice says."""
+def flight_lines(
+    diagnosis: Diagnosis,
+    trajectory: Trajectory,
+    geofence: Geofence,
+    pair: tuple[str, str] | None,
+) -> list[str]:
+    """What is in the files of the next flight, which tells `pair` apart; None: no such flight."""
     said = [advice] if (advice := next_flight(diagnosis)) else []
-    if not named:
+    if pair is None:
         said.append(
             "The files hold no such flight: targets of position cannot say it, or nothing is to be "
             "separated. They hold climbs and hard turns, which show whether the change has helped."
         )
-    shrunk = f"{100 * trajectory.scale:.0f} % of its full size, " if trajectory.scale < 1.0 else ""
+    else:
+        one, other = _labels(pair)
+        said.append(f"The files hold the flight that tells {one} from {other}, and no other.")
+    _, values = trajectory.sampled(0.01)
+    start, low, high = values[0, :3], values[:, :3].min(axis=0), values[:, :3].max(axis=0)
+    size = f"{100 * trajectory.scale:.0f} % of its" if trajectory.scale < 1.0 else "its full"
+    spans = join(
+        f"{axis} from {a:.1f} to {b:.1f}" for axis, a, b in zip("xyz", low, high, strict=True)
+    )
     said.append(
-        f"The path '{trajectory.path}' lies within the geofence at {shrunk}at most "
-        f"{rounded(trajectory.top_speed, 2)} m/s, {trajectory.durations.sum():.1f} s long; "
-        "its accelerations do not depend on the size. Fly to its first point before, land after it."
+        f"The path '{trajectory.path}' fits into the geofence ({geofence.length:g} x "
+        f"{geofence.width:g} x {geofence.height:g} m, with the origin on the floor, in its middle) "
+        f"at {size} size. It starts at ({start[0]:.1f}, {start[1]:.1f}, {start[2]:.1f}) m and runs "
+        f"over {spans} m, with z up, at most at {rounded(trajectory.top_speed, 2)} m/s, in "
+        f"{trajectory.durations.sum():.1f} s. Hover at its start before, land after it; its "
+        "coordinates are absolute, not relative to where the drone is."
+    )
+    thrust = trajectory.top_thrust
+    said.append(
+        f"It asks for up to {thrust:.2f} times the thrust of hover. A drone that needs "
+        f"{100.0 / thrust:.0f} % of its full thrust to hover cannot follow it. Stay well "
+        "below, and look at propellers, battery and weight before."
     )
     if trajectory.scale < 1.0:
         said.append(
@@ -87,7 +109,7 @@ def _autopilot(diagnosis: Diagnosis, target: str, values: Mapping[str, float]) -
 
 
 def _table(changes: Sequence[FirmwareChange], values: Mapping[str, float]) -> str:
-    headings = ("parameter", "change", "95 %", "now", "new", "where", "makes up for")
+    headings = ("parameter", "change", "95 %", "now", "would be", "where", "makes up for")
     rows = [_row(change, name, values) for change in changes for name in change.parameters]
     return markdown.text_table(headings, rows, (0, 5, 6))
 

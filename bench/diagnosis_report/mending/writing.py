@@ -12,10 +12,11 @@ from bench.diagnosis_report.mending.flight_files import (
 from bench.diagnosis_report.mending.patch import patch_text
 from bench.diagnosis_report.mending.px4_params import changed_params, read_params
 from bench.diagnosis_report.mending.remedy_text import flight_lines, remedy_text
+from bench.diagnosis_report.sentences import logs_first
 from diagnosis.decide.advice import pair_to_separate
 from diagnosis.remedies.changes import firmware_changes
 from diagnosis.remedies.flight_paths import GENERAL
-from diagnosis.remedies.trajectory import Geofence, plan
+from diagnosis.remedies.trajectory import Geofence, Trajectory, plan
 from diagnosis.result import Diagnosis
 from simulators.effects.card import manoeuvre_path
 
@@ -45,22 +46,18 @@ def write_remedy(
     values = read_params(parameters) if parameters else {}
     pair = pair_to_separate({effect.name: effect.aliases for effect in diagnosis.blamed})
     path = manoeuvre_path(*pair) if pair else None
-    trajectory = plan(path or GENERAL, geofence)
-    lines = flight_lines(diagnosis, trajectory, named=path is not None)
-    mission_says_it = len(way_points(trajectory)) > 1
-    if home and not mission_says_it:
-        lines.append("No mission is written: the path stays within a metre. Fly the setpoints.")
-    texts = {"remedy.md": remedy_text(diagnosis, target, values, lines)}
+    texts, lines = {}, [NO_FLIGHT]
+    if not logs_first(diagnosis):
+        trajectory = plan(path or GENERAL, geofence)
+        texts = _flight(trajectory, target, geofence, home)
+        lines = flight_lines(diagnosis, trajectory, geofence, pair if path else None)
+        if home and "next_flight.plan" not in texts:
+            lines.append("No mission is written: the path stays within a metre. Fly the setpoints.")
+    texts["remedy.md"] = remedy_text(diagnosis, target, values, lines)
     if target == "crazyflow" and diagnosis.effects:
         texts["params.toml"] = patch_text(diagnosis)
-    if target == "px4":
-        texts["next_flight_setpoints.csv"] = setpoint_csv(trajectory)
-        if home and mission_says_it:
-            texts["next_flight.plan"] = mission(trajectory, geofence, home)
-        if parameters and (new := _new_values(diagnosis, values)):
-            texts["changed.params"] = changed_params(parameters, new)
-    else:
-        texts["next_flight.csv"] = polynomial_csv(trajectory)
+    if target == "px4" and parameters and (new := _new_values(diagnosis, values)):
+        texts["changed.params"] = changed_params(parameters, new)
     write_files(folder, texts)
     for name in FILES:
         if name not in texts:
@@ -68,6 +65,8 @@ def write_remedy(
     return folder
 
 
+NO_FLIGHT = "No flight is written: mend the logs first, and diagnose the flights again."
+"""What stands in the place of the next flight."""
 FILES = (
     "remedy.md",
     "params.toml",
@@ -77,6 +76,18 @@ FILES = (
     "next_flight.plan",
 )
 """What the folder of a remedy may hold."""
+
+
+def _flight(
+    trajectory: Trajectory, target: str, geofence: Geofence, home: tuple[float, float] | None
+) -> dict[str, str]:
+    """Files of the next flight, by name."""
+    if target != "px4":
+        return {"next_flight.csv": polynomial_csv(trajectory)}
+    texts = {"next_flight_setpoints.csv": setpoint_csv(trajectory)}
+    if home and len(way_points(trajectory)) > 1:
+        texts["next_flight.plan"] = mission(trajectory, geofence, home)
+    return texts
 
 
 def load_diagnosis(path: Path) -> tuple[Diagnosis, Path]:
