@@ -118,8 +118,9 @@ def _effects(diagnosis: Diagnosis) -> list[str]:
 
 
 def _table(table: tables.Table | None) -> list[str]:
-    """Caption and table, or nothing."""
+    """Caption, table and notes, or nothing."""
     if table is None or not table.rows:
         return []
     lines = markdown.text_table(table.headings, table.rows, table.left)
-    return [f"{markdown.escape(table.caption)}:", lines]
+    notes = map(markdown.escape, table.notes)
+    return [f"{markdown.escape(table.caption)}:", lines, *notes]

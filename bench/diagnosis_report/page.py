@@ -53,8 +53,6 @@ def diagnosis_page(diagnosis: Diagnosis) -> str:
             followed=tables.followed_table(diagnosis),
             not_observable=tables.not_observable_table(diagnosis),
             limits=tables.limits_table(diagnosis),
-            limits_note=tables.limits_note(diagnosis),
-            candidate_notes=tables.candidate_notes(diagnosis),
             blamed=bool(diagnosis.blamed),
             nothing=diagnosis.shows_nothing,
             remedy=[_with_code(line) for line in remedy(diagnosis)],

@@ -39,15 +39,16 @@ def remedy(diagnosis: Diagnosis, files: bool = True) -> list[str]:
             f"Nothing yet: no cause is confirmed. In Python, {LIKELIEST} is the simulator with the "
             "likeliest set, to look at and not to rely on."
         ]
-    said = [_simulator(diagnosis)]
+    said = []
+    if first := look_first(diagnosis.blamed):
+        said.append(f"On the vehicle, first {first}")
     if diagnosis.verdict == "partly":
         said.append(
             "Something else acts, too, and may bias the numbers: they say what to look at, not yet "
             "what to write into a parameter file."
         )
     said += [_alike(diagnosis)] if any(e.aliases for e in diagnosis.blamed) else []
-    if first := look_first(diagnosis.blamed):
-        said.append(f"On the vehicle, first {first}")
+    said.append(_simulator(diagnosis))
     return [*said, FILES] if files else said
 
 

@@ -128,7 +128,8 @@ def _not_known(diagnosis: Diagnosis) -> str:
     if mostly:
         return f"{share} of the gap, mostly in {names}, fits no known effect."
     if names:
-        return f"{share} of the gap fits no known effect; it stands out of noise in {names}."
+        left = f"of this remainder, what is beyond noise lies in {names}"
+        return f"{share} of the gap fits no known effect; {left}."
     alone = ", and no single channel stands out of noise" if where else ""
     return f"{share} of the gap fits no known effect{alone}."
 

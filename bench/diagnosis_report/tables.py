@@ -42,6 +42,8 @@ class Table:
     bars: tuple["Bar | None", ...] = ()
     """One a row, or none at all."""
     bar_heading: str = ""
+    notes: tuple[str, ...] = ()
+    """What must be known to read it, a sentence or two each."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,11 +143,11 @@ def candidates_table(diagnosis: Diagnosis) -> Table | None:
         tuple(headings[i] for i in kept),
         tuple(tuple(row[i] for i in kept) for row in rows),
         bars=tuple(Bar(min(1.0, c.posterior), chosen=c.named) for c in diagnosis.candidates),
+        notes=tuple(_candidate_notes(diagnosis)),
     )
 
 
-def candidate_notes(diagnosis: Diagnosis) -> list[str]:
-    """What must be known to read the table of candidates, a sentence or two each."""
+def _candidate_notes(diagnosis: Diagnosis) -> list[str]:
     notes = []
     if any(candidate.evidence is not None for candidate in diagnosis.candidates):
         notes.append(
@@ -154,7 +156,9 @@ def candidate_notes(diagnosis: Diagnosis) -> list[str]:
             "the flights that were fitted."
         )
     if diagnosis.blamed:
-        notes.append(f"Coloured bars mark what was chosen. {_whose_probability(diagnosis)}")
+        notes.append(_whose_probability(diagnosis))
+    if diagnosis.candidates and not diagnosis.details.followed:
+        notes.append("Probabilities are too sure, because errors within one flight are alike.")
     return notes
 
 
@@ -177,7 +181,11 @@ def support_table(diagnosis: Diagnosis) -> Table | None:
         rows.append((load_card(clean(line.effect)).label, *cell, str(line.n)))
     caption = "The likeliest set, effect by effect, on flights left out of the fit in turn"
     headings = ("effect", "misfit falls by", "95 %", "flights")
-    return Table(caption, headings, tuple(rows)) if rows else None
+    note = (
+        "Whole flights are independent: an effect counts if flights left out of the fit are "
+        "followed worse without it, the others fitted again, and by more than flights differ."
+    )
+    return Table(caption, headings, tuple(rows), notes=(note,)) if rows else None
 
 
 def effect_heading(diagnosis: Diagnosis, effect: Effect) -> str:
@@ -256,22 +264,20 @@ def limits_table(diagnosis: Diagnosis) -> Table | None:
             shown = "more than its whole range"
         either = " or ".join(filter(None, (words.label, words.opposite)))
         rows.append((load_card(name).label, clean(either), shown))
-    caption = "Smallest change that these flights could have shown"
-    headings = ("effect", "parameter", "change")
-    return Table(caption, headings, tuple(rows), frozenset({0, 1})) if rows else None
-
-
-def limits_note(diagnosis: Diagnosis) -> str:
-    """What the smallest visible changes are."""
     if diagnosis.details.followed:
-        return (
+        note = (
             "A change of this size, alone, would be named with a probability of 95 %, as far as "
             "flights differ from each other."
         )
-    return (
-        "Five standard deviations by the Cramér-Rao bound, if this effect acted beside what was "
-        "found and nothing else."
-    )
+    else:
+        note = (
+            "Five standard deviations by the Cramér-Rao bound, if this effect acted beside what "
+            "was found and nothing else."
+        )
+    note += " A smaller change may go unnoticed; longer or livelier flights show smaller ones."
+    caption = "Smallest change that these flights could have shown"
+    headings, left = ("effect", "parameter", "change"), frozenset({0, 1})
+    return Table(caption, headings, tuple(rows), left, notes=(note,)) if rows else None
 
 
 def shared_table(diagnosis: Diagnosis) -> Table | None:

@@ -16,7 +16,7 @@ from bench.diagnosis_report.sentences import (
     remarks,
     verdict,
 )
-from bench.diagnosis_report.tables import candidate_notes, effect_heading, parameters_table
+from bench.diagnosis_report.tables import candidates_table, effect_heading, parameters_table
 from diagnosis.result import Effect, Parameter
 from simulators import registry
 from simulators.effects.card import load_card, load_cards
@@ -120,12 +120,13 @@ def test_a_probability_of_effects_that_look_alike_is_given_to_all_of_them():
     together = "mass or thrust gain or battery, probability 0.99 together"
     assert f"; {together}." in verdict(diagnosis)
     assert effect_heading(diagnosis, diagnosis.effects[0]) == together
-    assert "an effect and what looks like it" in candidate_notes(diagnosis)[-1]
+    assert "an effect and what looks like it" in candidates_table(diagnosis).notes[-1]
     effect["aliases"] = []
     assert "together" not in verdict(load(found))
     alone = load(diagnoses_for_tests.alias())
     assert effect_heading(alone, alone.effects[0]) == "mass, probability 0.52"
-    assert candidate_notes(alone)[-1].endswith("the sum over all sets that hold it.")
+    assert "is the sum over all sets that hold it." in candidates_table(alone).notes[-2]
+    assert "too sure" in candidates_table(alone).notes[-1]
 
 
 @pytest.mark.parametrize(
@@ -170,7 +171,8 @@ YAW = ("yaw", 0.62, True, False)
     [
         (
             [YAW, ("pitch", 0.15, False, True)],
-            "83 % of the gap fits no known effect; it stands out of noise in pitch (15 %).",
+            "83 % of the gap fits no known effect; of this remainder, what is beyond noise lies in "
+            "pitch (15 %).",
             "; the remainder stands out of noise in pitch (15 %).",
         ),
         (

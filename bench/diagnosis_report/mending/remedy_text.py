@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from bench.diagnosis_report import tables
 from bench.diagnosis_report.gap_text import expected
 from bench.diagnosis_report.numbers import MISSING, clean, estimate, join, rounded, with_unit
@@ -57,7 +59,8 @@ def flight_lines(
         one, other = _labels(pair)
         said.append(f"The files hold the flight that tells {one} from {other}, and no other.")
     _, values = trajectory.sampled(0.01)
-    start, low, high = values[0, :3], values[:, :3].min(axis=0), values[:, :3].max(axis=0)
+    values = np.round(values[:, :3], 1) + 0.0  # no -0.0
+    start, low, high = values[0], values.min(axis=0), values.max(axis=0)
     size = f"{100 * trajectory.scale:.0f} % of its" if trajectory.scale < 1.0 else "its full"
     spans = join(
         f"{axis} from {a:.1f} to {b:.1f}" for axis, a, b in zip("xyz", low, high, strict=True)
@@ -66,7 +69,7 @@ def flight_lines(
         f"The path '{trajectory.path}' fits into the geofence ({geofence.length:g} x "
         f"{geofence.width:g} x {geofence.height:g} m, with the origin on the floor, in its middle) "
         f"at {size} size. It starts at ({start[0]:.1f}, {start[1]:.1f}, {start[2]:.1f}) m and runs "
-        f"over {spans} m, with z up, at most at {rounded(trajectory.top_speed, 2)} m/s, in "
+        f"over {spans} m, with z up, at up to {rounded(trajectory.top_speed, 2)} m/s, in "
         f"{trajectory.durations.sum():.1f} s. Hover at its start before, land after it; its "
         "coordinates are absolute, not relative to where the drone is."
     )
