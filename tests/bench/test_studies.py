@@ -84,12 +84,13 @@ def check(named, said):
 def test_studies_stand_in_the_report_with_what_went_wrong(tmp_path):
     given = tables({})
     given.save(tmp_path)
+    of = {"diagnosis": "a" * 12}
     pd.DataFrame(
-        [margins("mass", "drag", 1.0, 400.0), margins("drag", "mass", 3.0, 2.0)]
+        [margins("mass", "drag", 1.0, 400.0) | of, margins("drag", "mass", 3.0, 2.0) | of]
     ).to_parquet(tmp_path / "next_flight.parquet")
     rows = [limit(s, n, 0.01 * n) for s in (10.0, 60.0, 600.0) for n in (0.3, 1.0, 3.0)]
     checks = [check(True, "drag"), check(False, "none")]
-    pd.DataFrame(rows + checks).to_parquet(tmp_path / "limits.parquet")
+    pd.DataFrame(rows + checks).assign(**of).to_parquet(tmp_path / "limits.parquet")
     text = write_report([Tables.load(tmp_path)], tmp_path / "blind.md").read_text()
     assert "separate 1 of 2 directions" in text
     assert "**Not separated: drag from mass.**" in text
