@@ -32,6 +32,7 @@ TEAMS = (3, 12, 18)
 EPOCHS = 8
 """Of a training with several seeds."""
 SEEDS = (1, 2, 4, 16, 64) if accelerated() else (1, 2, 4)
+"""Trainings in one program; a core gains nothing from more."""
 CELLS = [(name, n) for name in ("low fidelity", "hybrid", "high fidelity") for n in TEAMS]
 
 

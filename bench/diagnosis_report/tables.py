@@ -157,7 +157,7 @@ def _candidate_notes(diagnosis: Diagnosis) -> list[str]:
         )
     if diagnosis.blamed:
         notes.append(_whose_probability(diagnosis))
-    if diagnosis.candidates and not diagnosis.details.followed:
+    if diagnosis.support:
         notes.append("Probabilities are too sure, because errors within one flight are alike.")
     return notes
 

@@ -66,7 +66,7 @@ class Following:
 
     def _left(self, along: Float[np.ndarray, " lags"]) -> Float[np.ndarray, " lags"]:
         """Squared error of every lag, where `along` are the products <P, C> of some P."""
-        # P keeps lengths, so that tr S_uu is that of P u as well.
+        # P is orthogonal: u and P u have the same length, and the same trace of S_uu.
         size = np.trace(self.uu, axis1=1, axis2=2)
         return self.yy.sum() - along**2 / np.maximum(size, 1e-12)
 

@@ -79,7 +79,9 @@ def test_what_left_out_flights_confirm_stands_beside_a_gap_that_is_not_explained
         assert "mass, probability 0.58" in text
         assert "wind, in the likeliest set but not blamed" in text
         assert "descriptive" in text
-    (row,) = tables.support_table(load(diagnoses_for_tests.reference())).rows
+    beside = load(diagnoses_for_tests.reference())
+    assert "too sure" in str(tables.candidates_table(beside).notes)
+    (row,) = tables.support_table(beside).rows
     assert row == ("thrust gain", tables.MISSING, tables.MISSING, "2")
     assert tables.support_table(load(diagnoses_for_tests.effect())) is None
 

@@ -75,7 +75,7 @@ def flight_lines(
     )
     thrust = trajectory.top_thrust
     said.append(
-        f"It asks for up to {thrust:.2f} times the thrust of hover. A drone that needs "
+        f"The path asks for up to {thrust:.2f} times the thrust of hover. A drone that needs "
         f"{100.0 / thrust:.0f} % of its full thrust to hover cannot follow it. Stay well "
         "below, and look at propellers, battery and weight before."
     )
