@@ -158,8 +158,8 @@ def foreign_rows(plan: Plan, recorded: Tables) -> set[str]:
 
 def made_by(run: Run, content: Mapping[str, Any]) -> bool:
     """Whether the folder of a run was made by this program on this machine."""
-    machine = content.get("provenance", {}).get("machine")
-    return (content.get("program"), machine) == (run.program, provenance()["machine"])
+    made = (content["program"], content["provenance"]["machine"])
+    return made == (run.program, provenance()["machine"])
 
 
 def reproduces(found: Mapping[str, float], row: Mapping[str, float]) -> str:
