@@ -3,7 +3,7 @@
 An effect without a card is shown under its registered name, in its parameters' own units.
 """
 
-from bench.diagnosis_report.numbers import clean, estimate, join, with_unit
+from bench.diagnosis_report.numbers import clean
 from diagnosis.result import Effect
 from simulators import registry
 from simulators.effects.card import Shown, load_card
@@ -34,24 +34,19 @@ def within(interval: str) -> str:
     return f" (95 %: {interval})" if interval else ""
 
 
-def combined(effect: Effect) -> list[str]:
-    """What flights tell that cannot tell an effect from aliases that act on the same number."""
+def combined(effect: Effect) -> tuple[str, float, float | None, float | None] | None:
+    """What flights tell that cannot tell an effect from aliases that act on the same number.
+
+    Its name, and its change with both ends of the interval, as shares of the nominal; None where
+    no alias acts on it.
+    """
     own = load_card(clean(effect.name)).combined
-    if own is None or len(effect.parameters) != 1:
-        return []
-    name, power = own
-    others = [load_card(clean(alias)) for alias in effect.aliases]
-    same = [card.label for card in others if card.combined and card.combined[0] == name]
-    if not same:
-        return []
-    which = (
-        join([load_card(clean(effect.name)).label, *same]) if len(same) < len(others) else "them"
-    )
+    others = [load_card(clean(alias)).combined for alias in effect.aliases]
+    if own is None or len(effect.parameters) != 1 or own[0] not in [x[0] for x in others if x]:
+        return None
     (size,) = effect.parameters
-    low, high = (
-        None if x is None else 100.0 * ((1.0 + x) ** power - 1.0) for x in (size.low, size.high)
+    value, *ends = (
+        None if x is None else (1.0 + x) ** own[1] - 1.0 for x in (size.value, size.low, size.high)
     )
-    ends = (low, high) if low is None or high is None else (min(low, high), max(low, high))
-    value, interval = estimate(100.0 * ((1.0 + size.value) ** power - 1.0), *ends)
-    size_text = f"{value} %" + within(with_unit(interval, "%") if interval else "")
-    return [f"What these flights tell is {name}: {size_text}, whichever of {which} it is."]
+    low, high = ends if own[1] > 0.0 else reversed(ends)
+    return own[0], value, low, high

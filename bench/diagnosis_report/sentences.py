@@ -195,7 +195,6 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
     """What must be said beside the verdict, each as a sentence."""
     said = [fault.advice for fault in diagnosis.interface]
     said += [
-        *(line for effect in diagnosis.blamed for line in combined(effect)),
         *_beside_effect(diagnosis),
         *_at_bounds(diagnosis),
         *_support(diagnosis),
@@ -294,7 +293,23 @@ def _support(diagnosis: Diagnosis) -> list[str]:
 
 
 def effect_phrase(effect: Effect, base: str) -> str:
-    """A found effect with sizes and intervals, as part of a sentence."""
+    """A found effect with sizes and intervals, as part of a sentence.
+
+    Where an alias acts on the same number, that number is told, which is all that the flights say.
+    """
+    told = combined(effect)
+    if told is None:
+        return _own_phrase(effect, base)
+    name, size, low, high = told
+    sign, direction = (-1.0, "less") if size < 0.0 else (1.0, "more")
+    value, interval = estimate(100.0 * abs(size), *scaled(low, high, 100.0 * sign))
+    between = within(with_unit(interval, "%") if interval else "")
+    own = _own_phrase(effect, base, intervals=False)
+    return f"{value} % {direction} {name} than {base}{between}, as {own} would give"
+
+
+def _own_phrase(effect: Effect, base: str, intervals: bool = True) -> str:
+    """An effect by the sizes of its own parameters."""
     name = clean(effect.name)
     words = load_card(name)
     if len(effect.parameters) == 1 and words.more:
@@ -302,7 +317,7 @@ def effect_phrase(effect: Effect, base: str) -> str:
         negative = parameter.value < 0 and bool(words.less)
         size, interval = parameter_texts(name, parameter, -1.0 if negative else 1.0)
         template = words.less if negative else words.more
-        return template.format(size, base=base) + within(interval)
+        return template.format(size, base=base) + within(interval if intervals else "")
     sizes, directions = [], True
     for parameter in effect.parameters:
         shown = parameter_words(name, parameter.name)
@@ -310,7 +325,7 @@ def effect_phrase(effect: Effect, base: str) -> str:
         size, interval = parameter_texts(name, parameter, sign)
         directions = directions and bool(shown.opposite)
         equal = f"{size} {label}" if shown.opposite else f"{label} = {size}"
-        sizes.append(equal + within(interval))
+        sizes.append(equal + within(interval if intervals else ""))
     return words.noun + (f" {'by' if directions else 'with'} {join(sizes)}" if sizes else "")
 
 

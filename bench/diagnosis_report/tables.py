@@ -152,8 +152,10 @@ def _candidate_notes(diagnosis: Diagnosis) -> list[str]:
     if any(candidate.evidence is not None for candidate in diagnosis.candidates):
         notes.append(
             "Evidence is the gain in log-likelihood over the simulator as it is, when each fitted "
-            "flight in turn is left out of the fit (to first order). The column on drift is about "
-            "the flights that were fitted."
+            "flight in turn is left out of the fit (to first order). The probability weighs the "
+            "gain with all flights fitted, less a price for each effect, so that of two sets the "
+            "one with more effects can have more evidence and still be less probable. The column "
+            "on drift is about the flights that were fitted."
         )
     if diagnosis.blamed:
         notes.append(_whose_probability(diagnosis))
@@ -260,10 +262,11 @@ def limits_table(diagnosis: Diagnosis) -> Table | None:
         size = MISSING if line.smallest is None else rounded(words.factor * line.smallest, 2)
         shown = with_unit(size, words.unit or line.unit)
         whole = range_of(line.effect, line.parameter)
-        if whole is not None and line.smallest is not None and line.smallest > whole:
-            shown = "more than its whole range"
+        share = None if whole is None or line.smallest is None else line.smallest / whole
+        if share is not None and share > 1.0:
+            shown, share = "more than its whole range", None
         either = " or ".join(filter(None, (words.label, words.opposite)))
-        rows.append((load_card(name).label, clean(either), shown))
+        rows.append((load_card(name).label, clean(either), shown, percent(share)))
     if diagnosis.details.followed:
         note = (
             "A change of this size, alone, would be named with a probability of 95 %, as far as "
@@ -274,9 +277,12 @@ def limits_table(diagnosis: Diagnosis) -> Table | None:
             "Five standard deviations by the Cramér-Rao bound, if this effect acted beside what "
             "was found and nothing else."
         )
-    note += " A smaller change may go unnoticed; longer or livelier flights show smaller ones."
+    note += (
+        " A smaller change may go unnoticed; longer or livelier flights show smaller ones. Where "
+        "it is a large share of the range that a diagnosis allows, these flights hardly tell."
+    )
     caption = "Smallest change that these flights could have shown"
-    headings, left = ("effect", "parameter", "change"), frozenset({0, 1})
+    headings, left = ("effect", "parameter", "change", "share of its range"), frozenset({0, 1})
     return Table(caption, headings, tuple(rows), left, notes=(note,)) if rows else None
 
 

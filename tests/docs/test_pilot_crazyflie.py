@@ -1,0 +1,54 @@
+"""docs/pilot_crazyflie.md as its reader follows it, with flights in simulation."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from flights_for_tests import fly
+from log_writers import write_usd
+
+from bench.cli.app import main
+from simulators import registry
+from simulators.contract import with_effects
+from simulators.effects.mass import Mass
+from simulators.effects.thrust_gain import ThrustGain
+
+PAGE = Path(__file__).parents[2] / "docs" / "pilot_crazyflie.md"
+ALWAYS = ThrustGain(e=-0.08)
+"""What the simulator misses of the vehicle, before and after."""
+CHANGE = Mass(e=0.12)
+
+
+def write_logs(name):
+    """The cards of both days: six flights, and four with the change."""
+    simulator = registry.load("simulator", name)()
+    for folder, n, effects in (("before", 6, [ALWAYS]), ("after", 4, [ALWAYS, CHANGE])):
+        Path(folder).mkdir()
+        flights = fly(with_effects(simulator, effects), n, seconds=6.0, seed=n, rows=2)
+        for flight in flights:
+            write_usd(Path(folder) / flight.name, flight.drones[0], simulator.spec.thrust_max)
+
+
+@pytest.mark.parametrize(
+    "simulator", ["point_mass", pytest.param("crazyflow", marks=pytest.mark.exhaustive)]
+)
+def test_the_page_leads_from_two_cards_to_what_changed(simulator, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_logs(simulator)
+    said = ""
+    for language, content in re.findall(
+        r"^```(\w+)\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    ):
+        for line in content.splitlines():
+            if language == "text":
+                assert " ".join(line.split()) in said
+                continue
+            words = shlex.split(line.removeprefix("$ bench ").split(" > ")[0])
+            words = [w for word in words for w in (sorted(map(str, Path().glob(word))) or [word])]
+            assert main(words + ["--simulator", simulator] * (words[0] == "diagnose")) == 0
+            said = capsys.readouterr().out
+            remedies = Path("reports/diagnosis/after/remedy-crazyflie/remedy.md")
+            if remedies.exists():
+                said += remedies.read_text(encoding="utf-8")
+            said = " ".join(said.split())
