@@ -74,8 +74,6 @@ class CommandDisturbance(CommandEffect):
     """Half width of the backlash of the thrust [N]."""
 
     parameters: ClassVar[dict[str, Parameter]] = _LIMITS
-    door: ClassVar[str] = "command"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
 
     def init(self, n_drones: int, dt: float) -> tuple[Array, Array, Array]:
@@ -121,9 +119,7 @@ class PlantDisturbance(PlantEffect):
     """Thrust lost per second of flight [1/s]."""
 
     parameters: ClassVar[dict[str, Parameter]] = _LIMITS
-    door: ClassVar[str] = "plant"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
 
     def plant(
@@ -197,9 +193,7 @@ class WrenchDisturbance(WrenchEffect):
     """Length of its cable [m]."""
 
     parameters: ClassVar[dict[str, Parameter]] = _LIMITS
-    door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
 
     def init(self, n_drones: int, dt: float) -> tuple[Array, Array, Array]:

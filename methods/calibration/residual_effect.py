@@ -50,7 +50,6 @@ class ResidualEffect(FrozenEffect, ListeningEffect):
     """Mass that the nominal simulator believes [kg]."""
 
     parameters: ClassVar[dict[str, Parameter]] = {}
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 100
     version: ClassVar[str] = "1"
 

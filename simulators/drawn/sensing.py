@@ -75,7 +75,6 @@ class Sensing(AbstractEffect):
         "loss": Parameter(unit="-", low=0.0, high=0.9, neutral=0.0, source="a guess"),
     }
     door: ClassVar[str] = "sensing"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
 
     def init(self, n_drones: int, dt: float) -> Sight:

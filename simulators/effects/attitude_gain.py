@@ -27,7 +27,6 @@ class AttitudeGain(CommandEffect):
             source="-0.11 (cf21B) and -0.08 (L250) in crazyflow 0.4.0; the bounds are a guess",
         )
     }
-    door: ClassVar[str] = "command"
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

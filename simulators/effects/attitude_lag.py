@@ -31,8 +31,6 @@ class AttitudeLag(CommandEffect):
     parameters: ClassVar[dict[str, Parameter]] = {
         "tau": Parameter(unit="s", low=0.0, high=0.3, neutral=0.0, source="a guess")
     }
-    door: ClassVar[str] = "command"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="attitude lag",

@@ -48,8 +48,6 @@ class AttitudeLoop(ResponseEffect):
             unit="-", low=0.3, high=2.0, neutral=1.0, source="0.65 to 0.75, outer bounds a guess"
         ),
     }
-    door: ClassVar[str] = "response"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="attitude loop",

@@ -31,7 +31,6 @@ class Battery(PlantEffect):
             "0.0044; the bound is a guess",
         )
     }
-    door: ClassVar[str] = "plant"
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

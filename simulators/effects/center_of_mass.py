@@ -32,7 +32,6 @@ class CenterOfMass(PlantEffect):
     """Offset along body y, left [m]."""
 
     parameters: ClassVar[dict[str, Parameter]] = {"x": _OFFSET, "y": _OFFSET}
-    door: ClassVar[str] = "plant"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 5
     version: ClassVar[str] = "1"

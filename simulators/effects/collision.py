@@ -64,7 +64,6 @@ class Collision(StiffEffect):
         ),
         "friction": Parameter(unit="-", low=0.0, high=1.0, neutral=0.3, source="a guess"),
     }
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 6
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -61,10 +61,10 @@ class AbstractEffect(eqx.Module):
     parameters: eqx.AbstractClassVar[dict[str, Parameter]]
     """Every field that is a number, by name."""
     door: eqx.AbstractClassVar[str]
-    """The hook through which the effect acts."""
+    """The hook through which the effect acts; the class for that door has it."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Further doors without which the effect would act wrongly or not at all."""
-    order: eqx.AbstractClassVar[int]
+    order: ClassVar[int] = 0
     """Place among the effects of the same door; smaller acts first."""
     version: eqx.AbstractClassVar[str]
     """Declared version; results are reused only while it stays the same."""
@@ -79,6 +79,8 @@ class AbstractEffect(eqx.Module):
 class CommandEffect(AbstractEffect):
     """An effect on what the autopilot is told."""
 
+    door: ClassVar[str] = "command"
+
     @abc.abstractmethod
     def command(
         self, memory: Any, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
@@ -89,6 +91,8 @@ class CommandEffect(AbstractEffect):
 class AutopilotEffect(AbstractEffect):
     """An effect on the gains of the attitude controller."""
 
+    door: ClassVar[str] = "autopilot"
+
     @abc.abstractmethod
     def autopilot(
         self, memory: Any, flight: Flight, gains: AutopilotGains, dt: float
@@ -98,6 +102,8 @@ class AutopilotEffect(AbstractEffect):
 
 class PlantEffect(AbstractEffect):
     """An effect on the plant's constants; the controller's belief stays nominal."""
+
+    door: ClassVar[str] = "plant"
 
     @abc.abstractmethod
     def plant(
@@ -112,6 +118,8 @@ class ResponseEffect(AbstractEffect):
     `rpy_thrust` is what the simulator's own lag (and the effects before) make of the command at
     this step; what the hook returns takes its place.
     """
+
+    door: ClassVar[str] = "response"
 
     @abc.abstractmethod
     def respond(
@@ -130,6 +138,8 @@ class ResponseEffect(AbstractEffect):
 
 class WrenchEffect(AbstractEffect):
     """An effect that pushes or turns the drones."""
+
+    door: ClassVar[str] = "wrench"
 
     @abc.abstractmethod
     def wrench(
@@ -165,6 +175,8 @@ class FrozenEffect(WrenchEffect):
 
 class StateEffect(AbstractEffect):
     """An effect that restricts where a drone can be."""
+
+    door: ClassVar[str] = "state"
 
     @abc.abstractmethod
     def project(self, memory: Any, flight: Flight) -> tuple[Any, Flight]:

@@ -32,7 +32,6 @@ class Delay(CommandEffect):
             unit="s", low=0.0, high=LONGEST, neutral=0.0, source="published 0 to 60 ms"
         )
     }
-    door: ClassVar[str] = "command"
     order: ClassVar[int] = 9
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

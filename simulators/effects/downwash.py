@@ -41,7 +41,6 @@ class Downwash(WrenchEffect):
             unit="m", low=0.03, high=0.3, neutral=0.1, source="published 0.05 to 0.12, rest a guess"
         ),
     }
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 5
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(

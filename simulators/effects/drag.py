@@ -36,8 +36,6 @@ class Drag(WrenchEffect, BrakingEffect):
             "simulator that drags too much",
         )
     }
-    door: ClassVar[str] = "wrench"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(
         label="linear drag",

@@ -26,8 +26,6 @@ class Floor(StateEffect):
             unit="m", low=-0.1, high=0.1, neutral=-float("inf"), source="crazyflow: -0.001"
         )
     }
-    door: ClassVar[str] = "state"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="floor",

@@ -24,8 +24,6 @@ class FrameMisalignment(CommandEffect):
     parameters: ClassVar[dict[str, Parameter]] = {
         "angle": Parameter(unit="rad", low=-0.5, high=0.5, neutral=0.0, source="a guess")
     }
-    door: ClassVar[str] = "command"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="frame misalignment",

@@ -36,7 +36,6 @@ class GroundEffect(WrenchEffect):
             source="published 4 to 16, 11.4 in gym-pybullet-drones (arXiv 2103.02142)",
         )
     }
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 4
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -44,7 +44,6 @@ class Gust(WrenchEffect, OnsetEffect):
             unit="s", low=0.0, high=600.0, neutral=0.0, source="any time in a battery's flight"
         ),
     }
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 3
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(

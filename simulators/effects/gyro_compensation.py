@@ -38,7 +38,6 @@ class GyroCompensation(WrenchEffect):
             "believed one; the upper bound is a guess",
         )
     }
-    door: ClassVar[str] = "wrench"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 9
     version: ClassVar[str] = "2"

@@ -29,7 +29,6 @@ class Inertia(PlantEffect):
             "bounds are a guess",
         )
     }
-    door: ClassVar[str] = "plant"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 3
     version: ClassVar[str] = "1"

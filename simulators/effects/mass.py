@@ -29,8 +29,6 @@ class Mass(PlantEffect, WeightEffect):
             source="27 g (URDF) to 32.8 g (crazyflow) for one airframe, payloads of 5 to 10 g",
         )
     }
-    door: ClassVar[str] = "plant"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="mass",

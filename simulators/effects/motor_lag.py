@@ -30,7 +30,6 @@ class MotorLag(PlantEffect):
             "simulated flights of cf21B_500 turned over, at 5 times all did",
         )
     }
-    door: ClassVar[str] = "plant"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 4
     version: ClassVar[str] = "1"

@@ -30,7 +30,6 @@ class QuadraticDrag(WrenchEffect, BrakingEffect):
             "that drags too much",
         )
     }
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 1
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(

@@ -50,9 +50,7 @@ class RollPitchGains(AutopilotEffect):
             "28e-6 kg m^2; the bounds are a guess",
         ),
     }
-    door: ClassVar[str] = "autopilot"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="roll and pitch gains",

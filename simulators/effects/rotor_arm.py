@@ -32,7 +32,6 @@ class RotorArm(PlantEffect):
             "Brushless; the bounds are a guess",
         )
     }
-    door: ClassVar[str] = "plant"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 9
     version: ClassVar[str] = "1"

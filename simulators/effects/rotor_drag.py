@@ -44,7 +44,6 @@ class RotorDrag(WrenchEffect, BrakingEffect):
         "axial": Parameter(unit="1/s", low=0.0, high=4.0, neutral=0.0, source=_SOURCE),
         "lateral": Parameter(unit="1/s", low=0.0, high=4.0, neutral=0.0, source=_SOURCE),
     }
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 7
     version: ClassVar[str] = "3"
     card: ClassVar[EffectCard] = EffectCard(

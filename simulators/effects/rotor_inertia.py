@@ -28,7 +28,6 @@ class RotorInertia(PlantEffect):
             source="-1 is a simulator without it; the upper bound is a guess",
         )
     }
-    door: ClassVar[str] = "plant"
     needs: ClassVar[tuple[str, ...]] = ("rotation", "rotors")
     order: ClassVar[int] = 6
     version: ClassVar[str] = "1"

@@ -43,7 +43,6 @@ class RotorResponse(PlantEffect):
             "a guess",
         ),
     }
-    door: ClassVar[str] = "plant"
     needs: ClassVar[tuple[str, ...]] = ("rotation", "rotors")
     order: ClassVar[int] = 7
     version: ClassVar[str] = "1"

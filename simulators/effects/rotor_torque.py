@@ -33,7 +33,6 @@ class RotorTorque(PlantEffect):
             "RotorPy's Crazyflie Brushless; the bounds are a guess",
         )
     }
-    door: ClassVar[str] = "plant"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 8
     version: ClassVar[str] = "1"

@@ -33,7 +33,6 @@ class ThrustGain(PlantEffect):
             "bound is a guess",
         )
     }
-    door: ClassVar[str] = "plant"
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -35,7 +35,6 @@ class ThrustLag(ResponseEffect):
     """Time constant of falling thrust [s]."""
 
     parameters: ClassVar[dict[str, Parameter]] = {"up": _TIME, "down": _TIME}
-    door: ClassVar[str] = "response"
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -36,7 +36,6 @@ class TranslationalLift(WrenchEffect):
             source="0.10 in RotorPy's Crazyflie Brushless; the bounds are a guess",
         )
     }
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 8
     version: ClassVar[str] = "4"
     card: ClassVar[EffectCard] = EffectCard(

@@ -28,7 +28,6 @@ class Trim(CommandEffect):
     """Added to commanded pitch [rad]."""
 
     parameters: ClassVar[dict[str, Parameter]] = {"roll": _ANGLE, "pitch": _ANGLE}
-    door: ClassVar[str] = "command"
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

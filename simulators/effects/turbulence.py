@@ -81,7 +81,6 @@ class Turbulence(WrenchEffect, RandomEffect):
             source="linear drag in real logs of small quadrotors 0.33 to 0.44; the bounds a guess",
         ),
     }
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

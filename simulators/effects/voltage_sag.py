@@ -36,7 +36,6 @@ class VoltageSag(PlantEffect, VoltageEffect):
             source="thrust as voltage squared gives 0.48 near 4.2 V; the bound is a guess",
         )
     }
-    door: ClassVar[str] = "plant"
     order: ClassVar[int] = 7
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -32,7 +32,6 @@ class Wind(WrenchEffect):
         "y": _HORIZONTAL,
         "z": _VERTICAL,
     }
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 1
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(

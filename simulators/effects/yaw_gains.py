@@ -38,7 +38,6 @@ class YawGains(AutopilotEffect):
             unit="-", low=-0.95, high=4.0, neutral=0.0, factor=True, source="a guess"
         ),
     }
-    door: ClassVar[str] = "autopilot"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"

@@ -20,7 +20,6 @@ class YawMisalignment(CommandEffect):
     parameters: ClassVar[dict[str, Parameter]] = {
         "angle": Parameter(unit="rad", low=-0.5, high=0.5, neutral=0.0, source="a guess")
     }
-    door: ClassVar[str] = "command"
     order: ClassVar[int] = 3
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -28,8 +28,6 @@ class Push(WrenchEffect):
     f: jax.Array = eqx.field(converter=jnp.asarray, default=0.0)
 
     parameters: ClassVar = {"f": parameter(high=0.1)}
-    door: ClassVar[str] = "wrench"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
 
     def wrench(self, memory, flight, vehicle, dt):

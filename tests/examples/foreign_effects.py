@@ -21,7 +21,6 @@ class Updraft(WrenchEffect):
     parameters: ClassVar[dict[str, Parameter]] = {
         "k": Parameter(unit="1/s^2", low=-2.0, high=2.0, neutral=0.0, source="a guess")
     }
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 20
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -57,7 +56,6 @@ class BrokenBlade(PlantEffect, OnsetEffect):
         "e": Parameter(unit="-", low=-0.3, high=0.3, neutral=0.0, source="a guess"),
         "onset": Parameter(unit="s", low=0.0, high=600.0, neutral=0.0, source="a guess"),
     }
-    door: ClassVar[str] = "plant"
     order: ClassVar[int] = 20
     version: ClassVar[str] = "1"
 

@@ -94,8 +94,6 @@ class Spike(WrenchEffect):
     beyond: jax.Array
 
     parameters: ClassVar[dict] = {}
-    door: ClassVar[str] = "wrench"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
 
     def wrench(self, memory, flight, vehicle, dt):

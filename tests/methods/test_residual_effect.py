@@ -43,8 +43,6 @@ class Replay(WrenchEffect):
     acc: jax.Array
 
     parameters: ClassVar[dict] = {}
-    door: ClassVar[str] = "wrench"
-    order: ClassVar[int] = 0
     version: ClassVar[str] = "1"
 
     def init(self, n_drones, dt):

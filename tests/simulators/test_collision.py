@@ -62,7 +62,6 @@ class Unaligned(WrenchEffect):
     contact: StiffEffect
 
     parameters: ClassVar[dict] = {}
-    door: ClassVar[str] = "wrench"
     order: ClassVar[int] = 6
     version: ClassVar[str] = "1"
 
