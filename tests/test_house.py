@@ -1,5 +1,7 @@
 """Sizes of the house: folders that one can overlook, modules that one can read."""
 
+import re
+import statistics
 from collections import Counter
 from pathlib import Path
 
@@ -11,6 +13,10 @@ MOST_MODULES = 12
 """Modules of a folder; `simulators/effects` has one for each effect."""
 MOST_LINES = 400
 """Lines of a module, of tests too."""
+MOST_PAIRS = 60
+"""Pairs of wings of the harness of which one imports from the other."""
+MEDIAN_LINES = 110
+"""Lines of the median module of what we ship."""
 
 
 def modules(*packages):
@@ -34,3 +40,22 @@ def test_no_module_is_longer_than_one_can_read(package):
     }
     assert lengths
     assert {path: n for path, n in lengths.items() if n > MOST_LINES} == {}
+
+
+def test_the_wings_of_the_harness_are_few_and_know_few_others():
+    own = {path.name for path in (HOUSE / "bench").iterdir() if (path / "__init__.py").exists()}
+    assert len(own) <= MOST_MODULES
+    pairs = {
+        (wing, other)
+        for wing in own
+        for path in modules(f"bench/{wing}")
+        for other in re.findall(r"^\s*from bench\.(\w+)", path.read_text(encoding="utf-8"), re.M)
+        if other in own - {wing}
+    }
+    assert pairs
+    assert len(pairs) <= MOST_PAIRS
+
+
+def test_half_of_all_modules_are_short():
+    lengths = [len(path.read_text(encoding="utf-8").splitlines()) for path in modules(*PACKAGES)]
+    assert statistics.median(lengths) <= MEDIAN_LINES

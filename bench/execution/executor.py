@@ -10,7 +10,6 @@ import abc
 import dataclasses
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Literal, Self
 
 from bench.execution.environment import accelerated
@@ -72,32 +71,6 @@ class AbstractExecutor(abc.ABC):
 
     def __exit__(self, *raised: object) -> None:
         self.stop()
-
-
-def make_executor(name: Name, jobs: int | None, most: int, logs: Path) -> AbstractExecutor:
-    """An executor with `jobs` slots, but no more than `most`.
-
-    Args:
-        name: Which one.
-        jobs: Number of slots; None: one per core, of the machine or of the Ray cluster, few on a
-            machine with an accelerator, and up to 64 jobs of Slurm.
-        most: Tasks that there will be.
-        logs: Folder for what processes of this machine, or jobs, print.
-
-    Raises:
-        UsageError: It cannot be started.
-    """
-    if name == "ray":
-        from bench.execution.cluster import RayExecutor
-
-        return RayExecutor(jobs, most)
-    if name == "slurm":
-        from bench.execution.slurm import SlurmExecutor
-
-        return SlurmExecutor(jobs, most, logs / "slurm")
-    from bench.execution.pool import LocalExecutor
-
-    return LocalExecutor(max(1, min(jobs or usual_jobs(), most)), logs)
 
 
 def usual_jobs() -> int:

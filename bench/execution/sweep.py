@@ -10,7 +10,7 @@ from rich.text import Text
 
 from bench.execution.environment import seeds_together
 from bench.execution.execute import execute
-from bench.execution.executor import Name, make_executor
+from bench.execution.executor import AbstractExecutor, Name, usual_jobs
 from bench.execution.progress import SweepProgress
 from bench.plan.expansion import Plan
 from bench.plan.provenance import moved, provenance
@@ -266,3 +266,29 @@ def _interruption(kept: int, planned: int) -> str:
         f"Interrupted: {kept} of {planned} runs are finished and kept. Give the same command again "
         "to resume."
     )
+
+
+def make_executor(name: Name, jobs: int | None, most: int, logs: Path) -> AbstractExecutor:
+    """An executor with `jobs` slots, but no more than `most`.
+
+    Args:
+        name: Which one.
+        jobs: Number of slots; None: one per core, of the machine or of the Ray cluster, few on a
+            machine with an accelerator, and up to 64 jobs of Slurm.
+        most: Tasks that there will be.
+        logs: Folder for what processes of this machine, or jobs, print.
+
+    Raises:
+        UsageError: It cannot be started.
+    """
+    if name == "ray":
+        from bench.execution.cluster import RayExecutor
+
+        return RayExecutor(jobs, most)
+    if name == "slurm":
+        from bench.execution.slurm import SlurmExecutor
+
+        return SlurmExecutor(jobs, most, logs / "slurm")
+    from bench.execution.pool import LocalExecutor
+
+    return LocalExecutor(max(1, min(jobs or usual_jobs(), most)), logs)

@@ -14,7 +14,7 @@ from bench.plan.settings import build
 from bench.text.errors import UsageError
 from simulators import registry
 from simulators.contract import AbstractSimulator, MissingDoorError, with_effects
-from simulators.drawn.distribution import Distribution
+from simulators.distribution import Distribution
 from simulators.drawn.drawn_team import Drawn, drawn
 from simulators.drawn.sensing import Sensing
 from simulators.effects.chain import canonical

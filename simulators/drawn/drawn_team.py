@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from simulators.contract import AbstractSimulator, with_effects
-from simulators.drawn.distribution import Distribution
+from simulators.distribution import Distribution
 from simulators.drawn.sensing import Sensing
 from simulators.effects.card import Input
 from simulators.effects.contract import AbstractEffect

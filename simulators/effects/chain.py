@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from simulators.drawn.distribution import Distribution
+from simulators.distribution import Distribution
 from simulators.effects.contract import (
     AbstractEffect,
     AutopilotEffect,

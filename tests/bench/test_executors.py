@@ -19,9 +19,10 @@ from chores import task
 from bench.execution import pool, slurm
 from bench.execution.cluster import RayExecutor, gpu_share
 from bench.execution.environment import accelerated, environment, seeds_together
-from bench.execution.executor import Ended, Message, make_executor
+from bench.execution.executor import Ended, Message
 from bench.execution.pool import LocalExecutor, share_of_cores
 from bench.execution.slurm import SlurmExecutor, array_limit
+from bench.execution.sweep import make_executor
 from bench.text.errors import UsageError
 
 WAIT = 300.0
@@ -259,7 +260,8 @@ NODE_KILLED = """
     sys.path.insert(0, sys.argv[2])
     import chores
     from ray.cluster_utils import Cluster
-    from bench.execution.executor import Ended, make_executor
+    from bench.execution.executor import Ended
+    from bench.execution.sweep import make_executor
 
     place = Path(sys.argv[1])
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})

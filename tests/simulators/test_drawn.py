@@ -14,7 +14,7 @@ from methods.training.adjoint import by_autodiff, gradient
 from methods.training.meter import Meter, metered
 from methods.training.policy import PolicyController, make_policy
 from simulators.contract import with_effects
-from simulators.drawn.distribution import Distribution
+from simulators.distribution import Distribution
 from simulators.drawn.drawn_team import Drawn, drawn, one_member
 from simulators.drawn.sensing import LONGEST, Sensing
 from simulators.effects.drag import Drag
