@@ -9,6 +9,10 @@ Logs whose columns are swapped, flipped or in another frame are not explained by
 column that the replay reads has such a fault, nothing is simulated until it is mended (`misread`).
 A path whose frame is turned against the reference's is turned back first, and flights below the
 floor are raised.
+
+Without a reference, a vehicle whose attitude loop nobody gave is flown with its measured attitude:
+what its loop does is no effect. A quadrotor of 1.65 kg, believed to have 1.5 kg, is so found to
+have 10.7 % more mass; with a loop that is not its own, nothing was sure but that loop.
 """
 
 import dataclasses
@@ -24,7 +28,7 @@ from diagnosis.interface.mended import lifted, mended
 from diagnosis.interface.untold import untold
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.misread import misleads, misread
-from diagnosis.replay.believed import default_simulator
+from diagnosis.replay.believed import default_simulator, loop_is_known
 from diagnosis.result import Diagnosis
 from diagnosis.twin.as_diagnosis import alone, beside_twin, weighed_anew
 
@@ -67,7 +71,8 @@ def diagnose(
         found = beside_twin(question, progress)
     else:
         or_twin = alone(question)
-        prepared = prepare(question, progress=progress, or_twin=or_twin)
+        measured = beside is None and not loop_is_known(against, flown.vehicle)
+        prepared = prepare(question, measured, progress, or_twin)
         if or_twin and prepared.base is not None and prepared.base.unfollowed(decision):
             found = beside_twin(question, progress)
         else:

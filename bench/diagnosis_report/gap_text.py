@@ -17,6 +17,7 @@ from bench.diagnosis_report.numbers import (
     rounded,
     scaled,
 )
+from diagnosis.logs.inputs import PRESCRIBED
 from diagnosis.result import Diagnosis
 from diagnosis.result_parts import ChannelGap
 
@@ -131,3 +132,18 @@ def added(diagnosis: Diagnosis) -> str:
 
 def _model(diagnosis: Diagnosis) -> str:
     return TWIN if diagnosis.details.followed else "the simulator"
+
+
+def measured_attitude(diagnosis: Diagnosis) -> list[str]:
+    """That the attitude was taken from the logs, where commands were, too, and what that hides."""
+    if diagnosis.flights.driven_by != PRESCRIBED:
+        return []
+    own = diagnosis.flights.airframe
+    unknown = own is not None and own.attitude_lag is None and diagnosis.reference is None
+    why = "vehicle.toml gives no attitude_lag, so measured" if unknown else "Measured"
+    said = (
+        f"{why} attitudes drove the simulator: nothing is said of how the vehicle follows attitude "
+        "commands."
+    )
+    more = " Give attitude_lag, or reference flights, to have that looked at."
+    return [said + more * unknown]

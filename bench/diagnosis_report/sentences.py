@@ -6,7 +6,7 @@ Words are chosen here; what they state was decided before and stands in the `Dia
 from collections.abc import Sequence
 
 from bench.diagnosis_report.effect_words import combined, parameter_words, range_of, toward, within
-from bench.diagnosis_report.gap_text import drift_clause, outstanding
+from bench.diagnosis_report.gap_text import drift_clause, measured_attitude, outstanding
 from bench.diagnosis_report.numbers import (
     clean,
     count,
@@ -87,12 +87,13 @@ def class_label(effect: Effect) -> str:
 
 
 def _none(diagnosis: Diagnosis, against: str) -> str:
+    beyond = "what they differ by among themselves" if diagnosis.details.followed else "noise"
     if diagnosis.interface:
         return (
-            f"Nothing in the vehicle separates these flights from {against} beyond noise "
+            f"Nothing in the vehicle separates these flights from {against} beyond {beyond} "
             f"({_extent(diagnosis)}), but check the logs: {_parts(diagnosis)}."
         )
-    return f"Nothing separates these flights from {against} beyond noise: {_extent(diagnosis)}."
+    return f"Nothing separates these flights from {against} beyond {beyond}: {_extent(diagnosis)}."
 
 
 def _too_few(diagnosis: Diagnosis) -> str:
@@ -198,6 +199,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
         *_beside_effect(diagnosis),
         *_at_bounds(diagnosis),
         *_support(diagnosis),
+        *measured_attitude(diagnosis),
         *_twin(diagnosis),
         *_silent(diagnosis),
     ]

@@ -269,8 +269,9 @@ def limits_table(diagnosis: Diagnosis) -> Table | None:
         rows.append((load_card(name).label, clean(either), shown, percent(share)))
     if diagnosis.details.followed:
         note = (
-            "A change of this size, alone, would be named with a probability of 95 %, as far as "
-            "flights differ from each other."
+            "A change of this size, alone, would be seen with a probability of 95 %, as far as "
+            "flights differ from each other; which of the effects that look alike it is may stay "
+            "open."
         )
     else:
         note = (

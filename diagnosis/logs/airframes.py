@@ -10,7 +10,8 @@
 | `arm` | m | distance of a rotor from the roll and from the pitch axis |
 | `drag` | N s/m | linear drag along the body axes |
 
-What is left out is unknown: a diagnosis then starts from `ASSUMED` and may find the number itself.
+What is left out is unknown. Without `attitude_lag` the measured attitude drives the simulator,
+unless reference flights show how commands are followed; of the other numbers `ASSUMED` stands in.
 Airframes beside those of `simulators.vehicle.VEHICLES` fly as point masses: crazyflow has no file
 of them, or no attitude loop that is theirs.
 """
@@ -66,8 +67,8 @@ ASSUMED: Mapping[str, Any] = {
     "arm": VEHICLES["cf21B_500"].arm,
     "rotor_lag": VEHICLES["cf21B_500"].rotor_lag,
 }
-"""What an airframe has whose sheet does not say. A point mass flies alike with any of them; it is
-`attitude_lag` that counts, which is its own 0.104 s unless the sheet says."""
+"""What an airframe has whose sheet does not say. A point mass flies alike with any of them but the
+drag, which a diagnosis may find."""
 
 
 def _named(

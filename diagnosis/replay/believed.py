@@ -3,8 +3,8 @@
 import dataclasses
 from typing import Any
 
-from diagnosis.logs.airframes import AIRFRAMES, Airframe
-from diagnosis.logs.flights import FlightSet, LogError
+from diagnosis.logs.airframes import AIRFRAMES, CRAZYFLIES, Airframe
+from diagnosis.logs.flights import FlightSet, LogError, VehicleFile
 from simulators.contract import AbstractSimulator, replayable_class
 from simulators.vehicle import ActionSpace
 
@@ -20,6 +20,17 @@ def default_simulator(flights: FlightSet) -> str:
     vehicle = flights.vehicle
     known = vehicle.airframe is None and vehicle.drone in replayable_class(USUAL).airframes
     return USUAL if known else ANY
+
+
+def loop_is_known(simulator: str, vehicle: VehicleFile) -> bool:
+    """Whether the simulator follows attitude commands as this vehicle is believed to.
+
+    The lag of a point mass is that of a Crazyflie, unless a data sheet gives another.
+    """
+    if simulator != ANY:
+        return True
+    own = vehicle.airframe
+    return vehicle.drone in CRAZYFLIES if own is None else own.attitude_lag is not None
 
 
 def nominal_simulator(name: str, flights: FlightSet, limited: bool = True) -> AbstractSimulator:

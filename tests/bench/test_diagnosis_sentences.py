@@ -142,6 +142,14 @@ def test_what_aliases_have_in_common_is_said_where_one_of_them_has_it(aliases, s
     assert ("thrust over mass" in verdict(load(found))) == shared
 
 
+def test_beside_a_twin_flights_are_compared_by_how_they_differ_among_themselves():
+    found = diagnoses_for_tests.none()
+    assert "beyond noise:" in verdict(load(found))
+    line = {"channel": "roll", "unit": "rad", "simulator": 0.03, "twin": 0.01}
+    found["details"]["followed"] = [line]
+    assert "beyond what they differ by among themselves:" in verdict(load(found))
+
+
 def test_too_few_flights_are_no_reason_to_change_nothing():
     found = diagnoses_for_tests.none() | {"verdict": "too_few"}
     (said,) = remedy(load(found))

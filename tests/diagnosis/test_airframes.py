@@ -18,6 +18,7 @@ from log_tables import table
 from scipy.spatial.transform import Rotation
 
 import diagnosis
+from bench.diagnosis_report.sentences import remarks
 from diagnosis.logs import vehicle_file
 from diagnosis.logs.airframes import AIRFRAMES, POINT_MASSES, RPM, Airframe
 from diagnosis.logs.flights import (
@@ -29,8 +30,8 @@ from diagnosis.logs.flights import (
     read_vehicle,
     write_flights,
 )
-from diagnosis.logs.inputs import choose_inputs, thrust_of_rotors
-from diagnosis.replay.believed import default_simulator, nominal_simulator
+from diagnosis.logs.inputs import PRESCRIBED, choose_inputs, thrust_of_rotors
+from diagnosis.replay.believed import default_simulator, loop_is_known, nominal_simulator
 from simulators.point_mass import PointMass
 from simulators.rotorpy_vehicle import derivative, make_multirotor, motor_speeds, runge_kutta
 from simulators.vehicle import CONTROL_DT, GRAVITY
@@ -137,6 +138,30 @@ def test_a_quadrotor_of_another_size_is_diagnosed_from_its_data_sheet(heavy, exc
     fixed = diagnosis.corrected(diagnosis.Diagnosis.of_json(found.to_json()))
     assert fixed.spec.mass == 1.5
     assert fixed.attitude_tau == pytest.approx(0.06)
+
+
+@few_or_all("mass", "trim")
+def test_an_attitude_loop_that_nobody_gave_is_not_blamed(heavy, tmp_path, exclude):
+    """It is no Crazyflie's; taken for one, it hid the mass."""
+    text = SHEET.replace("attitude_lag = 0.06\n", "")
+    folder = written(tmp_path / "no_lag", load_flights(heavy).flights, text)
+    found = diagnosis.diagnose(folder, exclude=exclude)
+    (named,) = found.blamed
+    assert "mass" in {named.name, *named.aliases}
+    assert found.flights.driven_by == PRESCRIBED
+    (said,) = (line for line in remarks(found) if "attitude" in line and "drove" in line)
+    assert said.startswith("vehicle.toml gives no attitude_lag")
+
+
+def test_the_attitude_loop_of_a_vehicle_is_known_of_crazyflies_and_from_data_sheets():
+    own = Airframe(thrust_max=34.0)
+    lag = dataclasses.replace(own, attitude_lag=0.06)
+    known = lambda *vehicle: loop_is_known("point_mass", VehicleFile("x", *vehicle))  # noqa: E731
+    assert known("cf2x_P250", 0.03)
+    assert known("x500", 1.5, lag)
+    assert not known("hummingbird", 0.5)
+    assert not known("x500", 1.5, own)
+    assert loop_is_known("rotorpy", VehicleFile("x", "hummingbird", 0.5))
 
 
 def test_an_airframe_that_crazyflow_lacks_flies_as_a_point_mass_and_says_so(heavy):
