@@ -1,4 +1,4 @@
-"""From a finished study to the typed `Diagnosis`: every statement is made here, once."""
+"""From a finished study to the typed `Diagnosis`."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from diagnosis.decide.advice import blind_to, largest_regime, next_flight
+from diagnosis.decide.blame import blame
 from diagnosis.decide.prepared import Prepared, Question
 from diagnosis.decide.study import Study
 from diagnosis.decide.verdict import Verdict, at_bounds, intervals, limits, sizes
@@ -17,7 +18,7 @@ from diagnosis.fit.outliers import standing_out
 from diagnosis.fit.search import Fits
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.noise import CHANNELS, UNITS
-from diagnosis.recorded import flights_used, limits_of, settings_of, this_program
+from diagnosis.recorded import MOST_CANDIDATES, flights_used, limits_of, settings_of, this_program
 from diagnosis.result import (
     Candidate,
     Details,
@@ -42,13 +43,9 @@ from diagnosis.statements import (
     mostly_explained,
     noteworthy,
     use_of,
-    verdict_of,
 )
 from simulators import registry
 from simulators.effects.card import Input
-
-MOST_CANDIDATES = 8
-"""Sets that are listed."""
 
 
 def answer(question: Question, study: Study) -> Diagnosis:
@@ -56,15 +53,11 @@ def answer(question: Question, study: Study) -> Diagnosis:
     fits, judged, prepared = study.fits, study.verdict, study.prepared
     evidence, reference = fits.evidence, question.reference
     shrink = _shrink(study)
-    standing = {n for n in judged.chosen.effects if _stands(study, n)}
-    grows = judged.doubted and shrink.percent is not None and shrink.percent < 0.0
-    kind = judged.kind if standing == judged.chosen.effects and not grows else "unexplained"
-    confirmed = {line.effect for line in study.support if line.confirmed} & standing
-    verdict = verdict_of(kind, bool(confirmed) and not grows)
-    named = judged.chosen.effects if kind != "unexplained" else None
-    blamed = confirmed if named is None else named
+    found = blame(study, shrink)
+    verdict, named = found.verdict, found.named
     effects = tuple(
-        _effect(evidence, judged, n, verdict, n in blamed) for n in sorted(judged.chosen.effects)
+        _effect(evidence, judged, n, verdict, n in found.blamed)
+        for n in sorted(judged.chosen.effects)
     )
     stated = [effect.probability for effect in effects]
     seen = limits(evidence, judged.chosen.fit)
@@ -110,23 +103,6 @@ def _shrink(study: Study) -> Shrink:
     """How far the gap shrinks on flights that were left out."""
     prepared = study.prepared
     return shrinkage.shrink(study.drift, study.every.sigma, prepared.in_turn, prepared.decision)
-
-
-def _stands(study: Study, name: str) -> bool:
-    """Whether an effect of the likeliest set may be named.
-
-    It, or one that looks like it, is likelier than not, and some interval of it is clear of the
-    neutral value. None of the 374 answers of the counted draws that name effects fails.
-    """
-    judged, evidence = study.verdict, study.fits.evidence
-    alike = {name, *judged.aliases[name]}
-    share = sum(r.probability for r in judged.ranked if alike & r.effects)
-    slots, (free, low, high) = evidence.library.slots, intervals(evidence, judged.chosen.fit)
-    clear = any(
-        slots[i].effect == name and not a <= slots[i].neutral <= b
-        for i, a, b in zip(free, low, high, strict=True)
-    )
-    return clear and judged.true_share * share >= study.prepared.decision.least_chance
 
 
 def _use(prepared: Prepared, i: int) -> Any:

@@ -1,4 +1,4 @@
-"""Every threshold of a diagnosis: value, unit and the evidence for it, in one frozen record."""
+"""What decides in a diagnosis: value, unit and the evidence for it, in one frozen record."""
 
 import dataclasses
 from typing import Any, Literal
@@ -18,8 +18,9 @@ class Decision:
     """What decides, from the windows that count to the words of an answer.
 
     Development cases are those of `blind` whose answers were known by then, earlier draws among
-    them, before the counted ones were drawn (`reports/blind.md`). Tolerances and step counts of
-    solvers are not here: they stand beside the solvers.
+    them, before the counted ones were drawn (`reports/blind.md`). Not here, but beside what they
+    belong to: tolerances and step counts of solvers, what a column of a log may hold
+    (`diagnosis.interface`), and what a twin is made of (`diagnosis.twin`).
     """
 
     # Which windows count.
@@ -270,5 +271,5 @@ class Decision:
     """Most rivals that are refitted, the most promising first."""
 
     def values(self) -> dict[str, float]:
-        """Every threshold by name."""
+        """Every field by name."""
         return {field.name: float(getattr(self, field.name)) for field in dataclasses.fields(self)}

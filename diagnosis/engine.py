@@ -51,7 +51,7 @@ def diagnose(
         reference: Flights of the same vehicle before something changed, or the path of their
             folder; the diagnosis then says what changed.
         exclude: Effects that may not be blamed; with each, those that look like it.
-        decision: Every threshold.
+        decision: What decides.
         progress: Called with each stage's name and the share of the work that is done.
 
     Raises:

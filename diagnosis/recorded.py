@@ -17,6 +17,9 @@ from diagnosis.replay.library import Slot, with_aliases
 from diagnosis.result import Program, Settings
 from diagnosis.result_parts import Flights, FlightUsed, Limit, NotUsed
 
+MOST_CANDIDATES = 8
+"""Sets of effects that are listed."""
+
 
 def flights_used(flights: FlightSet, inputs: Inputs, use: Callable[[int], Any]) -> Flights:
     """The flights as they were read, with what each was used for."""

@@ -62,7 +62,7 @@ class Settings:
     withheld: tuple[str, ...]
     """Those, and every effect that always looks like one of them."""
     decision: Mapping[str, float] | None
-    """Every threshold that decided, in the units of `diagnosis.decision.Decision`."""
+    """The fields of `diagnosis.decision.Decision`, in their units."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -44,21 +44,11 @@ class Judgement:
 
 
 def judge_supported(fits: Fits, floor: Floor) -> Judgement:
-    """The verdict, and what left-out flights say where the simulator does not follow flights.
-
-    Only beside reference flights that it does not follow at all are effects dropped that they do
-    not confirm: there, evidence would name a small second one for what is only the simulator's.
-    Those stand last.
-    """
-    verdict, dropped, decision = judge(fits, floor), [], fits.evidence.decision
-    while verdict.kind == "unexplained" or floor.unlike(decision) > 0.0:
+    """The verdict, and what left-out flights say where the simulator does not follow flights."""
+    verdict, lines = judge(fits, floor), []
+    if verdict.kind == "unexplained" or floor.unlike(fits.evidence.decision) > 0.0:
         fits, lines = support(fits, verdict.chosen.fit)
-        idle = [one for one in lines if one.confirmed is False]
-        if not idle or verdict.kind != "effect" or floor.value <= decision.structure:
-            return Judgement(fits, verdict, (*lines, *dropped))
-        dropped.append(idle[-1])
-        verdict = judge(fits, floor, {one.effect for one in dropped})
-    return Judgement(fits, verdict)
+    return Judgement(fits, verdict, tuple(lines))
 
 
 def _of(fits: Fits, fit: Fit, name: str) -> tuple[Fits, Support]:

@@ -6,12 +6,12 @@ beside a reference an effect must also explain a least part of the gap (`least_s
 asked afterwards, of the data alone: every window may have its own force and tilt, and if windows
 use that freedom more than noise would (`structure`), something is left that no candidate explains.
 
-Every threshold stands in `Decision` with its evidence.
+Thresholds stand in `Decision` with their evidence; `blame` says what of it all may be named.
 """
 
 import dataclasses
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -106,10 +106,10 @@ class Verdict:
     """Part of the gap beyond noise that the best set leaves."""
 
 
-def judge(fits: Fits, floor: Floor = FOLLOWED, dropped: Collection[str] = ()) -> Verdict:
-    """The verdict on the fits that hold no `dropped` effect; `floor` is of reference flights."""
+def judge(fits: Fits, floor: Floor = FOLLOWED) -> Verdict:
+    """The verdict on all fits; `floor` is of reference flights."""
     evidence, decision = fits.evidence, fits.evidence.decision
-    among = [fit for fit in fits.ranked() if not fit.effects & set(dropped)]
+    among = fits.ranked()
     ranked = _posterior(fits, among, _cost(fits, among, floor))
     chosen = ranked[0]
     left = structure(evidence.library, chosen.fit.normal)

@@ -14,7 +14,7 @@ from diagnosis.decide.support import supported
 from diagnosis.decision import Decision
 from diagnosis.fit.shrinkage import unknown_shrink
 from diagnosis.logs.inputs import Inputs
-from diagnosis.recorded import flights_used, limits_of, settings_of, this_program
+from diagnosis.recorded import MOST_CANDIDATES, flights_used, limits_of, settings_of, this_program
 from diagnosis.result import (
     Candidate,
     Details,
@@ -47,9 +47,6 @@ from diagnosis.twin.diagnose_change import ChangeStudy, diagnose_change
 from diagnosis.twin.drift import Scored, allowed, drift_shrink, excess_of, left_share, misfit_ratios
 from diagnosis.twin.memory import rms
 from diagnosis.twin.twin import FEWEST
-
-MOST_CANDIDATES = 8
-"""Effects that are listed."""
 
 
 def alone(question: Question) -> bool:

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from flights_for_tests import SIGMA, few_or_all, flight_set, point_mass_set
 
-from diagnosis.decide.prepared import make_likelihood
+from diagnosis.decide.blame import blame
+from diagnosis.decide.prepared import Prepared, make_likelihood
+from diagnosis.decide.reference import Reference
+from diagnosis.decide.study import Study
 from diagnosis.decide.support import judge_supported, support
 from diagnosis.decide.verdict import Floor, intervals
 from diagnosis.decision import Decision
@@ -14,7 +17,7 @@ from diagnosis.engine import diagnose
 from diagnosis.fit import shrinkage
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.search import Fits, polish, refit, without
-from diagnosis.fit.shrinkage import Drift, left_out, shrink
+from diagnosis.fit.shrinkage import Drift, left_out, shrink, unknown_shrink
 from simulators.effects.drag import Drag
 from simulators.effects.wind import Wind
 
@@ -26,6 +29,18 @@ def fitted(replay, flights, effects):
     )
     fits = refit(fits, effects, fits.nominal)
     return fits, fits[effects]
+
+
+def made(kind, **fields):
+    """A record with some of its fields, those that matter."""
+    one = object.__new__(kind)
+    vars(one).update(fields)
+    return one
+
+
+def made_study(fits, verdict, lines=(), base=None):
+    prepared = made(Prepared, base=base, decision=Decision())
+    return made(Study, prepared=prepared, fits=fits, verdict=verdict, support=lines)
 
 
 @pytest.fixture(scope="module")
@@ -55,21 +70,48 @@ def test_the_others_are_fitted_again_without_it(replay):
     assert alone.vector[at] == pytest.approx(0.4, abs=0.05)
 
 
-@pytest.mark.parametrize(("floor", "names"), [(2.0, {"wind"}), (1.2, {"wind", "drag"})])
-def test_what_they_do_not_confirm_is_not_named_where_references_are_not_followed(
-    too_many, floor, names
-):
+@pytest.mark.parametrize(("floor", "denied"), [(2.0, True), (1.2, False)])
+def test_what_they_deny_is_not_blamed_where_references_are_not_followed(too_many, floor, denied):
+    """Its evidence alone would not name the drag, nor would the nominal simulator be better."""
     fits, both = too_many
     alone = dataclasses.replace(fits, by_set={both.effects: both, frozenset(): fits.nominal})
-    # Its evidence alone would not name the drag, nor would the nominal simulator be better.
     found = judge_supported(alone, Floor(floor))
     assert found.verdict.kind == "effect"
-    assert found.verdict.chosen.effects == names
-    # Dropped or not, what was not confirmed is told, after the others.
+    assert found.verdict.chosen.effects == {"wind", "drag"}
     assert [(one.effect, one.confirmed) for one in found.support] == [
         ("wind", True),
         ("drag", False),
     ]
+    base = made(Reference, structure=floor, scatter=0.0)
+    likely = dataclasses.replace(found.verdict.ranked[0], probability=0.9)
+    judged = dataclasses.replace(found.verdict, ranked=(likely,))
+    study = made_study(found.fits, judged, found.support, base)
+    said = blame(study, unknown_shrink(4, "not scored"))
+    if denied:
+        assert (said.verdict, said.named, said.blamed) == ("partly", None, {"wind"})
+    else:  # not clear of zero, wherever the flights come from
+        assert "drag" not in said.blamed
+
+
+@pytest.mark.parametrize(("percent", "verdict"), [(-1.0, "unexplained"), (1.0, "effect")])
+def test_a_drift_that_grows_where_more_than_noise_is_left_blames_nothing(replay, percent, verdict):
+    fits, _ = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
+    judged = dataclasses.replace(judge_supported(fits, Floor()).verdict, doubted=True)
+    study = made_study(fits, judged)
+    shrink = dataclasses.replace(unknown_shrink(4, ""), percent=percent)
+    found = blame(study, shrink)
+    assert found.verdict == verdict
+    assert set(found.blamed) == ({"wind"} if verdict == "effect" else set())
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.4, "unexplained"), (0.9, "effect")])
+def test_an_effect_less_likely_than_not_is_not_named(replay, share, verdict):
+    fits, _ = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
+    judged = judge_supported(fits, Floor()).verdict
+    ranked = tuple(dataclasses.replace(one, probability=share) for one in judged.ranked[:1])
+    judged = dataclasses.replace(judged, ranked=ranked, aliases={"wind": []})
+    study = made_study(fits, judged)
+    assert blame(study, unknown_shrink(4, "")).verdict == verdict
 
 
 def test_two_flights_say_nothing(replay):
