@@ -43,7 +43,7 @@ from methods.training.policy import AbstractPolicy, make_policy
 from methods.training.varied import MOST_PUSH, vary_around
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
-from simulators.effects.delay import LONGEST
+from simulators.effects.delay import LONGEST_DELAY_S
 from simulators.vehicle import CONTROL_DT
 from tasks.contract import check_at_least
 
@@ -87,8 +87,8 @@ class GreyBox(AbstractMethod):
             raise ValueError(f"`dt` must lie in (0, {CONTROL_DT}] s, got {self.dt}.")
         if not 0.0 <= self.spread < 2.0:
             raise ValueError(f"`spread` must lie in [0, 2), got {self.spread}.")
-        if not 0.0 <= self.delay <= LONGEST:
-            raise ValueError(f"`delay` must lie in [0, {LONGEST}] s, got {self.delay}.")
+        if not 0.0 <= self.delay <= LONGEST_DELAY_S:
+            raise ValueError(f"`delay` must lie in [0, {LONGEST_DELAY_S}] s, got {self.delay}.")
         if not 0.0 <= self.push <= MOST_PUSH:
             raise ValueError(f"`push` must lie in [0, {MOST_PUSH}] m/s^2, got {self.push}.")
 

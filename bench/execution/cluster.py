@@ -25,7 +25,7 @@ from bench.execution.executor import (
 )
 from bench.text.errors import UsageError
 
-POLL = 0.2
+POLL_S = 0.2
 """Longest delay before a message is read [s]; the end of a task is noticed at once."""
 PATIENCE = 10.0
 """Longest wait for the mailbox [s]. Messages only report progress: no task depends on them."""
@@ -75,7 +75,7 @@ class RayExecutor(AbstractExecutor):
         deadline = time.monotonic() + timeout
         while True:
             left = max(0.0, deadline - time.monotonic())
-            ended = self._wait(min(POLL, left))
+            ended = self._wait(min(POLL_S, left))
             events = [*self._messages(), *(self._end(reference) for reference in ended)]
             if events or left == 0.0:
                 return events

@@ -35,7 +35,7 @@ from bench.execution.executor import (
 )
 from bench.execution.signals import handled
 
-POLL = 0.1
+POLL_S = 0.1
 """Longest delay before a message is read [s]; the end of a task is noticed at once."""
 
 
@@ -103,7 +103,7 @@ class LocalExecutor(AbstractExecutor):
         deadline = time.monotonic() + timeout
         while True:
             left = max(0.0, deadline - time.monotonic())
-            ended = self._wait(min(POLL, left))
+            ended = self._wait(min(POLL_S, left))
             events: list[Message | Ended] = [
                 Message(slot, content)
                 for slot, process in self._processes.items()

@@ -27,7 +27,7 @@ from bench.execution.environment import environment
 from bench.execution.executor import AbstractExecutor, Ended, Message, Task, one_line
 from bench.text.errors import UsageError
 
-POLL = 0.5
+POLL_S = 0.5
 """Longest time that a message or an end waits to be read [s]."""
 STATE_EVERY = 15.0
 """Time between two questions to Slurm for jobs that are gone [s]; `sacct` is slow."""
@@ -115,7 +115,7 @@ class SlurmExecutor(AbstractExecutor):
             left = max(0.0, deadline - time.monotonic())
             if found or left == 0.0:
                 return found
-            time.sleep(min(POLL, left))
+            time.sleep(min(POLL_S, left))
 
     def stop(self) -> None:
         """Cancels all jobs, whatever they are doing; once more does nothing."""

@@ -43,7 +43,7 @@ from bench.text.say import say
 TITLE = "Worlds that differ: which way of training survives"
 MOST_TELLING = 3
 """Worlds from which on `bench run` adds the page."""
-FEWEST = 2
+FEWEST_WORLDS = 2
 """Worlds without which there is nothing to compare."""
 WORST_TENTH = (
     "Settled reward of the worst tenth of all drones; higher is better. Rows that are older than "
@@ -66,7 +66,7 @@ def _name(entry: Entry) -> str:
 
 def _travelled(found: Matrix) -> list[Standing]:
     """Who flew in several worlds; all, if nobody did."""
-    return [s for s in found.standings if len(s.scores) >= FEWEST] or found.standings
+    return [s for s in found.standings if len(s.scores) >= FEWEST_WORLDS] or found.standings
 
 
 def lines(found: Matrix) -> list[tuple[str, ...]]:
@@ -96,12 +96,12 @@ def document(
 
     Args:
         found: The views of the worlds.
-        made: Their matrix; None where there are fewer than `FEWEST`.
+        made: Their matrix; None where there are fewer than `FEWEST_WORLDS`.
         picture: File name of the figure; empty without one.
         title: Heading of the page.
     """
     if made is None:
-        return f"# {title}\n\nThese tables hold fewer than {FEWEST} worlds.\n"
+        return f"# {title}\n\nThese tables hold fewer than {FEWEST_WORLDS} worlds.\n"
     cells = "; ".join(markdown.escape(cell.label) for cell in made.cells) or "none"
     claims = _claims(found)
     names = [world.name for world in made.worlds]
@@ -227,7 +227,7 @@ def write_worlds_page(suites: Sequence[Tables], path_md: Path, notes: Path | Non
         UsageError: The notes cannot be read.
     """
     found = views(suites)
-    made = matrix(found) if len(found) >= FEWEST else None
+    made = matrix(found) if len(found) >= FEWEST_WORLDS else None
     _write(found, made, Path(path_md), "" if notes is None else read_notes(notes).strip())
 
 

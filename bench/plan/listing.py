@@ -19,7 +19,7 @@ from simulators.effects.contract import AbstractEffect
 
 OURS = "fidelity-bench"
 """The package of the built-in plug-ins, which is not shown beside them."""
-LONGEST = 28
+SHOWN_CHARACTERS = 28
 """Characters of a default that are shown."""
 REQUIRED = "required"
 """Stands for the default of a field that has none."""
@@ -116,7 +116,7 @@ def _written(value: object) -> str:
         text = json.dumps(describe(value, "default"))
     except SettingsError:
         text = type(value).__name__
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."
+    return text if len(text) <= SHOWN_CHARACTERS else f"{text[: SHOWN_CHARACTERS - 4]} ..."
 
 
 def _docstrings(cls: type) -> dict[str, str]:

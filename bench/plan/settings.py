@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.plan.keys import Setting, SettingsError, unknown_key
 
-LARGEST = 2**53 - 1
+LARGEST_WHOLE_NUMBER = 2**53 - 1
 """The largest whole number that JSON holds exactly (RFC 8785)."""
 T = TypeVar("T", bound=eqx.Module)
 
@@ -85,8 +85,10 @@ def _like(old: Any, value: Setting, kind: object, path: str) -> Setting:
             raise SettingsError(f"{path} must be {words} (such as {old!r}), got {value!r}.")
     if isinstance(old, int) and (not isinstance(value, int) or isinstance(value, bool)):
         raise SettingsError(f"{path} must be a whole number (such as {old}), got {value!r}.")
-    if isinstance(value, int) and abs(value) > LARGEST:
-        raise SettingsError(f"{path} must be at most {LARGEST} in size, got {value!r:.40}.")
+    if isinstance(value, int) and abs(value) > LARGEST_WHOLE_NUMBER:
+        raise SettingsError(
+            f"{path} must be at most {LARGEST_WHOLE_NUMBER} in size, got {value!r:.40}."
+        )
     if isinstance(old, float):
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise SettingsError(f"{path} must be a number (such as {old}), got {value!r}.")

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from bench.stats.scores import UPPER, at_home, scored, undisturbed
-from bench.stats.statistics import FEWEST, Entry, Values, estimate, matched, seed_values
+from bench.stats.statistics import FEWEST_SEEDS, Entry, Values, estimate, matched, seed_values
 from bench.stats.verdicts import Verdict, over_cells
 from bench.store.tables import Tables
 
@@ -111,7 +111,7 @@ def better_settings(tables: Tables) -> list[Better]:
         for entry in sorted({e for cell in cells for e in scores[cell] if e.variant}):
             default = entry._replace(variant="")
             flown = {
-                cell: entry if len(scores[cell].get(entry, {})) >= FEWEST else default
+                cell: entry if len(scores[cell].get(entry, {})) >= FEWEST_SEEDS else default
                 for cell in cells
             }
             if entry not in flown.values() or not all(e in scores[c] for c, e in flown.items()):
@@ -173,7 +173,7 @@ def _default(values: Values) -> Values:
         cell: {
             entry: seeds
             for entry, seeds in own.items()
-            if not entry.variant and entry.method != UPPER and len(seeds) >= FEWEST
+            if not entry.variant and entry.method != UPPER and len(seeds) >= FEWEST_SEEDS
         }
         for cell, own in values.items()
     }

@@ -20,7 +20,7 @@ from bench.stats import verdicts
 from bench.stats.pooled import improvement
 from bench.stats.scores import PRIMARY, UPPER, flown_settings, scored
 from bench.stats.statistics import (
-    FEWEST,
+    FEWEST_SEEDS,
     Cell,
     Entry,
     difference,
@@ -121,15 +121,15 @@ def compare(a: Side, b: Side) -> Comparison:
     """Whether `a` is better than `b`."""
     first, second = a.values(PRIMARY), b.values(PRIMARY)
     common = [s for s in first if s in second]
-    shared = [s for s in common if min(len(first[s]), len(second[s])) >= FEWEST]
+    shared = [s for s in common if min(len(first[s]), len(second[s])) >= FEWEST_SEEDS]
     if (a.entry is None) != (b.entry is None):
         return _not_comparable("one is a whole folder, the other an entry")
     if not shared:
-        few = f"they share {len(common)} cells, none with {FEWEST} seeds or more of each"
+        few = f"they share {len(common)} cells, none with {FEWEST_SEEDS} seeds or more of each"
         return _not_comparable(few if common else "they have no cell in common")
     if changed := [text for s in shared if (text := _other_task(a, b, s[0]))]:
         return _not_comparable(changed[0])
-    left = {f"not both have {FEWEST} seeds": sorted({*first, *second} - {*shared}, key=repr)}
+    left = {f"not both have {FEWEST_SEEDS} seeds": sorted({*first, *second} - {*shared}, key=repr)}
     if len(shared) == 1:
         verdict, found = _one(first[shared[0]], second[shared[0]])
     elif UPPER in (side.entry.method for side in (a, b) if side.entry):
@@ -190,12 +190,12 @@ def _with_scores(
 ) -> tuple[list[Stratum], dict[str, list[Stratum]]]:
     """The strata that scores over several can be compared in, and the others by the reason."""
     own, other = a.values("score"), b.values("score")
-    bare = [s for s in shared if min(len(own.get(s, {})), len(other.get(s, {}))) < FEWEST]
+    bare = [s for s in shared if min(len(own.get(s, {})), len(other.get(s, {}))) < FEWEST_SEEDS]
     scored = [s for s in shared if s not in bare]
-    apart = [s for s in scored if len({*own[s]} & {*other[s]}) < FEWEST]
+    apart = [s for s in scored if len({*own[s]} & {*other[s]}) < FEWEST_SEEDS]
     reasons = {
         "without an upper reference there is no score": bare,
-        f"they have fewer than {FEWEST} seeds in common": apart,
+        f"they have fewer than {FEWEST_SEEDS} seeds in common": apart,
     }
     return [s for s in scored if s not in apart], reasons
 

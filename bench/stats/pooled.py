@@ -28,7 +28,7 @@ from bench.stats.bootstrap import (
 from bench.stats.ranking import Above, intervals, letters
 from bench.stats.scores import UPPER, fallen_references, scored
 from bench.stats.statistics import (
-    FEWEST,
+    FEWEST_SEEDS,
     Cell,
     Entry,
     Values,
@@ -131,7 +131,7 @@ def _largest(values: Values) -> tuple[list[Cell], list[Entry]]:
     covered: dict[Entry, frozenset[Cell]] = {}
     for cell, own in values.items():
         for entry, seeds in own.items():
-            if len(seeds) >= FEWEST:
+            if len(seeds) >= FEWEST_SEEDS:
                 covered[entry] = covered.get(entry, frozenset()) | {cell}
     sets: set[frozenset[Cell]] = set()
     for own in sorted(set(covered.values()), key=sorted):
@@ -214,7 +214,7 @@ def _matched(
         common = set.intersection(*(set(values) for values in own.values()))
         for entry, values in own.items():
             kept = {seed: x for seed, x in values.items() if seed in common}
-            found[entry][cell] = kept if len(common) >= FEWEST else dict(values)
+            found[entry][cell] = kept if len(common) >= FEWEST_SEEDS else dict(values)
     return found
 
 
@@ -243,7 +243,7 @@ def improvement(a: Sample, b: Sample) -> Interval:
     Raises:
         ValueError: There is no such cell.
     """
-    cells = [c for c in a if c in b and min(len(a[c]), len(b[c])) >= FEWEST]
+    cells = [c for c in a if c in b and min(len(a[c]), len(b[c])) >= FEWEST_SEEDS]
     pairs = {cell: matched(a[cell], b[cell]) for cell in cells}
     return probability_of_improvement(
         {cell: pair[0] for cell, pair in pairs.items()},
@@ -265,11 +265,11 @@ def _left_out(
 ) -> list[tuple[Entry, str]]:
     found = []
     for entry in sorted({entry for own in rewards.values() for entry in own} - pooled):
-        few = [c for c in cells if len(scores[c].get(entry, {})) < FEWEST]
+        few = [c for c in cells if len(scores[c].get(entry, {})) < FEWEST_SEEDS]
         if not any(entry in own for own in scores.values()):
             reason = "it has no score"
         else:
-            reason = f"fewer than {FEWEST} seeds in {len(few)} of {len(cells)} cells"
+            reason = f"fewer than {FEWEST_SEEDS} seeds in {len(few)} of {len(cells)} cells"
         found.append((entry, reason))
     return found
 
@@ -284,8 +284,8 @@ def _without(
     found = []
     for cell in sorted(set(rewards) - set(cells)):
         own = scores.get(cell)
-        few = [e.label for e in entries if own and len(own.get(e, {})) < FEWEST]
-        reason = f"fewer than {FEWEST} seeds of {', '.join(few)}"
+        few = [e.label for e in entries if own and len(own.get(e, {})) < FEWEST_SEEDS]
+        reason = f"fewer than {FEWEST_SEEDS} seeds of {', '.join(few)}"
         bare = "its upper reference diverged" if cell in fallen else "no upper reference"
         found.append((cell, reason if own else bare))
     return found

@@ -25,7 +25,7 @@ import networkx
 import numpy as np
 from jaxtyping import Bool
 
-from bench.stats.statistics import FEWEST, Entry, Estimate, difference, estimate
+from bench.stats.statistics import FEWEST_SEEDS, Entry, Estimate, difference, estimate
 
 Above = Bool[np.ndarray, "entries entries"]
 """Whether the row's entry is shown to be better than the column's."""
@@ -61,7 +61,7 @@ def ranks(samples: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Rank]:
 
     With fewer seeds there is no interval, so that no order is claimed.
     """
-    kept = {entry: values for entry, values in samples.items() if len(values) >= FEWEST}
+    kept = {entry: values for entry, values in samples.items() if len(values) >= FEWEST_SEEDS}
     order = sorted(kept, key=lambda entry: (-estimate(kept[entry].values()).mean, entry))
     apart = {
         (i, j): difference(kept[order[i]], kept[order[j]])

@@ -35,7 +35,7 @@ FAILURES = ("failed", "diverged")
 
 LEVEL = 0.95
 """Coverage of every interval."""
-FEWEST = 2
+FEWEST_SEEDS = 2
 """Seeds that an entry needs in a cell, where cells are compared or pooled."""
 REALITY = "crazyflow"
 """The default high-fidelity simulator, which labels leave out."""

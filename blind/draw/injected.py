@@ -19,7 +19,7 @@ from blind.draw.faults import ALL, able
 from blind.draw.folders import Folders
 from diagnosis.logs.flights import FlightSet, VehicleFile, write_flights
 
-FEWEST = 4
+FEWEST_FLIGHTS = 4
 """Fewest flights that can be split into halves of which each tells a scatter."""
 UNDISTURBED = 0.25
 """Share of the cases without a fault; a choice."""
@@ -69,10 +69,10 @@ def draw_injected(flights: FlightSet, count: int, entropy: int | None = None) ->
         ValueError: There are too few flights or cases.
     """
     n = len(flights.flights)
-    if n < FEWEST:
+    if n < FEWEST_FLIGHTS:
         raise ValueError(
-            f"`{flights.path}` must hold at least {FEWEST} usable flights, two for each half, got "
-            f"{n}."
+            f"`{flights.path}` must hold at least {FEWEST_FLIGHTS} usable flights, two for each "
+            f"half, got {n}."
         )
     if count < 2:
         raise ValueError(f"`cases` must be at least 2, one of them undisturbed, got {count}.")

@@ -22,7 +22,7 @@ PASSED_ON = (
     *DEVICES.values(),
 )
 """What a child inherits beside `bench.execution.environment`; nothing else gets through."""
-POLL = 0.1
+POLL_S = 0.1
 """Time between two looks at the children [s]."""
 
 
@@ -99,7 +99,7 @@ def run_tasks(
                     on_end(ended)
             on_poll()
             if running:
-                time.sleep(POLL)
+                time.sleep(POLL_S)
     finally:
         for child in running:
             _kill(child.process)

@@ -36,7 +36,7 @@ from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Set
 from diagnosis.fit.search import Fits
 from diagnosis.fit.shrinkage import split
-from diagnosis.logs.segments import WINDOW
+from diagnosis.logs.segments import REPLAY_WINDOW_S
 from simulators.effects.card import Input, load_card
 
 SECONDS = 10.0
@@ -280,7 +280,7 @@ def _with_onsets(
     index = np.concatenate([np.arange(n), np.tile(axes, len(times))]).astype(int)
     on = np.ones((len(normal.t), len(index)))
     for k, time in enumerate(times):
-        on[:, n + 3 * k : n + 3 * k + 3] = (normal.t >= time - WINDOW / 2)[:, None]
+        on[:, n + 3 * k : n + 3 * k + 3] = (normal.t >= time - REPLAY_WINDOW_S / 2)[:, None]
     H = np.einsum("w,wa,wb,wab->ab", weight, on, on, normal.H[:, index][:, :, index], optimize=True)
     return H, index, [[n + 3 * k + i for i in range(3)] for k in range(len(times))]
 

@@ -13,8 +13,8 @@ from diagnosis.fit import shrinkage
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.logs.flights import FlightLog, FlightSet, LogError
 from diagnosis.logs.inputs import Inputs, choose_inputs, driven_alike, on_ground
-from diagnosis.logs.noise import UNSEEN, estimate_noise
-from diagnosis.logs.segments import FEWEST_NODES, NODE_DT, WINDOW, Segments, cut, uncounted
+from diagnosis.logs.noise import UNSEEN_ATTITUDE_RAD, estimate_noise
+from diagnosis.logs.segments import FEWEST_NODES, NODE_DT, REPLAY_WINDOW_S, Segments, cut, uncounted
 from diagnosis.replay.believed import nominal_simulator
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.programs import remembered
@@ -205,8 +205,8 @@ def _scorable(inputs: Inputs, flights: FlightSet, simulator: str) -> Inputs:
         inputs.flights, _step(simulator), inputs.measured, flights.vehicle.mass
     )
     why = (
-        f"in the air no {WINDOW:g} s without unknown commands hold {FEWEST_NODES} rows or more; "
-        f"rows every {NODE_DT:g} s are expected."
+        f"in the air no {REPLAY_WINDOW_S:g} s without unknown commands hold {FEWEST_NODES} rows or "
+        f"more; rows every {NODE_DT:g} s are expected."
     )
     try:
         return inputs.without(uncounted(segments), why)
@@ -236,14 +236,14 @@ def _shake(logs: Sequence[FlightLog]) -> float:
     The thrust is taken to be about the weight.
     """
     period = np.median(np.concatenate([np.diff(d.t) for log in logs for d in log.drones]))
-    return float(GRAVITY * estimate_noise(logs)[6] / np.sqrt(WINDOW / period))
+    return float(GRAVITY * estimate_noise(logs)[6] / np.sqrt(REPLAY_WINDOW_S / period))
 
 
 def noise_of(replay: Replay, logs: Sequence[FlightLog]) -> Float[np.ndarray, " 9"]:
     """Noise of logs, with which a prescribed attitude says nothing."""
     sigma = estimate_noise(logs)
     if replay.prescribed:
-        sigma[6:] = UNSEEN
+        sigma[6:] = UNSEEN_ATTITUDE_RAD
     return sigma
 
 

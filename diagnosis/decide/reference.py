@@ -29,10 +29,10 @@ from diagnosis.fit.outliers import beyond
 from diagnosis.replay.library import Library
 from diagnosis.result_parts import SharedParameter
 
-UNSEEN = 1e12
+UNSEEN_PRECISION = 1e12
 """Times as precise as the prior is what is not fitted to the reference, or is not seen in it, such
 as the downwash among drones that flew alone: what later flights show of it is a change."""
-STEPS = 25
+REFERENCE_STEPS = 25
 """Most steps of its fit."""
 FIRM = 1e6
 """Precision of an effect that may not shift over what the reference says of it."""
@@ -176,7 +176,7 @@ def _prior(
         w if card.prior is None else card.prior for card, w in zip(cards, width, strict=True)
     ]
     precision = 1.0 / np.asarray(believed) ** 2
-    precision[~_shared(library) | unseen] *= UNSEEN
+    precision[~_shared(library) | unseen] *= UNSEEN_PRECISION
     return precision
 
 
@@ -201,4 +201,4 @@ def _descended(
     numbers = float(fit.normal.dof.sum())
     phi = max(1.0, fit.normal.chi2 / numbers)
     goal = -0.5 * decision.reference_lost * numbers / phi if or_twin else -np.inf
-    return polished(dataclasses.replace(evidence, phi=phi), fit, goal, STEPS).vector
+    return polished(dataclasses.replace(evidence, phi=phi), fit, goal, REFERENCE_STEPS).vector

@@ -11,14 +11,14 @@ from jaxtyping import Float
 
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit, Set
-from diagnosis.logs.segments import WINDOW
+from diagnosis.logs.segments import REPLAY_WINDOW_S
 
 PARTS = (1.0, 0.5, 0.2, 0.05)
 """Parts of a Gauss-Newton step that are tried until one is better."""
 DAMPINGS = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
 """Shares of its own curvature by which a step of all parameters at once is damped, in turn.
 With 0.01 as the least, the fit of one set of reference flights crept along a valley to its side."""
-STEPS = 8
+REFIT_STEPS = 8
 """Most Gauss-Newton steps of a refit."""
 SETTLED = 0.05
 """Fall of the objective, over the dispersion, below which a fit does not move any more."""
@@ -43,7 +43,7 @@ def fitted(evidence: Evidence, effects: Set, near: Fit, goal: float) -> Fit:
 
 def descended(evidence: Evidence, fit: Fit, goal: float) -> Fit:
     """`fit` after as many steps as make it better."""
-    for left in reversed(range(STEPS)):
+    for left in reversed(range(REFIT_STEPS)):
         better = _step(evidence, fit)
         gain = fit.objective - better.objective if better else 0.0
         fit = better or fit
@@ -61,7 +61,7 @@ def whole(evidence: Evidence, fit: Fit, goal: float) -> Fit:
     return evidence.made(fit.effects, further.vector, further.shared)
 
 
-def polished(evidence: Evidence, fit: Fit, goal: float, steps: int = 2 * STEPS) -> Fit:
+def polished(evidence: Evidence, fit: Fit, goal: float, steps: int = 2 * REFIT_STEPS) -> Fit:
     """`fit` with its whole shared shift flown, not taken to first order."""
     fit = evidence.as_flown(fit)
     for left in reversed(range(steps if evidence.precision is not None else 0)):
@@ -121,7 +121,7 @@ def _across(evidence: Evidence, fit: Fit, name: str, goal: float) -> Fit:
     after, a start that is off and a push that sets in late look much the same.
     """
     at = evidence.library.onsets[name]
-    edge = WINDOW * round(fit.vector[at] / WINDOW)
+    edge = REPLAY_WINDOW_S * round(fit.vector[at] / REPLAY_WINDOW_S)
     if abs(fit.vector[at] - edge) > ACROSS:
         return fit
     vector = fit.vector.copy()
@@ -141,7 +141,7 @@ def _starts(evidence: Evidence, effects: Set, near: Fit) -> list[Float[np.ndarra
         either = [(start, shift) for start in starts for shift in (-0.4987, 0.5013)]
         starts = [start.copy() for start, _ in either]
         for start, (_, shift) in zip(starts, either, strict=True):
-            start[at] += shift * WINDOW
+            start[at] += shift * REPLAY_WINDOW_S
     return starts
 
 

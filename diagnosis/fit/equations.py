@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from diagnosis.decision import Decision
 from diagnosis.fit.windows import Normal
-from diagnosis.logs.segments import WINDOW
+from diagnosis.logs.segments import REPLAY_WINDOW_S
 
 ROUNDS = 5
 """Rounds in which variances and dispersion settle together."""
@@ -84,7 +84,7 @@ class Switched:
         """Those of an onset [s]; a window counts from half of its length before on."""
         H, g, columns = self._whole.H.copy(), self._whole.g.copy(), self._columns
         for i, (t, (rows, right)) in enumerate(zip(self._t, self._left, strict=True)):
-            first = int(np.searchsorted(t, onset - WINDOW / 2))
+            first = int(np.searchsorted(t, onset - REPLAY_WINDOW_S / 2))
             H[i, columns], g[i, columns] = rows[first], right[first]
             H[i][:, columns] = rows[first].T
         return dataclasses.replace(self._whole, H=H, g=g)
@@ -93,7 +93,7 @@ class Switched:
 def muted(normal: Normal, columns: list[int], onset: float) -> Normal:
     """Normal equations in which some parameters act only from an `onset` [s] on, as `Switched`."""
     on = np.ones_like(normal.g)
-    on[:, columns] = (normal.t >= onset - WINDOW / 2)[:, None]
+    on[:, columns] = (normal.t >= onset - REPLAY_WINDOW_S / 2)[:, None]
     H, g = normal.H * on[:, :, None] * on[:, None, :], normal.g * on
     return dataclasses.replace(normal, H=H, g=g)
 

@@ -25,7 +25,7 @@ from diagnosis.fit.equations import (
 from diagnosis.fit.fit import Fit, Set
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.windows import Normal
-from diagnosis.logs.segments import WINDOW
+from diagnosis.logs.segments import REPLAY_WINDOW_S
 from diagnosis.replay.library import Library, Slot
 
 
@@ -88,7 +88,7 @@ class Evidence:
         """The earliest onset that is tried [s]."""
         return (
             min(group.start.min() for group in self.likelihood.groups)
-            + self.decision.quiet_windows * WINDOW
+            + self.decision.quiet_windows * REPLAY_WINDOW_S
         )
 
     def free(self, effects: Iterable[str]) -> list[int]:

@@ -20,8 +20,8 @@ from jaxtyping import Float
 
 from diagnosis.decision import Decision
 from diagnosis.fit.windows import Tracks
-from diagnosis.logs.noise import UNSEEN
-from diagnosis.logs.segments import WINDOW
+from diagnosis.logs.noise import UNSEEN_ATTITUDE_RAD
+from diagnosis.logs.segments import REPLAY_WINDOW_S
 from diagnosis.result_parts import ChannelGap, GapInTime, RegimeGap
 from diagnosis.statements import beyond_noise, main_channels
 
@@ -29,7 +29,7 @@ N_RESAMPLES = 400
 """Bootstrap samples of flights."""
 N_BINS = 5
 """Bins of a regime, of equal numbers of windows."""
-FEWEST = 4
+FEWEST_WINDOWS = 4
 """Windows that a bin needs."""
 
 
@@ -63,7 +63,7 @@ def channels(tracks: Tracks, sigma: Float[np.ndarray, " 9"], shake: float = 0.0)
     nodes = np.maximum(tracks.valid.sum(axis=1), 1)
     mean = np.nansum(angle, axis=1) / nodes[:, None]
     for i, axis in enumerate(("roll", "pitch", "yaw")):
-        if sigma[6 + i] >= UNSEEN:
+        if sigma[6 + i] >= UNSEEN_ATTITUDE_RAD:
             continue
         noise = float(sigma[6 + i] * np.sqrt(np.mean(1.0 / nodes)))
         found.append(Channel(f"attitude {axis}", "rad", mean[:, i], noise))
@@ -77,9 +77,13 @@ def _drifts(tracks: Tracks, sigma: Float[np.ndarray, " 9"], shake: float) -> lis
         for i, axis in enumerate("xyz"):
             at = sigma[first + i]
             # The smoothed start keeps about 0.4 of a sample's noise; its velocity error drifts.
-            grown = sigma[3 + i] * start * WINDOW if first == 0 else 0.0
+            grown = sigma[3 + i] * start * REPLAY_WINDOW_S if first == 0 else 0.0
             # White noise of a force, integrated once and twice over the window.
-            driven = shake * (WINDOW**2 / np.sqrt(3.0) if first == 0 else WINDOW) * (i < 2)
+            driven = (
+                shake
+                * (REPLAY_WINDOW_S**2 / np.sqrt(3.0) if first == 0 else REPLAY_WINDOW_S)
+                * (i < 2)
+            )
             noise = float(np.sqrt(at**2 + (start * at) ** 2 + grown**2 + driven**2))
             found.append(Channel(f"{kind} drift {axis}", unit, drift[:, first + i], noise))
     return found
@@ -88,7 +92,7 @@ def _drifts(tracks: Tracks, sigma: Float[np.ndarray, " 9"], shake: float) -> lis
 def drifts(tracks: Tracks) -> Float[np.ndarray, "lines 6"]:
     """Position [m] and velocity [m/s] gap at the end of each window; NaN where nothing was seen."""
     last = tracks.valid.shape[1] - 1 - np.argmax(tracks.valid[:, ::-1], axis=1)
-    late = tracks.time[np.arange(len(last)), last] > 0.9 * WINDOW
+    late = tracks.time[np.arange(len(last)), last] > 0.9 * REPLAY_WINDOW_S
     value = tracks.residual[np.arange(len(last)), last, :6]
     return np.where(late[:, None], value, np.nan)
 
@@ -230,12 +234,12 @@ def _binned(value: np.ndarray, conditions: Mapping) -> tuple[RegimeGap, ...]:
     found = []
     for name, (unit, x) in conditions.items():
         ok = np.isfinite(value) & np.isfinite(x)
-        if ok.sum() < 2 * FEWEST or np.ptp(x[ok]) <= 1e-6:
+        if ok.sum() < 2 * FEWEST_WINDOWS or np.ptp(x[ok]) <= 1e-6:
             continue
         edges = np.unique(np.quantile(x[ok], np.linspace(0.0, 1.0, N_BINS + 1)))
         at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
         gaps = [value[ok & (at == i)] for i in range(len(edges) - 1)]
-        sizes = tuple(rms(g) if len(g) >= FEWEST else None for g in gaps)
+        sizes = tuple(rms(g) if len(g) >= FEWEST_WINDOWS else None for g in gaps)
         found.append(RegimeGap(variable=name, unit=unit, edges=tuple(edges.tolist()), gap=sizes))
     return tuple(found)
 

@@ -34,8 +34,8 @@ from jaxtyping import Bool, Float
 
 from diagnosis.fit.replay_cache import Flown, ReplayCache
 from diagnosis.fit.windows import Normal, Spoiled, Tracks, counted, tracked
-from diagnosis.logs.noise import UNSEEN
-from diagnosis.logs.segments import WINDOW, Segments
+from diagnosis.logs.noise import UNSEEN_ATTITUDE_RAD
+from diagnosis.logs.segments import REPLAY_WINDOW_S, Segments
 from diagnosis.replay.library import Library
 from diagnosis.replay.replay import Prediction, Replay
 from diagnosis.replay.whitening import (
@@ -91,7 +91,7 @@ class Likelihood:
     @property
     def n_channels(self) -> int:
         """Numbers that a node measures: nine, six without a prescribed attitude's."""
-        return int(np.count_nonzero(self.sigma < UNSEEN))
+        return int(np.count_nonzero(self.sigma < UNSEEN_ATTITUDE_RAD))
 
     def noisier(self, factor: Float[np.ndarray, " 9"] | float) -> "Likelihood":
         """The same flights with the noise of each channel multiplied by `factor`."""
@@ -231,7 +231,7 @@ class Likelihood:
             "c": np.sum(flat**2, axis=1),
             "dof": dof - turns.spent.reshape(n_windows, -1).sum(axis=1),
             "flight": np.repeat(group.flight[chosen], r.shape[1]),
-            "t": (group.start[chosen][:, None] + WINDOW * index).reshape(-1),
+            "t": (group.start[chosen][:, None] + REPLAY_WINDOW_S * index).reshape(-1),
             "kind": np.sum(r**2, axis=(2, 3)).reshape(n_windows, 9),
             "doubtful": group.doubtful[chosen, 1:].reshape(-1),
         }
@@ -265,7 +265,7 @@ class Likelihood:
         A = prediction.turn.astype(float) * TURN.reshape(-1, *[1] * 5)
         if self.shake:
             t = group.place[chosen, 1:][..., None] * self.replay.dt
-            A, turned = shaken(t, WINDOW, self.shake), np.ones_like(turned)
+            A, turned = shaken(t, REPLAY_WINDOW_S, self.shake), np.ones_like(turned)
         A = projected(A * self._scale(group, chosen), self._starts(group, chosen))
         return make_turns(A[:, turned], turned)
 

@@ -25,7 +25,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.fit.descent import STEPS, descended, fitted, polished, whole
+from diagnosis.fit.descent import REFIT_STEPS, descended, fitted, polished, whole
 from diagnosis.fit.equations import summed
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit, Set
@@ -131,7 +131,9 @@ def refit(fits: Fits, effects: Set, near: Fit) -> Fits:
     return fits.plus(fitted(fits.evidence, effects, near, goal))
 
 
-def polish(fits: Fits, effects: Set, steps: int = 2 * STEPS, hopeless: float | None = None) -> Fits:
+def polish(
+    fits: Fits, effects: Set, steps: int = 2 * REFIT_STEPS, hopeless: float | None = None
+) -> Fits:
     """These with the whole shared shift of a set flown, not taken to first order.
 
     Its steps end early where it will stay `hopeless` nats below another fit.

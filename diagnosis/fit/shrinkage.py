@@ -27,7 +27,7 @@ from diagnosis.fit.gap import channels, drifts, rms
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.search import Fits
 from diagnosis.fit.windows import Tracks
-from diagnosis.logs.segments import WINDOW
+from diagnosis.logs.segments import REPLAY_WINDOW_S
 from diagnosis.result_parts import ChannelShrink, Shrink
 
 
@@ -117,7 +117,7 @@ def shrink_of(
     ratio, without = log_ratio(kept), np.asarray([log_ratio(kept & (flown != f)) for f in flights])
     half = stats.t.ppf(0.975, n - 1) * np.sqrt((n - 1) * np.var(without))
     return Shrink(
-        horizon_s=WINDOW,
+        horizon_s=REPLAY_WINDOW_S,
         n=n,
         before=rms(before[kept]),
         after=rms(after[kept]),
@@ -133,7 +133,7 @@ def shrink_of(
 def unknown_shrink(n: int, reason: str) -> Shrink:
     """A shrinkage that `n` flights do not tell, with the reason."""
     empty = dict.fromkeys(("before", "after", "percent", "low", "high", "how"))
-    return Shrink(horizon_s=WINDOW, n=n, by_channel=(), reason=reason, **empty)
+    return Shrink(horizon_s=REPLAY_WINDOW_S, n=n, by_channel=(), reason=reason, **empty)
 
 
 def _by_channel(drift: Drift, sigma: Float[np.ndarray, " 9"]) -> tuple[ChannelShrink, ...]:

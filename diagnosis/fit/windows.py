@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from diagnosis.logs.segments import WINDOW, Segments, enough
+from diagnosis.logs.segments import REPLAY_WINDOW_S, Segments, enough
 from diagnosis.replay.replay import Prediction
 from diagnosis.replay.whitening import residual
 
@@ -100,7 +100,7 @@ def tracked(
     battery = np.full(shape, np.nan)
     volts = group.voltage[chosen].reshape(shape[0], shape[1] + 1, -1)[:, 1:].mean(axis=2)
     battery[..., 0] = np.where(volts > 0.0, volts, np.nan)
-    start = group.start[chosen][:, None] + WINDOW * np.arange(1, shape[1] + 1)
+    start = group.start[chosen][:, None] + REPLAY_WINDOW_S * np.arange(1, shape[1] + 1)
     per_drone = lambda x: np.broadcast_to(x[..., None], shape).reshape(lines)  # noqa: E731
     return {
         "row": row.reshape(lines, nodes, 9),

@@ -40,9 +40,9 @@ BACKWARDS = 0.01
 VEL_SPAN = 0.06
 """Half the span of the fits that derive a velocity [s]; that of a window's start
 (`diagnosis.logs.segments`)."""
-LARGEST = 1e5
+LARGEST_NUMBER = 1e5
 """Largest number in a log in our units; a rotor turns at 1e4 rad/s, a day has 86,400 s."""
-FEWEST = 4
+FEWEST_ROWS = 4
 """Fewest rows of a stream that can be interpolated."""
 ONE_CLOCK = 1e-7
 """Clocks that differ by less are one clock [s]; below a microsecond, the finest that logs count."""
@@ -137,15 +137,17 @@ def _cleaned(
                 f"{stream.source}: time goes backwards {int(back.sum())} times; are there two logs "
                 f"in one file?"
             )
-        if len(t) and max(np.abs(values).max(), np.ptp(t)) > LARGEST:
-            raise LogError(f"{stream.source}: a number is beyond {LARGEST:g}; the log is damaged.")
+        if len(t) and max(np.abs(values).max(), np.ptp(t)) > LARGEST_NUMBER:
+            raise LogError(
+                f"{stream.source}: a number is beyond {LARGEST_NUMBER:g}; the log is damaged."
+            )
         order = np.argsort(t, kind="stable")
         t, values = t[order], values[order]
         new = np.concatenate([[True], np.diff(t) > 0.0]) if len(t) else np.zeros(0, bool)
-        if new.sum() < FEWEST:
+        if new.sum() < FEWEST_ROWS:
             notes.append(
                 f"{stream.field} ({stream.source}) is left out, because {new.sum()} of its "
-                f"{len(stream.t)} rows are usable and {FEWEST} are needed."
+                f"{len(stream.t)} rows are usable and {FEWEST_ROWS} are needed."
             )
             continue
         t, values = t[new], values[new]
@@ -237,7 +239,7 @@ def _even_clock(needed: Sequence[Stream]) -> Float[np.ndarray, " rows"]:
     t = first + dt * np.arange(int((end - first) / dt + 1e-6) + 1)
     for stream in needed:
         t = t[_covered(t, stream.t)]
-    if len(t) < FEWEST:
+    if len(t) < FEWEST_ROWS:
         raise LogError("the streams share no stretch of time without holes.")
     return t
 
@@ -296,7 +298,7 @@ def _spline(
     edges = [0, *(np.flatnonzero(step > HOLE * np.median(step)) + 1), len(rows)]
     for low, high in itertools.pairwise(edges):
         inside = (t >= rows[low] - ONE_CLOCK) & (t <= rows[high - 1] + ONE_CLOCK)
-        if high - low >= FEWEST:
+        if high - low >= FEWEST_ROWS:
             out[inside] = CubicSpline(rows[low:high], values[low:high])(t[inside])
         elif high - low > 1:
             out[inside] = np.stack(

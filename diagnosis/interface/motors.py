@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-from diagnosis.interface.readings import ALPHA, FEWEST, Chosen
+from diagnosis.interface.readings import ALPHA, FEWEST_NUMBERS, Chosen
 from diagnosis.interface.scales import FEWEST_PIECES, Size, jackknife
 from diagnosis.logs.flights import DroneLog
 
@@ -82,7 +82,7 @@ def turning(drone: DroneLog) -> list[Turning]:
 
 def motor_order(pieces: Sequence[Turning]) -> Chosen | None:
     """In which order columns hold the motors; None if these pieces do not tell."""
-    if len(pieces) < FEWEST:
+    if len(pieces) < FEWEST_NUMBERS:
         return None
     told = np.asarray([_told(pieces, order) for order in ORDERS])
     best = int(told.sum(axis=1).argmax())
@@ -96,7 +96,7 @@ def motor_order(pieces: Sequence[Turning]) -> Chosen | None:
 def turning_lag(drones: Sequence[Sequence[Turning]]) -> Size | None:
     """Time from what motors are given to the turning [s]; None if these pieces do not tell."""
     pieces = [piece for drone in drones for piece in drone]
-    if len(pieces) < FEWEST or not _beyond_chance(_told(pieces, ORDERS[0]), len(LAGS)):
+    if len(pieces) < FEWEST_NUMBERS or not _beyond_chance(_told(pieces, ORDERS[0]), len(LAGS)):
         return None
     flown = [drone for drone in drones if drone]
     parts = flown if len(flown) >= FEWEST_PIECES else [[piece] for piece in pieces]

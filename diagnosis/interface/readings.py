@@ -22,7 +22,7 @@ ALPHA = 1e-3
 EXPLAINED = 0.5
 """Smallest share of the variance that the right reading of a column explains; a choice between the
 0.95 to 0.99 of real and simulated flights, and the 0 of a column that holds something else."""
-FEWEST = 8
+FEWEST_NUMBERS = 8
 """Fewest numbers; with fewer, the quantile is above 30."""
 
 TURNED = "turned in yaw by any angle"
@@ -72,7 +72,7 @@ def choose(
     """
     errors = np.asarray([reading.error for reading in readings])
     least = float(errors.min())
-    if n < FEWEST or total <= 0.0 or least > (1.0 - explained) * total:
+    if n < FEWEST_NUMBERS or total <= 0.0 or least > (1.0 - explained) * total:
         return None
     most = _limit(least, total, len(readings), n)
     asked = 1.0 - float(errors[0]) / total

@@ -23,7 +23,7 @@ LARGEST_STEP = 0.03
 """Rows further apart than this [s] are not fitted together."""
 FLOOR = np.asarray([2e-4] * 3 + [2e-3] * 3 + [5e-4] * 3)
 """Smallest noise that is believed: 0.2 mm, 2 mm/s, 0.5 mrad; a choice below any motion capture."""
-UNSEEN = 1e3
+UNSEEN_ATTITUDE_RAD = 1e3
 """Noise [rad] of an attitude that is prescribed and therefore says nothing."""
 CHANNELS = (
     *(f"position {axis}" for axis in "xyz"),

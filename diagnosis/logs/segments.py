@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from diagnosis.logs import noise
 from diagnosis.logs.flights import DroneLog, FlightLog
 
-WINDOW = 0.5
+REPLAY_WINDOW_S = 0.5
 """Length of a window [s]."""
 N_WINDOWS = 20
 """Scored windows of a segment; one more comes before them."""
@@ -40,7 +40,7 @@ FILL_ANGLE = 0.03
 """Largest change of a commanded angle that is filled [rad]."""
 FILL_THRUST = 0.03
 """Largest relative change of commanded thrust that is filled."""
-N_NODES = round(WINDOW / NODE_DT)
+N_NODES = round(REPLAY_WINDOW_S / NODE_DT)
 """Places for nodes in a window."""
 
 
@@ -132,11 +132,11 @@ def _cut_flight(
 ) -> Segments:
     zero = min(drone.t[0] for drone in flight.drones)
     seconds = max(drone.t[-1] for drone in flight.drones) - zero
-    n_segments = max(1, math.ceil((seconds - WINDOW / 2) / (N_WINDOWS * WINDOW)))
-    start = np.arange(n_segments) * N_WINDOWS * WINDOW - WINDOW
+    n_segments = max(1, math.ceil((seconds - REPLAY_WINDOW_S / 2) / (N_WINDOWS * REPLAY_WINDOW_S)))
+    start = np.arange(n_segments) * N_WINDOWS * REPLAY_WINDOW_S - REPLAY_WINDOW_S
     drones = [_Drone(drone, zero, measured, ignored(drone)) for drone in flight.drones]
-    edges = start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
-    n_steps = round(WINDOW / dt)
+    edges = start[:, None] + REPLAY_WINDOW_S * np.arange(N_WINDOWS + 1)
+    n_steps = round(REPLAY_WINDOW_S / dt)
     steps = start[:, None] + dt * (np.arange((N_WINDOWS + 1) * n_steps) + 0.5)
     starts = [drone.smoothed(edges) for drone in drones]
     nodes = [drone.nodes(edges, dt) for drone in drones]
@@ -173,9 +173,12 @@ class _Drone:
         self.cmd_t, self.cmd, unknown = filled(self.t, cmd)
         shift = log.t[0] - zero
         unknown = [*unknown, *((a + shift, b + shift) for a, b in ignored)]
-        ends = [(begin, end, WINDOW * math.ceil(end / WINDOW - 1e-9)) for begin, end in unknown]
+        ends = [
+            (begin, end, REPLAY_WINDOW_S * math.ceil(end / REPLAY_WINDOW_S - 1e-9))
+            for begin, end in unknown
+        ]
         begin = float(self.t[0])
-        again = WINDOW * math.ceil(begin / WINDOW - 1e-9)
+        again = REPLAY_WINDOW_S * math.ceil(begin / REPLAY_WINDOW_S - 1e-9)
         self.unknown = [(-math.inf, begin, again), *ends]
 
     def command(self, t: Float[np.ndarray, "segments steps"]) -> Float[np.ndarray, "..."]:
@@ -200,7 +203,7 @@ class _Drone:
         """Windows that start soon after an unknown command, or hold one."""
         doubtful = np.zeros(edges.shape, bool)
         for begin, end, _ in self.unknown:
-            doubtful |= (edges + WINDOW > begin) & (edges < end + DOUBT)
+            doubtful |= (edges + REPLAY_WINDOW_S > begin) & (edges < end + DOUBT)
         return doubtful
 
     def smoothed(

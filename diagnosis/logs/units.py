@@ -16,7 +16,7 @@ from diagnosis.logs.columns import GROUPS, LogError
 from diagnosis.logs.table_files import Columns
 from simulators.vehicle import GRAVITY, VehicleSpec
 
-WINDOW = 0.2
+RATE_WINDOW_S = 0.2
 """Time over which rates are summed up and compared with what they are rates of [s]."""
 
 MAX_SPEED = 50.0
@@ -274,8 +274,8 @@ def _stack(drone: Columns, group: str) -> Float64[np.ndarray, "rows axes"]:
 
 
 def _windows(t: Series) -> tuple[Int[np.ndarray, " knots"], Bool[np.ndarray, " windows"]]:
-    """Rows about `WINDOW` apart, and between which of them there is no gap."""
-    stride = max(1, round(WINDOW / float(np.median(np.diff(t)))))
+    """Rows about `RATE_WINDOW_S` apart, and between which of them there is no gap."""
+    stride = max(1, round(RATE_WINDOW_S / float(np.median(np.diff(t)))))
     knots = np.arange(0, len(t), stride)
     return knots, np.diff(t[knots]) < 2.0 * stride * np.median(np.diff(t))
 

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from diagnosis.logs.segments import WINDOW, Segments
+from diagnosis.logs.segments import REPLAY_WINDOW_S, Segments
 from diagnosis.replay.library import Library
 from diagnosis.replay.programs import cached
 from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
@@ -266,6 +266,6 @@ def make_replay(library: Library, dt: float, measured: int = 0) -> Replay:
     Raises:
         ValueError: The window is no whole number of steps.
     """
-    if abs(WINDOW / dt - round(WINDOW / dt)) > 1e-6:
-        raise ValueError(f"`dt` must divide {WINDOW} s, got {dt}.")
+    if abs(REPLAY_WINDOW_S / dt - round(REPLAY_WINDOW_S / dt)) > 1e-6:
+        raise ValueError(f"`dt` must divide {REPLAY_WINDOW_S} s, got {dt}.")
     return Replay(library=library, dt=dt, measured=measured)

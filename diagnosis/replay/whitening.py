@@ -6,13 +6,13 @@ import itertools
 import numpy as np
 from jaxtyping import Bool, Float
 
-from diagnosis.logs.segments import DOUBT, WINDOW
+from diagnosis.logs.segments import DOUBT, REPLAY_WINDOW_S
 
 TURN = np.asarray([0.02] * 3 + [0.5] * 3 + [0.05] * 4)
 """Errors of a fitted attitude [rad], of angular velocity [rad/s] and of rotor speeds [-] with a
 drone in any motion; wide, so that a window says of its own start what it can."""
 
-SHOWN = round(DOUBT / WINDOW)
+SHOWN = round(DOUBT / REPLAY_WINDOW_S)
 """Windows in which what a fresh start was off may still show: as long as a command that was unknown
 may. With slow rotors the attitude rings."""
 

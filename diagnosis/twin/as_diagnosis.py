@@ -46,7 +46,7 @@ from diagnosis.twin.channels import CHANNELS, FEWEST_SAMPLES, UNITS, Channels
 from diagnosis.twin.diagnose_change import ChangeStudy, diagnose_change
 from diagnosis.twin.drift import Scored, allowed, drift_shrink, excess_of, left_share, misfit_ratios
 from diagnosis.twin.memory import rms
-from diagnosis.twin.twin import FEWEST
+from diagnosis.twin.twin import FEWEST_REFERENCES
 
 
 def alone(question: Question) -> bool:
@@ -191,7 +191,7 @@ def _effects(study: ChangeStudy, verdict: str, decision: Decision) -> tuple[Effe
     if found.change == "too_few" and not (best.p < decision.alarm_chance and best.log_evidence > 0):
         return ()
     shown = _parameters(best.parameters, best.effect, verdict)
-    if len(study.twin.scores) < FEWEST:
+    if len(study.twin.scores) < FEWEST_REFERENCES:
         shown = tuple(dataclasses.replace(one, low=None, high=None) for one in shown)
     return (Effect(name=best.effect, blamed=False, probability=None, aliases=(), parameters=shown),)
 
@@ -315,7 +315,7 @@ def _shrink(
 def _limits(study: ChangeStudy) -> list[tuple[int, float]]:
     """The smallest visible change of every parameter that was not named; none if none can be."""
     library, found = study.twin.library, study.answer
-    if len(study.twin.scores) < FEWEST:
+    if len(study.twin.scores) < FEWEST_REFERENCES:
         return []
     by_name = {(s.effect, s.parameter): i for i, s in enumerate(library.slots)}
     return [

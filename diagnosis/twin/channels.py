@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from diagnosis.logs.flights import FlightLog
-from diagnosis.logs.segments import NODE_DT, WINDOW, Segments
+from diagnosis.logs.segments import NODE_DT, REPLAY_WINDOW_S, Segments
 from diagnosis.replay.replay import Replay
 
 CHANNELS = (
@@ -118,7 +118,7 @@ def _of_flight(
     start = segments.vel[mine][:, 1:, 0].reshape(-1, 3)
     row, flown = row.reshape(-1, 9), value[mine].reshape(-1, n_nodes, 9)
     pushed = slope[:, mine].reshape(len(slope), -1, n_nodes, 9)
-    t = (np.arange(len(place))[:, None] * WINDOW + place).ravel()
+    t = (np.arange(len(place))[:, None] * REPLAY_WINDOW_S + place).ravel()
     measured_acc, even = _measured_acc(t, row[:, 3:6])
     valid = segments.valid[mine][:, 1:, 0].ravel()
     valid &= even & np.concatenate([[False], valid[:-1]])

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from diagnosis.decision import Decision
 from diagnosis.fit.shrinkage import shrink_of
-from diagnosis.logs.segments import NODE_DT, WINDOW
+from diagnosis.logs.segments import NODE_DT, REPLAY_WINDOW_S
 from diagnosis.result_parts import ChannelShrink, Shrink
 from diagnosis.twin.channels import ANGLES, Channels, N
 from diagnosis.twin.hypothesis import Hypothesis
@@ -40,7 +40,7 @@ class Scored:
 
         It is not a number for the others.
         """
-        n = round(WINDOW / NODE_DT)
+        n = round(REPLAY_WINDOW_S / NODE_DT)
         whole = len(errors) // n * n
         acc = errors[:whole, ANGLES:].reshape(-1, n, 3)
         good = self.valid[:whole].reshape(-1, n).all(axis=1)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from diagnosis.decide.prepared import cut_in_the_air, nominal_replay
 from diagnosis.logs.flights import FlightLog, FlightSet, LogError
 from diagnosis.logs.inputs import Inputs
-from diagnosis.logs.segments import NODE_DT, WINDOW
+from diagnosis.logs.segments import NODE_DT, REPLAY_WINDOW_S
 from diagnosis.replay.replay import Replay
 from diagnosis.twin.channels import ANGLES, Channels, N, make_channels
 
@@ -45,7 +45,7 @@ def flight_of(replay: Replay, logs: Sequence[FlightLog]) -> Fly:
         if not made:
             raise LogError(
                 f"no flight holds a second of rows every {NODE_DT:g} s in the air, in windows of "
-                f"{WINDOW:g} s without unknown commands; log faster, or fly longer."
+                f"{REPLAY_WINDOW_S:g} s without unknown commands; log faster, or fly longer."
             )
         return made
 

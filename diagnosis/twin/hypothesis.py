@@ -15,7 +15,7 @@ from diagnosis.replay.library import Library
 from diagnosis.twin.evidence import Evidence, weigh_at
 from diagnosis.twin.units import Comparison, Estimate, Group, compare
 
-STEPS = 3
+MOST_REFLIGHTS = 3
 """Most flights again."""
 STILL = 0.1
 """Standard errors by which an estimate that has settled moves."""
@@ -70,7 +70,7 @@ def settle(
     width, columns = library.high - library.low, list(start.columns)
     low, high = ((end - library.neutral) / width for end in (library.low, library.high))
     at, misfit = start, float(np.mean(start.comparison.target.misfit))
-    for _ in range(STEPS if refly else 0):
+    for _ in range(MOST_REFLIGHTS if refly else 0):
         assert refly is not None
         estimate = at.estimate
         change = np.zeros(len(width))

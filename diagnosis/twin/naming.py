@@ -13,7 +13,7 @@ from diagnosis.result import VerdictKind
 from diagnosis.twin.answer import Candidate, ChangedParameter, Naming
 from diagnosis.twin.evidence import weigh
 from diagnosis.twin.hypothesis import Hypothesis, Refly, settle
-from diagnosis.twin.twin import FEWEST
+from diagnosis.twin.twin import FEWEST_REFERENCES
 from diagnosis.twin.units import Estimate, Group, compare
 
 
@@ -70,7 +70,9 @@ def name_change(
         "unseen": tuple(sorted(set(library.candidates) - set(seen))),
         "nothing": nothing,
     }
-    if len(reference) < FEWEST:  # nobody knows how flights of an unchanged vehicle differ
+    if (
+        len(reference) < FEWEST_REFERENCES
+    ):  # nobody knows how flights of an unchanged vehicle differ
         return Named("too_few", (), (), 0.0, (), at=nothing, **rest)
     if not sure or share < decision.least_chance:
         other = p_none < decision.alarm_chance or _elsewhere(reference, target, decision)
@@ -248,7 +250,7 @@ def _class_of(
     near = [
         c
         for c in candidates
-        if c is not best and best.log_evidence - c.log_evidence < decision.alias_nats
+        if c is not best and best.log_evidence - c.log_evidence < decision.twin_alias_nats
     ]
     possible = [c for c in (best, *near) if c in sure and c.possible]
     first = possible[0] if possible else best

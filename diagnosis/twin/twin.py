@@ -35,7 +35,7 @@ from diagnosis.replay.library import Library
 from diagnosis.twin.channels import PART, Channels, N
 from diagnosis.twin.memory import GROUPS, LENGTH, Memory, fit_memories, gram, rms, scale_of
 
-FEWEST = 2
+FEWEST_REFERENCES = 2
 """Reference flights without which none can be left out, and without which nothing is named. A
 single one is cut into parts, which do not say how flights differ."""
 FEWEST_PARTS = 3
@@ -203,13 +203,13 @@ def make_twin(
     Raises:
         LogError: There is a single flight, and it has fewer than `FEWEST_PARTS` parts.
     """
-    if len(flights) < FEWEST:
+    if len(flights) < FEWEST_REFERENCES:
         (flight,) = flights
         parts = flight.parts(LENGTH)
         if len(parts) < FEWEST_PARTS:
             raise LogError(
                 f"the reference has 1 usable flight, with {NODE_DT * flight.valid.sum():.1f} s "
-                f"that count; {FEWEST} flights are expected, or one of "
+                f"that count; {FEWEST_REFERENCES} flights are expected, or one of "
                 f"{NODE_DT * PART * FEWEST_PARTS:g} s, so that each part can be predicted from "
                 "the others."
             )

@@ -52,7 +52,7 @@ from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
 from simulators.contract import AbstractSimulator, replayable, with_effects
 from simulators.drawn.drawn_team import one_member
 from simulators.effects.contract import AbstractEffect, OnsetEffect
-from simulators.effects.delay import LONGEST, Delay
+from simulators.effects.delay import LONGEST_DELAY_S, Delay
 from simulators.effects.floor import Floor
 from simulators.flight import Flight
 from simulators.vehicle import CONTROL_DT
@@ -141,7 +141,7 @@ def identify(
     # What ended where it does nothing would only cost time.
     found = {name: values for name, values in found.items() if _acts(library, name, values)}
     late = found.get("delay", {"seconds": 0.0})["seconds"] + dt / 2
-    found["delay"] = {"seconds": min(late, LONGEST)}
+    found["delay"] = {"seconds": min(late, LONGEST_DELAY_S)}
     effects: tuple[AbstractEffect, ...] = tuple(
         library.effects[name](**values) for name, values in sorted(found.items())
     )

@@ -30,21 +30,21 @@ from simulators.contract import AbstractSimulator, Replayable
 from tasks.contract import AbstractTask, TaskState
 from tasks.rollout import Episode, episode, passed_back, start
 
-LARGEST = 128e6
+MOST_STORED_BYTES = 128e6
 """Bytes of activations above which they are computed again; a choice."""
 
 
 def buffers(
     policy: Policy, task: AbstractTask, n_worlds: int, n_trainings: int = 0
 ) -> list[Array] | None:
-    """Buffers for the layers' outputs in an epoch; None if they would exceed `LARGEST`.
+    """Buffers for the layers' outputs in an epoch; None if they would exceed `MOST_STORED_BYTES`.
 
     With `n_trainings` there is an axis of as many before the others.
     """
     rows, several = n_worlds * task.n_drones, (n_trainings,) if n_trainings else ()
     shapes = [(*several, task.horizon, rows, size) for size in policy.sizes]
     size = sum(4.0 * math.prod(shape) for shape in shapes)
-    if size > LARGEST:
+    if size > MOST_STORED_BYTES:
         return None
     return [jnp.zeros(shape) for shape in shapes]
 

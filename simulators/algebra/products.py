@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 from jaxtyping import Array, Float
 
-LARGEST = 16
+LONGEST_WRITTEN_OUT = 16
 """Longest contraction, and most columns of the smaller factor, that is written out."""
 
 
@@ -56,7 +56,10 @@ def _small(eqn: Any) -> bool:
     (left, _), _ = eqn.params["dimension_numbers"]
     shapes = [x.aval.shape for x in eqn.invars]
     length = math.prod(shapes[0][i] for i in left)
-    return length <= LARGEST and min(math.prod(s) for s in shapes) <= LARGEST * length
+    return (
+        length <= LONGEST_WRITTEN_OUT
+        and min(math.prod(s) for s in shapes) <= LONGEST_WRITTEN_OUT * length
+    )
 
 
 def _product(left: Array, right: Array, dimension_numbers: Any) -> Array:

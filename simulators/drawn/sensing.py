@@ -3,7 +3,7 @@ r"""What drones see of themselves: noise, latency with jitter, and observations 
 At every control step k each drone measures its state of a moment ago and keeps what it has if the
 measurement is lost:
 
-    age   a_k = clip(latency + jitter u_k, 0, LONGEST),   u_k uniform in [-1, 1)
+    age   a_k = clip(latency + jitter u_k, 0, LONGEST_AGE_S),   u_k uniform in [-1, 1)
     seen  y_k = x(t_k - a_k) + noise     with probability 1 - loss
           y_k = y_(k-1)                  otherwise
 
@@ -24,9 +24,9 @@ from simulators.effects.contract import AbstractEffect, Parameter
 from simulators.flight import Flight
 from simulators.vehicle import CONTROL_DT
 
-LONGEST = 0.06
+LONGEST_AGE_S = 0.06
 """Longest age of an observation [s]."""
-_SAMPLES = round(LONGEST / CONTROL_DT) + 1
+_SAMPLES = round(LONGEST_AGE_S / CONTROL_DT) + 1
 
 
 class Sight(eqx.Module):
@@ -67,10 +67,14 @@ class Sensing(AbstractEffect):
         "vel": Parameter(unit="m/s", low=0.0, high=0.5, neutral=0.0, source="a guess"),
         "angle": Parameter(unit="rad", low=0.0, high=0.2, neutral=0.0, source="a guess"),
         "latency": Parameter(
-            unit="s", low=0.0, high=LONGEST, neutral=0.0, source="published 0 to 60 ms"
+            unit="s", low=0.0, high=LONGEST_AGE_S, neutral=0.0, source="published 0 to 60 ms"
         ),
         "jitter": Parameter(
-            unit="s", low=0.0, high=LONGEST, neutral=0.0, source="of the latency's size; a guess"
+            unit="s",
+            low=0.0,
+            high=LONGEST_AGE_S,
+            neutral=0.0,
+            source="of the latency's size; a guess",
         ),
         "loss": Parameter(unit="-", low=0.0, high=0.9, neutral=0.0, source="a guess"),
     }
@@ -95,7 +99,7 @@ class Sensing(AbstractEffect):
         past = jnp.concatenate([_rows(flight)[None], memory.past[:-1]])
         n_drones = past.shape[1]
         shake = self.jitter * jax.random.uniform(keys[1], (n_drones,), minval=-1.0)
-        age = jnp.clip(self.latency + shake, 0.0, LONGEST) / CONTROL_DT
+        age = jnp.clip(self.latency + shake, 0.0, LONGEST_AGE_S) / CONTROL_DT
         newer = jnp.clip(jnp.floor(age), 0, _SAMPLES - 2).astype(int)
         part, drones = (age - newer)[:, None], jnp.arange(n_drones)
         rows = (1.0 - part) * past[newer, drones] + part * past[newer + 1, drones]

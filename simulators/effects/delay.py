@@ -15,7 +15,7 @@ from simulators.effects.card import EffectCard, Input, Shown
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
-LONGEST = 0.1
+LONGEST_DELAY_S = 0.1
 """Longest delay that the buffer holds [s]."""
 
 Memory = tuple[Float[Array, "steps drones 4"], Float[Array, " steps"], Float[Array, ""]]
@@ -25,11 +25,11 @@ class Delay(CommandEffect):
     """Latency between the policy and the autopilot. Source: 0 to 60 ms in radio-linked fleets."""
 
     seconds: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
-    """Delay [s], at most `LONGEST`."""
+    """Delay [s], at most `LONGEST_DELAY_S`."""
 
     parameters: ClassVar[dict[str, Parameter]] = {
         "seconds": Parameter(
-            unit="s", low=0.0, high=LONGEST, neutral=0.0, source="published 0 to 60 ms"
+            unit="s", low=0.0, high=LONGEST_DELAY_S, neutral=0.0, source="published 0 to 60 ms"
         )
     }
     order: ClassVar[int] = 9
@@ -61,8 +61,8 @@ class Delay(CommandEffect):
 
     def init(self, n_drones: int, dt: float) -> Memory:
         """Past commands, newest first, their ages [s], and whether there was a command yet."""
-        length = round(LONGEST / dt) + 2
-        age = jnp.arange(length) * (LONGEST / (length - 2))
+        length = round(LONGEST_DELAY_S / dt) + 2
+        age = jnp.arange(length) * (LONGEST_DELAY_S / (length - 2))
         return jnp.zeros((length, n_drones, 4)), age, jnp.asarray(0.0)
 
     def command(
@@ -70,7 +70,7 @@ class Delay(CommandEffect):
     ) -> tuple[Memory, Float[Array, "drones 4"]]:
         past, age, started = memory
         past, age = jnp.where(started > 0, past, cmd), age + dt
-        early = age[1] < 1.001 * LONGEST / (len(age) - 2)
+        early = age[1] < 1.001 * LONGEST_DELAY_S / (len(age) - 2)
         past = jnp.concatenate([cmd[None], jnp.where(early, past[1:], past[:-1])])
         age = jnp.concatenate([jnp.zeros(1), jnp.where(early, age[1:], age[:-1])])
         older = jnp.clip(jnp.searchsorted(age, self.seconds, side="right"), 1, len(age) - 1)

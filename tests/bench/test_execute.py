@@ -276,7 +276,7 @@ def test_a_sweep_on_slurm_leaves_the_same_store_and_loses_only_a_job_that_is_kil
     log = tmp_path / "trainings"
     row = f'method = "child"\nsettings.log = "{log}"'
     suite = write_suite(row, "failing", "dying", simulator="calm")
-    for name in ("POLL", "GATHER", "STATE_EVERY"):
+    for name in ("POLL_S", "GATHER", "STATE_EVERY"):
         monkeypatch.setattr(slurm, name, 0.3)
     assert main(["run", str(suite), "--out", str(out), "--executor", "slurm"]) == 1
     runs = runs_of(out)

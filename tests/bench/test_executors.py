@@ -61,7 +61,7 @@ def executor(request, tmp_path_factory):
         patch.delenv("RAY_ADDRESS", raising=False)
         if request.param == "slurm":
             fake_slurm.install(patch, tmp_path_factory.mktemp("slurm"))
-        for name, seconds in {"STATE_EVERY": 0.5, "POLL": 0.05, "GATHER": 0.05}.items():
+        for name, seconds in {"STATE_EVERY": 0.5, "POLL_S": 0.05, "GATHER": 0.05}.items():
             patch.setattr(slurm, name, seconds)
         with make_executor(request.param, 2, 2, logs) as made:
             yield made

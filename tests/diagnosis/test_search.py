@@ -20,7 +20,7 @@ from diagnosis.fit.evidence import Evidence, bounds
 from diagnosis.fit.likelihood import NARROW, Likelihood
 from diagnosis.fit.outliers import beyond
 from diagnosis.fit.search import Fits, polish, refit
-from diagnosis.logs.segments import WINDOW, cut
+from diagnosis.logs.segments import REPLAY_WINDOW_S, cut
 from diagnosis.replay.library import Slot, make_library
 from diagnosis.replay.replay import TURNS, Replay
 from diagnosis.replay.whitening import shown
@@ -206,7 +206,7 @@ def test_nothing_moves_before_the_first_row(replay):
     (_, before), *_ = list(replay(group, vector, along))
     unknown = group.start < 0
     assert unknown.any()
-    steps = round(WINDOW / replay.dt)
+    steps = round(REPLAY_WINDOW_S / replay.dt)
     # The first command of the window is where the drone starts; the others must not act.
     group.cmd[unknown, 1:steps] += np.asarray([0.3, -0.3, 0.5, 0.2])
     (_, after), *_ = list(replay(group, vector, along))

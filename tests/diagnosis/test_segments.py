@@ -6,7 +6,15 @@ from flights_for_tests import SIGMA, point_mass_set, some_rows, thinned
 
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.noise import estimate_noise
-from diagnosis.logs.segments import FORGET, N_WINDOWS, NODE_DT, WINDOW, body_rate, cut, filled
+from diagnosis.logs.segments import (
+    FORGET,
+    N_WINDOWS,
+    NODE_DT,
+    REPLAY_WINDOW_S,
+    body_rate,
+    cut,
+    filled,
+)
 from simulators.effects.wind import Wind
 
 
@@ -22,7 +30,7 @@ def without(flight, rows):
 
 def test_every_row_is_a_node_of_one_window_at_most(flights):
     (group,) = cut(flights, 0.005)
-    start = group.start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
+    start = group.start[:, None] + REPLAY_WINDOW_S * np.arange(N_WINDOWS + 1)
     at = start[:, :, None, None] + 0.005 * group.place
     for i in range(2):
         mine = np.round(at[group.flight == i][group.valid[group.flight == i]] / NODE_DT)
@@ -33,7 +41,7 @@ def test_nodes_lie_within_their_window(flights):
     (group,) = cut(flights, 0.005)
     inside = group.place[group.valid] * 0.005
     assert inside.min() > 0
-    assert inside.max() <= WINDOW + NODE_DT / 2
+    assert inside.max() <= REPLAY_WINDOW_S + NODE_DT / 2
 
 
 def test_the_window_before_the_first_is_never_scored(flights):
@@ -44,16 +52,18 @@ def test_the_window_before_the_first_is_never_scored(flights):
 def test_a_gap_masks_nodes_until_the_attitude_was_set_anew(flights):
     gone = np.arange(100, 120)  # 2.0 s to 2.4 s
     (group,) = cut([without(flights[0], gone)], 0.005)
-    at = group.start[:, None, None, None] + WINDOW * np.arange(N_WINDOWS + 1)[:, None, None]
+    at = (
+        group.start[:, None, None, None] + REPLAY_WINDOW_S * np.arange(N_WINDOWS + 1)[:, None, None]
+    )
     at = (at + 0.005 * group.place)[group.valid]
     assert not np.any((at > 2.01) & (at < 2.5 + FORGET - 1e-6))
-    fresh = group.start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
+    fresh = group.start[:, None] + REPLAY_WINDOW_S * np.arange(N_WINDOWS + 1)
     assert fresh[group.fresh[..., 0]] == pytest.approx([0.0, 2.5])
 
 
 def test_a_gap_makes_only_the_windows_after_it_doubtful(flights):
     (group,) = cut([without(flights[0], np.arange(150, 170))], 0.005)
-    edges = group.start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
+    edges = group.start[:, None] + REPLAY_WINDOW_S * np.arange(N_WINDOWS + 1)
     doubtful = edges[group.doubtful]
     assert set(np.round(doubtful, 3)) == {-0.5, 0.0, 0.5, 1.0, 3.0, 3.5, 4.0, 4.5}
 
@@ -101,7 +111,7 @@ def test_a_drone_that_logs_later_is_not_flown_before(flights):
     early, late = (flight.drones[0] for flight in flights)
     keep = late.t >= 1.8
     (group,) = cut([FlightLog("both", (early, some_rows(late, keep)))], 0.005)
-    edges = group.start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
+    edges = group.start[:, None] + REPLAY_WINDOW_S * np.arange(N_WINDOWS + 1)
     at = edges[:, :, None] + 0.005 * group.place[:, :, 1]
     assert at[group.valid[:, :, 1]].min() >= 2.0 + FORGET - 1e-6
     assert edges[group.fresh[:, :, 1]] == pytest.approx([2.0])
@@ -114,7 +124,7 @@ def test_a_drone_that_has_landed_does_not_fly_away(flights):
     early, late = (flight.drones[0] for flight in flights)
     keep = late.t < 2.0
     (group,) = cut([FlightLog("both", (early, some_rows(late, keep)))], 0.005)
-    edges = group.start[:, None] + WINDOW * np.arange(N_WINDOWS + 1)
+    edges = group.start[:, None] + REPLAY_WINDOW_S * np.arange(N_WINDOWS + 1)
     after = group.pos[edges > 2.0][:, 1]
     last = late.pos[keep][-1]
     np.testing.assert_allclose(after, np.broadcast_to(last, after.shape), atol=0.01)

@@ -11,7 +11,7 @@ from methods.calibration.residual_effect import ResidualEffect
 from methods.domain_randomization import randomized
 from methods.residuals.contract import AbstractResidualModel
 from methods.training import adjoint
-from methods.training.adjoint import LARGEST, buffers, gradient
+from methods.training.adjoint import MOST_STORED_BYTES, buffers, gradient
 from methods.training.bptt import BPTT
 from methods.training.policy import AbstractPolicy, Policy, PolicyController, make_policy
 from simulators.contract import with_effects
@@ -159,7 +159,7 @@ def test_room_is_not_kept_where_one_world_is_asked_for_nor_without_end():
         assert (room is not None) == keeps
         if room:
             assert [x.shape[-1] for x in room] == [task.obs_size, 128, 128, 3]
-            assert sum(x.nbytes for x in room) <= LARGEST
+            assert sum(x.nbytes for x in room) <= MOST_STORED_BYTES
 
 
 def test_a_residual_does_not_depend_on_what_it_remembers():

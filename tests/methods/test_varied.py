@@ -16,7 +16,7 @@ from methods.training.varied import vary, vary_around
 from simulators.algebra.rotation import quat_to_rpy
 from simulators.contract import with_effects
 from simulators.effects.attitude_loop import AttitudeLoop
-from simulators.effects.delay import LONGEST, Delay
+from simulators.effects.delay import LONGEST_DELAY_S, Delay
 from simulators.effects.drag import Drag
 from simulators.effects.thrust_gain import ThrustGain
 from simulators.effects.thrust_lag import ThrustLag
@@ -141,12 +141,12 @@ def test_a_delay_is_never_drawn_beyond_its_buffer():
     """It would be extrapolated from it: a step came out as -3 steps."""
     varied = vary_around(with_effects(NOMINAL, [Delay(seconds=0.09)]), 0.5)
     late = np.asarray(drawn(varied))[:, 0]
-    assert 0.099 < late.max() <= LONGEST * (1.0 + 1e-6)
+    assert 0.099 < late.max() <= LONGEST_DELAY_S * (1.0 + 1e-6)
     assert late.min() == pytest.approx(0.09 * np.exp(-0.5), rel=0.01)
     longest = KEYS[late.argmax()]
     cmds = jnp.concatenate([hold([r, 0.0, 0.0, HOVER], 8, len(POS)) for r in (0.0, 0.5)])
     roll = quat_to_rpy(flown(varied, longest, cmds).quat)[..., 0]
-    fixed = with_effects(NOMINAL, [Delay(seconds=LONGEST)])
+    fixed = with_effects(NOMINAL, [Delay(seconds=LONGEST_DELAY_S)])
     expected = quat_to_rpy(flown(fixed, longest, cmds).quat)[..., 0]
     np.testing.assert_allclose(roll, expected, atol=5e-3)
     assert float(roll.min()) > -1e-6

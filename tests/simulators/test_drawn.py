@@ -16,7 +16,7 @@ from methods.training.policy import PolicyController, make_policy
 from simulators.contract import with_effects
 from simulators.distribution import Distribution
 from simulators.drawn.drawn_team import Drawn, drawn, one_member
-from simulators.drawn.sensing import LONGEST, Sensing
+from simulators.drawn.sensing import LONGEST_AGE_S, Sensing
 from simulators.effects.drag import Drag
 from simulators.effects.mass import Mass
 from simulators.flight import Flight
@@ -150,7 +150,7 @@ def seen(sensing, n_steps, n=2, key=KEY):
     return jax.lax.scan(step, sensing.begin(moving(0, n), key), jnp.arange(1, n_steps + 1))[1]
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.013, 0.02, 0.05, LONGEST])
+@pytest.mark.parametrize("latency", [0.0, 0.013, 0.02, 0.05, LONGEST_AGE_S])
 def test_a_state_is_seen_after_its_latency(latency):
     found = seen(Sensing(latency=latency), 20)
     t = np.arange(1, 21) * 0.02

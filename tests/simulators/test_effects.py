@@ -31,7 +31,7 @@ from bench.conformance.suite import execute
 from simulators.contract import MissingDoorError, with_effects
 from simulators.effects import chain
 from simulators.effects.contract import DOORS, StiffEffect
-from simulators.effects.delay import LONGEST, Delay
+from simulators.effects.delay import LONGEST_DELAY_S, Delay
 
 PAIRS = [
     (s, e) for s, e in itertools.product(SIMULATORS, EFFECTS) if doors_of(SIMULATORS[s], EFFECTS[e])
@@ -286,7 +286,7 @@ def test_a_delay_beyond_its_buffer_is_that_of_the_oldest_command():
     """The buffer reaches one step further than the longest delay, and is not extrapolated."""
     simulator, cmds = SIMULATORS["point_mass"](), random_cmds(0, 40, 1)
     flight = simulator.flight(hovering(simulator, positions(1)))
-    effect = Delay(seconds=2.0 * LONGEST)
+    effect = Delay(seconds=2.0 * LONGEST_DELAY_S)
     memory = effect.init(1, 0.01)
     for cmd in cmds:
         memory, late = effect.command(memory, flight, cmd, 0.01)

@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from bench.report.pictures.looks import Key, legend, look_of, on_page, ordered
 from bench.report.pictures.svg import Panel, name, plain_ticks, render
 from bench.stats.scores import at_home, recovered, scored, undisturbed
-from bench.stats.statistics import FEWEST, Cell, Entry, Values, estimate, seed_values
+from bench.stats.statistics import FEWEST_SEEDS, Cell, Entry, Values, estimate, seed_values
 from bench.store.tables import Tables
 from bench.text.numbers import number, significant
 
@@ -120,7 +120,7 @@ def points(tables: Tables, values: Values | None = None) -> dict[int, list[Point
     """What is drawn, by team size: gaps of scores, or of `values`, of which 1 is the best."""
     scores = seed_values(scored(tables), "score") if values is None else values
     scores = _budgets(at_home(scores, tables))
-    bills = _budgets(undisturbed(tables, "fleet_minutes"), FEWEST if values is None else 1)
+    bills = _budgets(undisturbed(tables, "fleet_minutes"), FEWEST_SEEDS if values is None else 1)
     found: dict[int, list[Point]] = {}
     for n in sorted({cell.team_size for cell in scores}):
         cells = [cell for cell in scores if cell.team_size == n]
