@@ -31,8 +31,6 @@ def _others_are_no_garbage():
 
 def written(kind, folder, log):
     """A good file of a format; skips where its package is missing."""
-    if kind == "ardupilot":
-        pytest.importorskip("pymavlink", reason="pymavlink is not installed")
     file = FORMATS[kind](folder, log, WEIGHT, 0.48)
     return next(file.glob(INSIDE[kind])) if kind in INSIDE else file
 

@@ -47,8 +47,6 @@ def written(log, tmp_path_factory):
 
     @functools.cache
     def write(kind):
-        if kind == "ardupilot":
-            pytest.importorskip("pymavlink", reason="pymavlink is not installed")
         return FORMATS[kind](tmp_path_factory.mktemp("log"), log, HOVER_THRUST, SPEC.thrust_max)
 
     return write
