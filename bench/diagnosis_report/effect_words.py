@@ -45,8 +45,11 @@ def combined(effect: Effect) -> tuple[str, float, float | None, float | None] | 
     if own is None or len(effect.parameters) != 1 or own[0] not in [x[0] for x in others if x]:
         return None
     (size,) = effect.parameters
-    value, *ends = (
-        None if x is None else (1.0 + x) ** own[1] - 1.0 for x in (size.value, size.low, size.high)
+    value, *ends = (  # an interval may reach beyond what a factor can be
+        None if x is None or x <= -1.0 else (1.0 + x) ** own[1] - 1.0
+        for x in (size.value, size.low, size.high)
     )
+    if value is None:
+        return None
     low, high = ends if own[1] > 0.0 else reversed(ends)
     return own[0], value, low, high

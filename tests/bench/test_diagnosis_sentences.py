@@ -142,6 +142,14 @@ def test_what_aliases_have_in_common_is_said_where_one_of_them_has_it(aliases, s
     assert ("thrust over mass" in verdict(load(found))) == shared
 
 
+def test_an_interval_that_no_mass_could_have_is_not_turned_into_one_of_thrust_over_mass():
+    found = diagnoses_for_tests.effect()
+    (blamed,) = found["effects"]
+    blamed |= {"name": "mass", "aliases": ["thrust_gain"]}
+    blamed["parameters"] = [diagnoses_for_tests.parameter("e", 0.25, -5.05, 5.23, "-")]
+    assert "by 20.0 % less thrust over mass than believed, as 25 % more" in verdict(load(found))
+
+
 def test_beside_a_twin_flights_are_compared_by_how_they_differ_among_themselves():
     found = diagnoses_for_tests.none()
     assert "beyond noise:" in verdict(load(found))
