@@ -5,7 +5,6 @@ itself, and the drift of flights that were left out must not grow where more is 
 """
 
 import dataclasses
-from collections.abc import Collection
 
 from diagnosis.decide.study import Study
 from diagnosis.decide.verdict import intervals
@@ -20,9 +19,9 @@ class Blame:
 
     verdict: VerdictKind
     """Its kind."""
-    named: Collection[str] | None
+    named: frozenset[str] | None
     """The whole likeliest set, if it is the answer."""
-    blamed: Collection[str]
+    blamed: frozenset[str]
     """Effects that are called a cause: the named ones, or those that left-out flights confirm."""
 
 
@@ -32,7 +31,7 @@ def blame(study: Study, shrink: Shrink) -> Blame:
     standing = {name for name in chosen if _stands(study, name)}
     grows = judged.doubted and shrink.percent is not None and shrink.percent < 0.0
     kind = judged.kind if standing == chosen and not grows else "unexplained"
-    confirmed = {line.effect for line in study.support if line.confirmed} & standing
+    confirmed = frozenset(line.effect for line in study.support if line.confirmed) & standing
     named = chosen if kind != "unexplained" else None
     verdict = verdict_of(kind, bool(confirmed) and not grows)
     return Blame(verdict, named, confirmed if named is None else named)
