@@ -297,7 +297,7 @@ def _support(diagnosis: Diagnosis) -> list[str]:
 def effect_phrase(effect: Effect, base: str) -> str:
     """A found effect with sizes and intervals, as part of a sentence.
 
-    Where an alias acts on the same number, that number is told, which is all that the flights say.
+    If an alias acts on the same number, the phrase gives that number: the flights tell no more.
     """
     told = combined(effect)
     if told is None:

@@ -17,8 +17,8 @@ TIES = (
 """What a name in brackets in the table of whom to choose means."""
 TUNED = (
     "With these settings a method scores higher than every method that has its default settings "
-    "and spends no more flight. They were chosen among many settings by the same tables, so that "
-    "their scores are a little too good. On tasks that are not named, the method had its "
+    "and spends no more flight. These settings were chosen among many by the same tables, so "
+    "that their scores are a little too good. On tasks that are not named, the method had its "
     "defaults:"
 )
 """What is said of settings that are better than all defaults."""

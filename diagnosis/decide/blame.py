@@ -26,7 +26,7 @@ class Blame:
 
 
 def blame(study: Study, shrink: Shrink) -> Blame:
-    """Which effects of the likeliest set are to blame; `shrink` is that of left-out flights."""
+    """The verdict on `study`; `shrink` is how far its effects shrink left-out flights' gap."""
     judged, chosen = study.verdict, study.verdict.chosen.effects
     standing = {name for name in chosen if _stands(study, name)}
     grows = judged.doubted and shrink.percent is not None and shrink.percent < 0.0

@@ -47,7 +47,9 @@ def test_every_committed_row_says_where_it_comes_from(suite):
     assert all(json.loads(text)["jax"] for text in runs["versions"])
 
 
-@pytest.mark.parametrize("path", sorted((HOUSE / "reports").glob("*/leaderboard.md")), ids=str)
+@pytest.mark.parametrize(
+    "path", sorted((HOUSE / "reports").glob("*/leaderboard.md")), ids=lambda path: path.parent.name
+)
 def test_a_committed_leaderboard_regenerates_byte_for_byte(path, tmp_path):
     suite = path.parent.name
     write_leaderboard(Tables.load(HOUSE / "results" / suite), tmp_path / "leaderboard.md")

@@ -70,27 +70,34 @@ def test_the_others_are_fitted_again_without_it(replay):
     assert alone.vector[at] == pytest.approx(0.4, abs=0.05)
 
 
-@pytest.mark.parametrize(("floor", "denied"), [(2.0, True), (1.2, False)])
-def test_what_they_deny_is_not_blamed_where_references_are_not_followed(too_many, floor, denied):
+def test_what_left_out_flights_deny_is_told_and_not_blamed(too_many):
     """Its evidence alone would not name the drag, nor would the nominal simulator be better."""
     fits, both = too_many
     alone = dataclasses.replace(fits, by_set={both.effects: both, frozenset(): fits.nominal})
-    found = judge_supported(alone, Floor(floor))
+    found = judge_supported(alone, Floor(2.0))
     assert found.verdict.kind == "effect"
     assert found.verdict.chosen.effects == {"wind", "drag"}
     assert [(one.effect, one.confirmed) for one in found.support] == [
         ("wind", True),
         ("drag", False),
     ]
-    base = made(Reference, structure=floor, scatter=0.0)
     likely = dataclasses.replace(found.verdict.ranked[0], probability=0.9)
     judged = dataclasses.replace(found.verdict, ranked=(likely,))
-    study = made_study(found.fits, judged, found.support, base)
-    said = blame(study, unknown_shrink(4, "not scored"))
-    if denied:
-        assert (said.verdict, said.named, said.blamed) == ("partly", None, {"wind"})
-    else:  # not clear of zero, wherever the flights come from
-        assert "drag" not in said.blamed
+    study = made_study(
+        found.fits, judged, found.support, made(Reference, structure=2.0, scatter=0.0)
+    )
+    said = blame(study, unknown_shrink(4, ""))
+    assert (said.verdict, said.named, said.blamed) == ("partly", None, {"wind"})
+
+
+@pytest.mark.parametrize(("floor", "verdict"), [(2.0, "unexplained"), (1.2, "effect")])
+def test_a_clear_effect_that_they_deny_stands_where_references_are_followed(replay, floor, verdict):
+    fits, fit = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
+    _, (line,) = support(fits, fit)
+    denied = dataclasses.replace(line, confirmed=False)
+    base = made(Reference, structure=floor, scatter=0.0)
+    study = made_study(fits, judge_supported(fits, Floor()).verdict, (denied,), base)
+    assert blame(study, unknown_shrink(4, "")).verdict == verdict
 
 
 @pytest.mark.parametrize(("percent", "verdict"), [(-1.0, "unexplained"), (1.0, "effect")])

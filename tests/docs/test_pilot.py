@@ -1,18 +1,16 @@
 """docs/pilot.md as a pilot follows it: its commands, its outputs, and flights in simulation."""
 
-import re
-import shlex
 from pathlib import Path
 
 import pytest
 from flights_for_tests import point_mass_set
 from log_writers import write_ulog
 
-from bench.cli.app import main
 from bench.diagnosis_report.mending.px4_params import read_params
 from simulators.effects.mass import Mass
 from simulators.effects.thrust_gain import ThrustGain
 from simulators.vehicle import GRAVITY
+from tests.docs.blocks import every_block, run
 
 PAGE = Path(__file__).parents[2] / "docs" / "pilot.md"
 BELIEVED = 0.5
@@ -21,13 +19,6 @@ WEIGHT = 0.0434 * GRAVITY
 """Believed weight [N]."""
 HEAVIER = Mass(e=0.1)
 """What is wrong with the vehicle."""
-
-
-def blocks():
-    """Fenced blocks of the page in order: language and lines."""
-    text = PAGE.read_text(encoding="utf-8")
-    found = re.findall(r"^```(\w+)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-    return [(language, content.splitlines()) for language, content in found]
 
 
 def fly(folder, hover, seed):
@@ -46,14 +37,6 @@ def fly(folder, hover, seed):
         write_ulog(folder / f"{flight.name}.ulg", log, hover_thrust, rates, hover)
 
 
-def run(line, capsys):
-    """What one command of the page prints, on one line."""
-    words = shlex.split(line.removeprefix("$ bench ").split(" > ")[0])
-    given = [w for word in words for w in (sorted(map(str, Path().glob(word))) or [word])]
-    assert main(given) == 0
-    return " ".join(capsys.readouterr().out.split())
-
-
 @pytest.fixture(scope="module")
 def monday(tmp_path_factory):
     """The folder in which the pilot works, with Monday's flights and parameters."""
@@ -67,8 +50,8 @@ def test_the_page_leads_from_a_log_to_a_changed_parameter_and_none(monday, monke
     monkeypatch.chdir(monday)
     remedy = Path("reports/diagnosis/monday/remedy-px4")
     said = ""
-    for language, lines in blocks():
-        for line in lines:
+    for language, content in every_block(PAGE):
+        for line in content.splitlines():
             if language == "text":
                 assert " ".join(line.split()) in said
             elif "tuesday/" in line:

@@ -1,18 +1,16 @@
 """docs/pilot_crazyflie.md as its reader follows it, with flights in simulation."""
 
-import re
-import shlex
 from pathlib import Path
 
 import pytest
 from flights_for_tests import fly
 from log_writers import write_usd
 
-from bench.cli.app import main
 from simulators import registry
 from simulators.contract import with_effects
 from simulators.effects.mass import Mass
 from simulators.effects.thrust_gain import ThrustGain
+from tests.docs.blocks import every_block, run
 
 PAGE = Path(__file__).parents[2] / "docs" / "pilot_crazyflie.md"
 ALWAYS = ThrustGain(e=-0.08)
@@ -36,19 +34,12 @@ def write_logs(name):
 def test_the_page_leads_from_two_cards_to_what_changed(simulator, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_logs(simulator)
-    said = ""
-    for language, content in re.findall(
-        r"^```(\w+)\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
-    ):
+    said, remedy = "", Path("reports/diagnosis/after/remedy-crazyflie/remedy.md")
+    for language, content in every_block(PAGE):
         for line in content.splitlines():
             if language == "text":
                 assert " ".join(line.split()) in said
                 continue
-            words = shlex.split(line.removeprefix("$ bench ").split(" > ")[0])
-            words = [w for word in words for w in (sorted(map(str, Path().glob(word))) or [word])]
-            assert main(words + ["--simulator", simulator] * (words[0] == "diagnose")) == 0
-            said = capsys.readouterr().out
-            remedies = Path("reports/diagnosis/after/remedy-crazyflie/remedy.md")
-            if remedies.exists():
-                said += remedies.read_text(encoding="utf-8")
-            said = " ".join(said.split())
+            said = run(line, capsys, ["--simulator", simulator])
+            if remedy.exists():
+                said += " ".join(remedy.read_text(encoding="utf-8").split())
