@@ -6,9 +6,9 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from bench.diagnosis_report.numbers import clean
 from bench.plan.names import SENSING, kind_of, require, world_text
 from bench.text.errors import UsageError
+from bench.text.words import clean
 from diagnosis.logs.columns import LogError
 from diagnosis.logs.folder import check_folder
 from simulators import registry

@@ -7,8 +7,8 @@ from pathlib import Path
 from rich.console import Console
 
 from bench.diagnosis_report.documents import NAMES, check_place, write_documents
-from bench.diagnosis_report.numbers import clean
 from bench.diagnosis_report.terminal import DiagnosisProgress, show_summary
+from bench.text.words import clean
 from diagnosis.engine import diagnose
 from diagnosis.logs.flights import LogError, load_flights
 

@@ -24,6 +24,7 @@ from bench.stats.scores import PRIMARY
 from bench.stats.statistics import COUNTED, FAILURES, Entry
 from bench.text.errors import UsageError
 from bench.text.markdown import text_table
+from bench.text.numbers import MISSING
 from bench.text.say import say
 from methods.contract import Setup, Trained
 from methods.training.context import Context
@@ -158,7 +159,7 @@ def _cells(line: dict[str, Any]) -> list[str]:
     closed = "" if line["closed"] is None else f"{100 * line['closed']:.0f} %"
     diverged = f", {line['diverged']} diverged" if line["diverged"] else ""
     if line[PRIMARY] is None:
-        return [line["way"] + diverged, *["—"] * (len(_HEADINGS) - 1)]
+        return [line["way"] + diverged, *[MISSING] * (len(_HEADINGS) - 1)]
     return [
         line["way"] + diverged,
         f"{line[PRIMARY]:.1f}",

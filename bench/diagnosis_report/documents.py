@@ -8,13 +8,13 @@ from pathlib import Path
 
 from bench.diagnosis_report import tables
 from bench.diagnosis_report.gap_text import shrink_sentence, where_sentence
-from bench.diagnosis_report.numbers import clean
 from bench.diagnosis_report.page import diagnosis_page
 from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import next_flight, remarks, verdict
 from bench.text import markdown
 from bench.text.errors import UsageError
 from bench.text.pages import refuse_folder
+from bench.text.words import clean
 from diagnosis.result import Diagnosis
 from simulators.effects.card import load_card
 

@@ -3,7 +3,7 @@
 An effect without a card is shown under its registered name, in its parameters' own units.
 """
 
-from bench.diagnosis_report.numbers import clean
+from bench.text.words import clean
 from diagnosis.result import Effect
 from simulators import registry
 from simulators.effects.card import Shown, load_card

@@ -8,8 +8,9 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from bench.diagnosis_report.gap_text import added
-from bench.diagnosis_report.numbers import clean, is_number, rounded, scale_of, shorten, with_unit
 from bench.report.pictures.svg import AFTER, BEFORE, INK, SOFT, Panel, render
+from bench.text.numbers import is_number, rounded, scale_of, with_unit
+from bench.text.words import clean, shorten
 from diagnosis.result import Diagnosis
 from diagnosis.result_parts import ChannelGap, RegimeGap
 

@@ -6,17 +6,8 @@ corrected simulator has the change alone.
 
 from collections.abc import Sequence
 
-from bench.diagnosis_report.numbers import (
-    clean,
-    count,
-    estimate,
-    is_number,
-    join,
-    percent,
-    quantity,
-    rounded,
-    scaled,
-)
+from bench.text.numbers import estimate, is_number, percent, quantity, rounded, scaled
+from bench.text.words import clean, count, join
 from diagnosis.logs.inputs import PRESCRIBED
 from diagnosis.result import Diagnosis
 from diagnosis.result_parts import ChannelGap

@@ -6,7 +6,6 @@ from markupsafe import Markup, escape
 
 from bench.diagnosis_report import figures, tables
 from bench.diagnosis_report.gap_text import added, shrink_sentence, where_sentence
-from bench.diagnosis_report.numbers import clean, is_number, quantity
 from bench.diagnosis_report.remedy import CODE, remedy
 from bench.diagnosis_report.sentences import (
     kind_label,
@@ -14,7 +13,9 @@ from bench.diagnosis_report.sentences import (
     remarks,
     verdict,
 )
+from bench.text.numbers import is_number, quantity
 from bench.text.pages import environment, unbroken
+from bench.text.words import clean
 from diagnosis.result import Diagnosis
 from simulators.effects.card import load_card
 

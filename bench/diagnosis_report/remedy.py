@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from bench.diagnosis_report.numbers import clean, join
 from bench.diagnosis_report.sentences import logs_first, set_label
+from bench.text.words import clean, join
 from diagnosis.correction import parameters_of
 from diagnosis.result import Diagnosis, Effect
 from simulators.effects.card import load_card

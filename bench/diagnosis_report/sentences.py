@@ -7,12 +7,9 @@ from collections.abc import Sequence
 
 from bench.diagnosis_report.effect_words import combined, parameter_words, range_of, toward, within
 from bench.diagnosis_report.gap_text import drift_clause, measured_attitude, outstanding
-from bench.diagnosis_report.numbers import (
-    clean,
-    count,
+from bench.text.numbers import (
     estimate,
     is_number,
-    join,
     percent,
     probability,
     quantity,
@@ -20,6 +17,7 @@ from bench.diagnosis_report.numbers import (
     scaled,
     with_unit,
 )
+from bench.text.words import clean, count, join
 from diagnosis.interface.fault import Untold
 from diagnosis.result import Diagnosis, Effect, Parameter
 from diagnosis.result_parts import SharedParameter

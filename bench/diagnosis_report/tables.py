@@ -5,9 +5,16 @@ from collections.abc import Sequence
 
 from bench.diagnosis_report.effect_words import parameter_words, range_of, toward
 from bench.diagnosis_report.gap_text import added
-from bench.diagnosis_report.numbers import (
+from bench.diagnosis_report.sentences import (
+    class_label,
+    is_shared,
+    left_out_lines,
+    parameter_texts,
+    set_label,
+    shared_text,
+)
+from bench.text.numbers import (
     MISSING,
-    clean,
     estimate,
     is_number,
     percent,
@@ -17,14 +24,7 @@ from bench.diagnosis_report.numbers import (
     scale_of,
     with_unit,
 )
-from bench.diagnosis_report.sentences import (
-    class_label,
-    is_shared,
-    left_out_lines,
-    parameter_texts,
-    set_label,
-    shared_text,
-)
+from bench.text.words import clean
 from diagnosis.result import Diagnosis, Effect, Parameter
 from diagnosis.result_parts import ChannelGap
 from simulators.effects.card import load_card

@@ -9,9 +9,10 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.diagnosis_report import tables
-from bench.diagnosis_report.numbers import clean, probability, rounded
 from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import next_flight, remarks, set_label, verdict
+from bench.text.numbers import probability, rounded
+from bench.text.words import clean
 from diagnosis.result import Diagnosis
 
 STYLES = {

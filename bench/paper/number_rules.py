@@ -20,6 +20,7 @@ class Cheaper(AbstractRule):
     """Flight is ordered: each needs less than the next, at every team size."""
 
     order: tuple[Entry, ...]
+    """The cheapest first."""
 
     @property
     def text(self) -> str:
@@ -58,8 +59,11 @@ class AtMost(AbstractRule):
 
     entry: Entry
     metric: str
+    """The metric's name."""
     bound: float
+    """In the metric's unit."""
     what: str
+    """The number in words, as the first of a sentence."""
 
     @property
     def text(self) -> str:
@@ -89,7 +93,9 @@ class Grows(AbstractRule):
 
     entries: tuple[Entry, ...]
     metric: str
+    """The metric's name."""
     what: str
+    """The number in words, as the first of a sentence."""
     factor: float = 1.0
     """What the number is shown times, such as 100 for percent."""
 
@@ -127,7 +133,9 @@ class OnlyOneHolds(AbstractRule):
     """Of several residual classes, one alone collapses nowhere."""
 
     one: Entry
+    """The class that holds everywhere."""
     others: tuple[Entry, ...]
+    """Classes each of which collapses somewhere."""
     factor: float
     """A class has collapsed if it loses more than so many times what the best class loses."""
 

@@ -181,7 +181,9 @@ class GapAtMost(AbstractRule):
     behind: Entry
     ahead: Entry
     bound: float
+    """As a share of what the one ahead loses."""
     from_size: int = 0
+    """The smallest team that the claim is about."""
 
     @property
     def text(self) -> str:
@@ -211,6 +213,7 @@ class Shortfall(AbstractRule):
     behind: Entry
     ahead: Entry
     low: float
+    """The least share of the other's loss."""
     sizes: tuple[int, ...] = ()
     """Team sizes that the claim is about; empty: all."""
 
@@ -242,8 +245,11 @@ class EnoughFlights(AbstractRule):
     """Hybrid with so many calibration flights is nearly as good as with the whole pool."""
 
     flights: int
+    """Calibration flights."""
     share: float
+    """Share of what Hybrid loses with its pool that it may lose beyond it."""
     task: str = ""
+    """The only task that is meant; empty: all."""
 
     @property
     def text(self) -> str:

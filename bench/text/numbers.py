@@ -1,9 +1,21 @@
-"""Numbers as people read them."""
+"""Numbers as people read them, with their units and intervals."""
 
 import math
+from typing import Any, TypeGuard
+
+from bench.text.words import clean
 
 MISSING = "-"
 """Shown where there is no number."""
+UNITS = {"m/s^2": "m/s²", "rad/s^2": "rad/s²"}
+"""Units as they are shown, where not as they are reported."""
+SHOWN = {"m": (1000.0, "mm"), "rad": (180.0 / math.pi, "°")}
+"""Factor and unit in which small lengths and angles are shown."""
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Whether `value` is a finite number."""
+    return isinstance(value, int | float) and math.isfinite(value)
 
 
 def number(value: float, digits: int) -> str:
@@ -15,12 +27,26 @@ def number(value: float, digits: int) -> str:
     return text.lstrip("-") if float(text) == 0.0 else text
 
 
-def significant(value: float, digits: int = 2) -> str:
-    """A number with so many significant digits, whole numbers in full: 0.5, 40, 193."""
-    if not math.isfinite(value):
+def decimals_of(value: float, digits: int) -> int:
+    """Decimals with which `value` shows `digits` significant digits."""
+    if value == 0.0:
+        return 0
+    shortened = float(f"{abs(value):.{digits - 1}e}")
+    return max(0, digits - 1 - math.floor(math.log10(shortened)))
+
+
+def rounded(value: Any, digits: int = 3) -> str:
+    """`value` with `digits` significant digits, whole numbers in full, never in exponents."""
+    if not is_number(value):
         return MISSING
-    places = 0 if value == 0.0 else digits - 1 - math.floor(math.log10(abs(value)))
-    text = number(value, max(0, places))
+    if abs(value) < 1e-12:
+        return "0"
+    return f"{value:.{decimals_of(value, digits)}f}"
+
+
+def significant(value: Any, digits: int = 2) -> str:
+    """The same without zeros at the end: 0.5, 40, 193."""
+    text = rounded(value, digits)
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
@@ -59,6 +85,73 @@ def measured(value: float, low: float, high: float) -> str:
         return significant(value, 3)
     digits = places(0.5 * (high - low))
     return f"{number(value, digits)} ({span(low, high, digits)})"
+
+
+def estimate(value: Any, low: Any, high: Any) -> tuple[str, str]:
+    """Texts of an estimate and of its interval, rounded to what the interval's width allows.
+
+    The second is empty where there is no interval.
+    """
+    if not is_number(value):
+        return MISSING, ""
+    if not (is_number(low) and is_number(high)):
+        return rounded(value), ""
+    width = high - low
+    places = decimals_of(width, 2) if width > 0.0 else decimals_of(value, 4)
+    places = min(places, decimals_of(value, 5) if value else places)
+    value, low, high = (x + 0.0 if round(x, places) else 0.0 for x in (value, low, high))
+    return f"{value:.{places}f}", f"{low:.{places}f} to {high:.{places}f}"
+
+
+def scaled(
+    low: float | None, high: float | None, factor: float
+) -> tuple[float, float] | tuple[None, None]:
+    """The ends of an interval times `factor`, in order; None where there is no interval."""
+    if low is None or high is None:
+        return None, None
+    ends = (factor * low, factor * high)
+    return min(ends), max(ends)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number's text followed by its unit; "-" stands for none."""
+    unit = UNITS.get(clean(unit), clean(unit))
+    if text == MISSING or unit in ("", "-"):
+        return text
+    return text + unit if unit == "°" else f"{text} {unit}"
+
+
+def scale_of(unit: str) -> tuple[float, str]:
+    """Factor and unit in which values of `unit` are shown."""
+    return SHOWN.get(unit, (1.0, unit))
+
+
+def quantity(value: Any, unit: str, digits: int = 3) -> str:
+    """`value` with its unit; lengths below a metre in mm, angles in degrees."""
+    if not is_number(value):
+        return MISSING
+    factor, shown = scale_of(unit)
+    if unit == "m" and abs(value) >= 1.0:
+        factor, shown = 1.0, unit
+    return with_unit(rounded(factor * value, digits), shown)
+
+
+def percent(share: Any, digits: int = 0) -> str:
+    """A share of one as a percentage; a small one is no "0 %"."""
+    if not is_number(share):
+        return MISSING
+    if digits == 0 and 0.0 < share < 0.01:
+        return "< 1 %"
+    return f"{100.0 * share:.{digits}f} %"
+
+
+def probability(value: Any) -> str:
+    """A probability; never rounded to certainty."""
+    if not is_number(value):
+        return MISSING
+    if value > 0.995:
+        return "> 0.99"
+    return "< 0.01" if value < 0.005 else f"{value:.2f}"
 
 
 def seconds(value: float) -> str:

@@ -24,7 +24,7 @@ from blind.draw.cases import read_labels
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import ALL, ONE_SIZE
 from blind.draw.folders import Folders
-from blind.score.scoring import clopper_pearson
+from blind.score.scoring import Proportion
 from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightSet, LogError, load_flights, write_flights
 
@@ -117,7 +117,9 @@ def write_tables(said: Sequence[Said]) -> str:
         wrong = [one for one in own if one.parts or one.refused]
         parts = collections.Counter(part for one in wrong for part in one.parts)
         listed = ", ".join(f"{part} ({n})" for part, n in parts.most_common())
-        lines.append(f"| {kind} | {len(own)} | {_share(len(wrong), len(own))} | {listed} |")
+        lines.append(
+            f"| {kind} | {len(own)} | {Proportion(len(wrong), len(own)).text(1)} | {listed} |"
+        )
     lines += ["", "| fault | named, or refused | instead |", "|---|---|---|"]
     for name in PUT:
         own = [one for one in said if one.fault == name]
@@ -127,13 +129,9 @@ def write_tables(said: Sequence[Said]) -> str:
             " + ".join(sorted(one.parts)) or "nothing" for one in own if not one.named
         )
         instead = ", ".join(f"{parts} ({n})" for parts, n in missed.most_common())
-        lines.append(f"| {name} | {_share(sum(o.named for o in own), len(own))} | {instead} |")
+        named = Proportion(sum(one.named for one in own), len(own)).text(1)
+        lines.append(f"| {name} | {named} | {instead} |")
     return "\n".join(lines)
-
-
-def _share(k: int, n: int) -> str:
-    low, high = np.multiply(100.0, clopper_pearson(k, n))
-    return f"{k}/{n} ({low:.1f} to {high:.1f} %)"
 
 
 def main() -> None:

@@ -13,8 +13,9 @@ from bench.report.page import write_page
 from bench.stats.statistics import records
 from bench.text import markdown
 from bench.text.errors import UsageError
+from bench.text.numbers import MISSING, percent
 from blind.draw.injected import NOTHING
-from blind.report.sections import MISSING, percent, several_programs
+from blind.report.sections import several_programs
 from blind.report.tables import save_tables
 from blind.score.injected import power, shares
 
@@ -166,7 +167,7 @@ def _shares(tables: InjectedTables) -> str:
         (
             row["score"],
             f"{row['hits']}/{row['n']}",
-            percent(row["value"]),
+            percent(row["value"], 1),
             f"{100.0 * row['low']:.1f} to {100.0 * row['high']:.1f} %" if row["n"] else MISSING,
         )
         for row in records(shares(tables.cases, tables.numbers))

@@ -11,10 +11,11 @@ from matplotlib.axes import Axes
 from bench.report.pictures.looks import COLORS
 from bench.stats.statistics import records
 from bench.text import markdown
+from bench.text.numbers import MISSING, percent
 from blind.report.canvas import OUR_COLOR, saved
-from blind.report.sections import MISSING, measured_by, percent
+from blind.report.sections import measured_by
 from blind.report.tables import Tables
-from blind.score.scoring import clopper_pearson
+from blind.score.scoring import Proportion
 
 NAME = "limits"
 """File name of the table."""
@@ -42,7 +43,7 @@ def section(tables: Tables, picture: list[str]) -> list[str]:
         "is drawn, and the evidence of every single effect, and of the true one with any other, is "
         "compared as the diagnosis does. Flights are of 10 s and of eight kinds in turn, so that a "
         "longer time is also another flight: the first is a circle at 1 m, a low one comes sixth, "
-        "and — says that no size is named in what was flown by then. *Bound* is that of a test "
+        "and - says that no size is named in what was flown by then. *Bound* is that of a test "
         "that looks at half seconds whose starts are unknown, as the diagnosis does, but knows "
         "what it looks for and uses all flights, with 2 % of false alarms; a method that "
         "follows a whole flight could find smaller effects. *Mistaken for* is the most frequent "
@@ -82,16 +83,15 @@ def _checks(table: pd.DataFrame) -> list[str]:
         cells.setdefault((row["seconds"], row["factor"]), []).append(row)
     rows = []
     for (seconds, factor), cases in sorted(cells.items()):
-        named, n = sum(bool(case["named"]) for case in cases), len(cases)
-        low, high = clopper_pearson(named, n)
+        named = Proportion(sum(bool(case["named"]) for case in cases), len(cases))
         wrong = sorted({f"{c['effect']}: {c['rival']}" for c in cases if not c["named"]})
         rows.append(
             (
                 f"{seconds:.0f} s",
                 f"{factor:g}",
-                percent(sum(case["predicted"] for case in cases) / n, 0),
-                f"{named}/{n}",
-                f"{percent(low, 0)} to {percent(high, 0)}",
+                percent(sum(case["predicted"] for case in cases) / named.n, 0),
+                f"{named.hits}/{named.n}",
+                named.interval(),
                 markdown.escape("; ".join(wrong)) or MISSING,
             )
         )

@@ -12,11 +12,11 @@ import pandas as pd
 
 from bench.stats.statistics import records
 from bench.text import markdown
+from bench.text.numbers import MISSING, percent
 from blind.draw.catalogue import LIBRARY
 from blind.report.tables import OURS, Json, Tables
-from blind.score.scoring import clopper_pearson
+from blind.score.scoring import Proportion
 
-MISSING = "—"
 INTERVALS = "truth inside 95 % intervals"
 COVERAGE = (0.93, 0.97)
 """Share of intervals that should hold the truth."""
@@ -45,7 +45,7 @@ def facts(tables: Tables) -> list[str]:
     known = [row for row in effects if row["measured"]]
     undecidable = sum(not row["decidable"] for row in known)
     unmeasured = [row for row in rows if not row["measured"]]
-    share = f" ({percent(undecidable / len(known))})" if known else ""
+    share = f" ({percent(undecidable / len(known), 1)})" if known else ""
     drawn = "of the operating system" if run["seed"] is None else f"{run['seed']}"
     versions = ", ".join(f"{name} {version}" for name, version in run["versions"].items())
     lines = [
@@ -89,7 +89,7 @@ def aims(tables: Tables) -> list[str]:
             (
                 markdown.escape(row["score"]),
                 f"{row['hits']}/{row['n']}",
-                percent(row["value"]),
+                percent(row["value"], 1),
                 _range(row["low"], row["high"]),
                 _aim(row),
                 _verdict(row),
@@ -202,8 +202,8 @@ def reliability(tables: Tables) -> list[str]:
         (
             f"{row['from']:.1f} to {row['to']:.1f}",
             str(row["n"]),
-            percent(row["stated"]),
-            percent(row["value"]),
+            percent(row["stated"], 1),
+            percent(row["value"], 1),
             _range(row["low"], row["high"]),
         )
         for row in records(tables.reliability)
@@ -254,13 +254,11 @@ def _ratios(cases: pd.DataFrame) -> np.ndarray:
 def _near(cases: pd.DataFrame) -> tuple[str, ...]:
     """How many answers shrink the drift nearly as far as the true effect."""
     ratios = _ratios(cases)
-    hits, n = int(np.sum(ratios >= SHRUNK)), len(ratios)
-    low, high = clopper_pearson(hits, n)
+    near = Proportion(int(np.sum(ratios >= SHRUNK)), len(ratios))
     least = np.nanmin(ratios, initial=math.inf)
-    name = f"drift shrinks by at least {percent(SHRUNK)} as much as with the true effect"
-    name += f" (worst case: {percent(float(least))})" if n else ""
-    value = hits / n if n else math.nan
-    return (name, f"{hits}/{n}", percent(value), _range(low, high), MISSING, MISSING)
+    name = f"drift shrinks by at least {percent(SHRUNK, 1)} as much as with the true effect"
+    name += f" (worst case: {percent(float(least), 1)})" if near.n else ""
+    return (name, *_shown_share(near), MISSING, MISSING)
 
 
 def _calibrated(tables: Tables) -> tuple[str, ...]:
@@ -269,13 +267,17 @@ def _calibrated(tables: Tables) -> tuple[str, ...]:
     n = sum(row["n"] for row in rows)
     hits = round(sum(row["n"] * row["value"] for row in rows))
     stated = sum(row["n"] * row["stated"] for row in rows) / n if n else math.nan
-    low, high = clopper_pearson(hits, n)
-    late = "missed, on the safe side" if stated < low else "**missed**"
-    word = MISSING if not n else "met" if low <= stated <= high else late
-    value = hits / n if n else math.nan
-    aim = f"{percent(stated)}, the mean stated"
-    shown = (f"{hits}/{n}", percent(value), _range(low, high))
-    return ("named effects that are true", *shown, aim, word)
+    true = Proportion(hits, n)
+    late = "missed, on the safe side" if stated < true.low else "**missed**"
+    word = MISSING if not n else "met" if true.low <= stated <= true.high else late
+    aim = f"{percent(stated, 1)}, the mean stated"
+    return ("named effects that are true", *_shown_share(true), aim, word)
+
+
+def _shown_share(share: Proportion) -> tuple[str, str, str]:
+    """Hits, value and interval as three cells."""
+    hits = f"{share.hits}/{share.n}"
+    return (hits, percent(share.value, 1), _range(share.low, share.high))
 
 
 def _counts(tables: Tables) -> dict[str, int]:
@@ -302,7 +304,7 @@ def asked(score: str, who: str) -> bool:
 
 
 def _range(low: float, high: float) -> str:
-    return f"{percent(low)} to {percent(high)}"
+    return f"{percent(low, 1)} to {percent(high, 1)}"
 
 
 def _shrinks(summary: dict[str, Any]) -> str:
@@ -318,7 +320,7 @@ def _shrinks(summary: dict[str, Any]) -> str:
 def _aim(row: dict[str, Any]) -> str:
     if row["score"] == INTERVALS:
         return _range(*COVERAGE)
-    return f"≥ {percent(row['aim'])}" if pd.notna(row["aim"]) else MISSING
+    return f"≥ {percent(row['aim'], 1)}" if pd.notna(row["aim"]) else MISSING
 
 
 def _verdict(row: dict[str, Any]) -> str:
@@ -336,7 +338,7 @@ def _cell(by_who: pd.DataFrame, who: str) -> str:
     if who not in by_who.index:
         return MISSING
     row = by_who.loc[who]
-    return f"{percent(row['value'])} ({_range(row['low'], row['high'])})"
+    return f"{percent(row['value'], 1)} ({_range(row['low'], row['high'])})"
 
 
 def _named(cell: dict[str, Any] | None) -> str:
@@ -348,9 +350,4 @@ def _named(cell: dict[str, Any] | None) -> str:
 def _shown(value: float | None, unit: str) -> str:
     if value is None:
         return MISSING
-    return percent(value) if unit == "%" else f"{value:.2f}"
-
-
-def percent(value: float, digits: int = 1) -> str:
-    """A share as text."""
-    return f"{100.0 * value:.{digits}f} %" if math.isfinite(value) else MISSING
+    return percent(value, 1) if unit == "%" else f"{value:.2f}"

@@ -14,7 +14,6 @@ Each share has the interval of Clopper and Pearson (1934), Biometrika 26, 404-41
 """
 
 import json
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,7 +23,7 @@ from bench.stats.statistics import records
 from blind.draw.faults import ALL
 from blind.draw.injected import NOTHING, Injected
 from blind.score.answers import REFUSED, beside_truth
-from blind.score.scoring import clopper_pearson
+from blind.score.scoring import Proportion
 from diagnosis.result import Diagnosis, Effect
 from diagnosis.statements import judged_of
 
@@ -53,9 +52,8 @@ def power(cases: pd.DataFrame) -> pd.DataFrame:
         part = [row for row in faulty if (row["fault"], row["size"]) == (fault, size)]
         own: Row = {"fault": fault, "size": size, "n": len(part)}
         for column in ("found", "named", "misled", "refused"):
-            hits = sum(bool(row[column]) for row in part)
-            low, high = clopper_pearson(hits, len(part))
-            own |= {column: hits, f"{column}_low": low, f"{column}_high": high}
+            share = Proportion(sum(bool(row[column]) for row in part), len(part))
+            own |= {column: share.hits, f"{column}_low": share.low, f"{column}_high": share.high}
         rows.append(own)
     return pd.DataFrame(rows)
 
@@ -76,14 +74,11 @@ def shares(cases: pd.DataFrame, numbers: pd.DataFrame) -> pd.DataFrame:
         ("a wrong effect blamed for a fault", faulty, "misled"),
         ("truth inside stated 95 % intervals", stated, "inside"),
     )
-    return pd.DataFrame([_share(name, [bool(r[c]) for r in among]) for name, among, c in wanted])
-
-
-def _share(name: str, hits: list[bool]) -> Row:
-    k, n = sum(hits), len(hits)
-    low, high = clopper_pearson(k, n)
-    value = k / n if n else math.nan
-    return {"score": name, "hits": k, "n": n, "value": value, "low": low, "high": high}
+    rows = [
+        {"score": name, **vars(Proportion(sum(bool(row[column]) for row in among), len(among)))}
+        for name, among, column in wanted
+    ]
+    return pd.DataFrame(rows)
 
 
 def _judge(case: Injected, found: Diagnosis | None, status: Json) -> Row:

@@ -12,7 +12,6 @@ An effect that flights cannot tell from one in the label (an alias) counts as th
 the interval of Clopper and Pearson (1934), Biometrika 26, 404-413.
 """
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,7 +19,7 @@ import pandas as pd
 
 from blind.draw.manifest import NONE, UNKNOWN, LabelledSet, Manifest
 from blind.score.answers import REFUSED, beside_truth
-from blind.score.scoring import clopper_pearson
+from blind.score.scoring import Proportion
 from diagnosis.result import Diagnosis, Effect
 
 OUTCOMES = ("right", "in part", "wrong", "missed", "abstained", "failed")
@@ -94,12 +93,10 @@ def by_airframe(rows: pd.DataFrame) -> pd.DataFrame:
         answered = len(mine) - counts["abstained"] - counts["failed"]
         right = counts["right"] + counts["in part"]
         own: dict[str, Any] = {"airframe": airframe, "sets": len(mine), **counts}
-        for name, hits, n in (
-            ("answered", answered, len(mine)),
-            ("true", right, answered),
+        for name, share in (
+            ("answered", Proportion(answered, len(mine))),
+            ("true", Proportion(right, answered)),
         ):
-            low, high = clopper_pearson(hits, n)
-            share = hits / n if n else math.nan
-            own |= {name: share, f"{name}_low": low, f"{name}_high": high}
+            own |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
         found.append(own)
     return pd.DataFrame(found)

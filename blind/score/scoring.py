@@ -51,12 +51,24 @@ class Scores:
     """Numbers that are no proportions; None where nothing could be compared."""
 
 
-def clopper_pearson(hits: int, n: int, level: float = 0.95) -> tuple[float, float]:
-    """The exact interval of a proportion; (nan, nan) without cases."""
-    if n == 0:
-        return math.nan, math.nan
-    interval = stats.binomtest(hits, n).proportion_ci(level, method="exact")
-    return float(interval.low), float(interval.high)
+class Proportion:
+    """So many of so many cases, with the exact 95 % interval; all NaN without cases."""
+
+    def __init__(self, hits: int, n: int) -> None:
+        self.hits, self.n = hits, n
+        self.value = self.low = self.high = math.nan
+        if n:
+            self.value = hits / n
+            interval = stats.binomtest(hits, n).proportion_ci(0.95, method="exact")
+            self.low, self.high = float(interval.low), float(interval.high)
+
+    def text(self, digits: int = 0) -> str:
+        """As `3/4 (19 to 99 %)`."""
+        return f"{self.hits}/{self.n} ({self.interval(digits)})"
+
+    def interval(self, digits: int = 0) -> str:
+        """As `19 to 99 %`."""
+        return f"{100 * self.low:.{digits}f} to {100 * self.high:.{digits}f} %"
 
 
 def score(
@@ -225,18 +237,7 @@ def _count(rows: list[Row], column: str) -> int:
 
 
 def _row(name: str, subset: str, hits: int, n: int, aim: float | None) -> Row:
-    low, high = clopper_pearson(hits, n)
-    value = hits / n if n else math.nan
-    return {
-        "score": name,
-        "cases": subset,
-        "hits": hits,
-        "n": n,
-        "value": value,
-        "low": low,
-        "high": high,
-        "aim": aim,
-    }
+    return {"score": name, "cases": subset, **vars(Proportion(hits, n)), "aim": aim}
 
 
 def _by_effect(singles: list[Row]) -> pd.DataFrame:

@@ -110,17 +110,15 @@ def vary_around(
     later than that, and a steady push of up to `push` [m/s^2] acts along each axis of the world.
     All stay within the bounds of their parameters: no delay outlasts its buffer.
     """
-    wanted = ((Delay, delay), (Wind, push))
+    added = {Delay: (0.0, delay), Wind: (-push, push)}
     present = {type(effect) for effect in simulator.effects}
-    if added := [kind() for kind, most in wanted if most and kind not in present]:
-        simulator = with_effects(simulator, added)
+    if missing := [kind() for kind, (_, most) in added.items() if most and kind not in present]:
+        simulator = with_effects(simulator, missing)
     factor, ranges = jnp.exp(jnp.asarray([-spread, spread])), []
     for effect, name in _varied(simulator, push > 0.0):
         parameter, value = effect.parameters[name], getattr(effect, name)
-        if parameter.unit in TIMES:
-            ends = value * factor + jnp.asarray([0.0, delay if isinstance(effect, Delay) else 0.0])
-        else:
-            ends = value + jnp.asarray([-push, push])
+        ends = value * factor if parameter.unit in TIMES else jnp.broadcast_to(value, 2)
+        ends = ends + jnp.asarray(added.get(type(effect), (0.0, 0.0)))
         low, high = jnp.clip(ends, parameter.low, parameter.high)
         ranges.append((float(low), float(high)))
     return vary(simulator, _times_and_pushes if push else _times, ranges)
@@ -142,5 +140,5 @@ def _varied(simulator: AbstractSimulator, pushes: bool) -> list[tuple[AbstractEf
         (effect, name)
         for effect in simulator.effects
         for name, parameter in effect.parameters.items()
-        if parameter.unit in TIMES or (pushes and isinstance(effect, Wind))
+        if parameter.unit in TIMES or (pushes and type(effect) is Wind)
     ]

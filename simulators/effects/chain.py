@@ -53,7 +53,10 @@ def _put(memories: Memories, i: int, memory: Any) -> Memories:
 def command(
     effects: Effects, memories: Memories, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
 ) -> tuple[Memories, Float[Array, "drones 4"]]:
-    """The command after all command effects; the listening effects are told it as it was sent."""
+    """The command after all command effects, one integration step of `dt` [s] on.
+
+    Listening effects get it as it was sent.
+    """
     for i, effect in enumerate(effects):
         if isinstance(effect, ListeningEffect):
             memories = _put(memories, i, effect.hear(memories[i], cmd, dt))
@@ -67,7 +70,7 @@ def command(
 def autopilot(
     effects: Effects, memories: Memories, flight: Flight, gains: AutopilotGains, dt: float
 ) -> tuple[Memories, AutopilotGains]:
-    """The attitude controller's gains after all autopilot effects."""
+    """The attitude controller's gains after all autopilot effects, one step of `dt` [s] on."""
     for i, effect in enumerate(effects):
         if isinstance(effect, AutopilotEffect):
             memory, gains = effect.autopilot(memories[i], flight, gains, dt)
@@ -78,7 +81,7 @@ def autopilot(
 def plant(
     effects: Effects, memories: Memories, flight: Flight, vehicle: Vehicle, dt: float
 ) -> tuple[Memories, Vehicle]:
-    """The vehicle after all plant effects."""
+    """The vehicle after all plant effects, one step of `dt` [s] on."""
     for i, effect in enumerate(effects):
         if isinstance(effect, PlantEffect):
             memory, vehicle = effect.plant(memories[i], flight, vehicle, dt)
@@ -93,7 +96,7 @@ def respond(
     cmd: Float[Array, "drones 4"],
     dt: float,
 ) -> tuple[Memories, Float[Array, "drones 4"]]:
-    """Attitude and thrust after all response effects."""
+    """Attitude [rad] and thrust [N] after all response effects, one step of `dt` [s] on."""
     for i, effect in enumerate(effects):
         if isinstance(effect, ResponseEffect):
             memory, rpy_thrust = effect.respond(memories[i], rpy_thrust, cmd, dt)
@@ -117,7 +120,7 @@ def wrench(
     dt: float,
     pos_age: float,
 ) -> tuple[Memories, Float[Array, "drones 3"], Float[Array, "drones 3"]]:
-    """Sum of all effects' forces [N] and torques [N m], world frame.
+    """Sum of all effects' forces [N] and torques [N m], world frame, over a step of `dt` [s].
 
     `pos_age` says by how much the integrator's positions are older than its velocities [s]: half a
     step in explicit Euler, minus half a step in semi-implicit Euler, 0 in Runge and Kutta's method.
@@ -149,7 +152,7 @@ def warm_up(
     repeats: int,
     dt: float,
 ) -> tuple[Memories, Float[Array, "time drones 4"]]:
-    """Memories and effective commands after a command history, each held `repeats` steps.
+    """Memories and effective commands after a history, each held for `repeats` steps of `dt` [s].
 
     The flight stands still meanwhile: it is known only at the end of the history.
     """

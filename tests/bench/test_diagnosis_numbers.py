@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from bench.diagnosis_report.numbers import clean, estimate, probability, quantity, rounded
+from bench.text.numbers import estimate, probability, quantity, rounded
+from bench.text.words import clean
 
 
 @pytest.mark.parametrize(

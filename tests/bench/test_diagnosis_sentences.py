@@ -5,7 +5,6 @@ import pytest
 from diagnoses_for_tests import HOSTILE, load
 
 from bench.diagnosis_report.gap_text import where_sentence
-from bench.diagnosis_report.numbers import clean
 from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import (
     effect_phrase,
@@ -15,6 +14,7 @@ from bench.diagnosis_report.sentences import (
     verdict,
 )
 from bench.diagnosis_report.tables import candidates_table, effect_heading, parameters_table
+from bench.text.words import clean
 from diagnosis.result import Effect, Parameter
 from simulators import registry
 from simulators.effects.card import load_card, load_cards

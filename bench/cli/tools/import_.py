@@ -8,8 +8,8 @@ from typing import Annotated
 
 from bench.cli.checks import check_files, refuse_logs
 from bench.cli.options import Repeatable
-from bench.diagnosis_report.numbers import clean
 from bench.text.errors import UsageError
+from bench.text.words import clean
 from diagnosis.logs.columns import LogError
 from diagnosis.logs.vehicle_file import parse_vehicle
 

@@ -6,10 +6,11 @@ import numpy as np
 
 from bench.diagnosis_report import tables
 from bench.diagnosis_report.gap_text import expected
-from bench.diagnosis_report.numbers import MISSING, clean, estimate, join, rounded, with_unit
 from bench.diagnosis_report.remedy import look_first, remedy
 from bench.diagnosis_report.sentences import logs_first, next_flight, verdict
 from bench.text import markdown
+from bench.text.numbers import MISSING, estimate, rounded, with_unit
+from bench.text.words import clean, join
 from diagnosis.remedies.changes import FirmwareChange, firmware_changes, without_parameter
 from diagnosis.remedies.trajectory import Geofence, Trajectory
 from diagnosis.result import Diagnosis
