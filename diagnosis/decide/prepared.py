@@ -265,9 +265,21 @@ def reference_of(
         likelihood = dataclasses.replace(likelihood, narrow=narrow)
         return fit_reference(likelihood, decision, or_twin).to_arrays()
 
+    settings = f"{decision} {or_twin=} {narrow=}"
+    return Reference.of(remembered_of("reference", fit, replay, logs, settings))
+
+
+def remembered_of(
+    name: str,
+    make: Callable[[], dict[str, np.ndarray]],
+    replay: Replay,
+    logs: Sequence[FlightLog],
+    settings: str = "",
+) -> dict[str, np.ndarray]:
+    """The arrays that `make` makes of these flights in this replay, whatever the flights' names."""
     rows = [vars(drone).items() for log in logs for drone in log.drones]
     inputs = [x for columns in rows for _, x in columns if x is not None]
     given = [[name for name, x in columns if x is not None] for columns in rows]
-    settings = f"dt={replay.dt} measured={replay.measured} {given} {decision} {or_twin=} {narrow=}"
+    settings = f"dt={replay.dt} measured={replay.measured} {given} {settings}"
     settings += f" drones={[len(log.drones) for log in logs]}"
-    return Reference.of(remembered("reference", fit, replay.library, settings, inputs))
+    return remembered(name, make, replay.library, settings, inputs)

@@ -1,11 +1,11 @@
-"""Traced programs, and fits of reference flights, kept on disk beside XLA's own cache.
+"""Traced programs, and what is made of reference flights, kept on disk beside XLA's own cache.
 
 Tracing the whole library in forward mode takes longer than flying a minute of logs through it. A
 program is kept under the hash of everything that goes into it: the source of every module that the
-simulator and its effects come from, the versions of JAX and crazyflow, shapes and constants; a fit
-under that and the flights. Programs are kept in the folder of JAX's own programs, if it has one;
-fits only where the variable `JAX_COMPILATION_CACHE_DIR` names that folder, so that tests share
-programs and fit for themselves. A file that cannot be read is made anew.
+simulator and its effects come from, the versions of JAX and crazyflow, shapes and constants; a fit,
+or flights as channels, under that and the logs. Programs are kept in the folder of JAX's own
+programs, if it has one; the rest only where the variable `JAX_COMPILATION_CACHE_DIR` names that
+folder, so that tests share programs and fit for themselves. What cannot be read is made anew.
 """
 
 import dataclasses

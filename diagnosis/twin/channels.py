@@ -12,7 +12,7 @@ flight east look alike.
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -84,6 +84,25 @@ class Channels:
             vel=self.vel[history:end],
             valid=valid,
         )
+
+
+def to_arrays(flights: Sequence[Channels], names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Flights as arrays, under their places among `names` in the place of their own names."""
+    return {
+        f"{names.index(flight.name)}.{field}": array
+        for flight in flights
+        for field, array in vars(flight).items()
+        if field != "name"
+    }
+
+
+def of_arrays(arrays: Mapping[str, np.ndarray], names: Sequence[str]) -> tuple[Channels, ...]:
+    """The inverse of `to_arrays`."""
+    made: dict[int, dict[str, np.ndarray]] = {}
+    for key, array in arrays.items():
+        place, field = key.split(".")
+        made.setdefault(int(place), {})[field] = array
+    return tuple(Channels(name=names[i], **made[i]) for i in sorted(made))
 
 
 def make_channels(

@@ -20,7 +20,7 @@ from diagnosis.twin.drift import (
     misfit_ratios,
     score_flights,
 )
-from diagnosis.twin.flown import Fly, flight_of, seen, twin_replay
+from diagnosis.twin.flown import Fly, flight_of, reference_channels, seen, twin_replay
 from diagnosis.twin.naming import name_change
 from diagnosis.twin.twin import Twin, make_twin, standing_out
 from diagnosis.twin.units import Group, make_group
@@ -65,7 +65,7 @@ def diagnose_change(question: Question, progress: Progress = silent) -> ChangeSt
     neutral = replay.library.neutral
     fly = flight_of(replay, inputs.flights)
     progress("learning how the reference flies", 0.3)
-    known = flight_of(beside, before.flights)(neutral)
+    known = reference_channels(beside, before.flights)
     twin = make_twin(known, replay.library, seen(replay), decision)
     progress("looking for what changed", 0.6)
     flown = fly(neutral)

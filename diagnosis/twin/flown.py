@@ -5,12 +5,12 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.decide.prepared import cut_in_the_air, nominal_replay
+from diagnosis.decide.prepared import cut_in_the_air, nominal_replay, remembered_of
 from diagnosis.logs.flights import FlightLog, FlightSet, LogError
 from diagnosis.logs.inputs import Inputs
 from diagnosis.logs.segments import NODE_DT, REPLAY_WINDOW_S
 from diagnosis.replay.replay import Replay
-from diagnosis.twin.channels import ANGLES, Channels, N, make_channels
+from diagnosis.twin.channels import ANGLES, Channels, N, make_channels, of_arrays, to_arrays
 
 Fly = Callable[[Float[np.ndarray, " params"]], tuple[Channels, ...]]
 """The channels of some flights, simulated at a vector of the library."""
@@ -50,3 +50,17 @@ def flight_of(replay: Replay, logs: Sequence[FlightLog]) -> Fly:
         return made
 
     return fly
+
+
+def reference_channels(replay: Replay, logs: Sequence[FlightLog]) -> tuple[Channels, ...]:
+    """The channels of reference flights at the neutral vector; remembered where programs are.
+
+    Raises:
+        LogError: As `flight_of`.
+    """
+
+    def fly() -> dict[str, np.ndarray]:
+        return to_arrays(flight_of(replay, logs)(replay.library.neutral), names)
+
+    names = [log.name for log in logs]
+    return of_arrays(remembered_of("channels", fly, replay, logs), names)

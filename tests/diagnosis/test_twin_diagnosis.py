@@ -6,14 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flights_for_tests import all_but
 from test_twin import EVERY, LIBRARY, column, flight, long_flight, plain_twin
 
 from diagnosis.decide.prepared import Question
 from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile
-from diagnosis.logs.inputs import Inputs
+from diagnosis.logs.inputs import Inputs, choose_inputs
 from diagnosis.result import Diagnosis
+from diagnosis.twin import flown as flown_channels
 from diagnosis.twin.as_diagnosis import alone, as_diagnosis, weighed_anew
 from diagnosis.twin.diagnose_change import ChangeStudy, answer_change
+from diagnosis.twin.flown import reference_channels, twin_replay
 from diagnosis.twin.twin import make_twin
 
 T = np.arange(0.0, 6.0, 0.01)
@@ -127,3 +130,31 @@ def test_masses_that_were_weighed_anew_go_to_the_twin_and_are_each_their_own():
     # Only flights of one drone: several are compared by the simulator itself.
     assert not weighed_anew(Question(flown(["two"], mass=0.042, drones=2), reference=light))
     assert not alone(Question(light, reference=flown(["two"], drones=2)))
+
+
+def test_reference_flights_are_flown_once_whatever_they_are_called(tmp_path, monkeypatch):
+    times = []
+
+    def channels(replay, logs, segments, vector):
+        times.append(len(logs))
+        return tuple(dataclasses.replace(flight(1), name=log.name) for log in logs[1:])
+
+    monkeypatch.setattr(flown_channels, "make_channels", channels)
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))
+    few = all_but("wind", "mass", "drag")
+
+    def asked(names, mass=0.032):
+        flights = flown(names, mass)
+        replay = twin_replay(flights, choose_inputs(flights), "point_mass", few)
+        return reference_channels(replay, flights.flights)
+
+    first, again = asked(["a", "b", "c"]), asked(["x", "y", "z"])
+    assert [one.name for one in first] == ["b", "c"]  # a flight may be too short to count
+    assert [one.name for one in again] == ["y", "z"]
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.slopes, other.slopes)
+        np.testing.assert_array_equal(one.valid, other.valid)
+    assert times == [3]
+    asked(["a", "b", "c"], mass=0.034)
+    asked(["a", "b"])
+    assert times == [3, 3, 2]
