@@ -81,10 +81,18 @@ def _git(*arguments: str) -> str:
 
 
 def processor() -> str:
-    """The processor's name, as far as the system tells."""
+    """The processor's name with family and model, as far as the system tells.
+
+    Virtual machines call different processors by one name, such as "AMD EPYC". Two of that name
+    gave settled rewards of -10.96 and -10.98 in 400 epochs of the LF baseline with one program.
+    """
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
+    pairs = [line.partition(":") for line in lines]
+    said = {key.strip(): value.strip() for key, _, value in reversed(pairs)}  # the first processor
+    name = said.get("model name", platform.machine())
+    if "cpu family" not in said or "model" not in said:
+        return name
+    return f"{name} (family {said['cpu family']}, model {said['model']})"

@@ -4,6 +4,7 @@ import subprocess
 from pathlib import Path
 
 import pandas as pd
+import pytest
 from clones import edit, planned
 
 from bench.plan import provenance as origins
@@ -84,3 +85,18 @@ def test_a_checkout_that_moved_while_a_sweep_ran_is_said(monkeypatch):
     monkeypatch.setattr(origins, "_read", lambda: dict(then))
     monkeypatch.setattr(origins, "provenance", lambda: then | {"dirty": False})
     assert "got changes that are in no commit" in origins.moved()
+
+
+@pytest.mark.parametrize(
+    ("told", "name"),
+    [
+        (
+            "cpu family\t: 25\nmodel\t\t: 1\nmodel name\t: AMD EPYC\n",
+            "AMD EPYC (family 25, model 1)",
+        ),
+        ("model name\t: ARMv8\n", "ARMv8"),
+    ],
+)
+def test_processors_of_one_name_are_told_apart(monkeypatch, told, name):
+    monkeypatch.setattr(Path, "read_text", lambda *_, **__: told + told.replace("1", "7"))
+    assert origins.processor() == name
