@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from bench.store.tables import Tables
 from blind.draw.cases import Case, draw_cases, fly_case, make_case, write_flights
 from diagnosis.engine import diagnose
 from diagnosis.logs.flights import load_flights
-from diagnosis.statements import judged_of
 
 HOUSE = Path(__file__).parents[2]
 REAL = HOUSE.parent / "shared" / "flights"
@@ -30,8 +29,8 @@ DRAW = 20261123
 COUNTS = {"single": 5, "pair": 3, "clean": 2, "unknown": 2}
 """Cases of each kind in each reality: 24 in all."""
 SEEDS = {"crazyflow": 0, "rotorpy": 1}
-USES = ("fit", "held out")
-"""What a flight may have been used for; both where it was left out in turn."""
+CANDIDATES = 3
+"""Likeliest sets of effects of a diagnosis that are kept."""
 
 Maker = Callable[[], Mapping[str, Any]]
 """Makes one kept answer, as JSON."""
@@ -77,69 +76,19 @@ def _blind(case: Case) -> dict[str, Any]:
 
 
 def _shown(flights: Path, reference: Path | None = None) -> dict[str, Any]:
-    """A diagnosis without what only pictures need, and without which program gave it."""
+    """What a diagnosis answers, without what pages show beside it."""
     beside = load_flights(reference) if reference else None
     found = diagnose(load_flights(flights), reference=beside).to_json()
-    return {key: value for key, value in found.items() if key not in ("details", "program")}
-
-
-def comparable(kept: Any, found: Any) -> Any:
-    """What of the answer `found` the kept one can hold: all of it, but of schema 1 what that had.
-
-    Every field of schema 1 is compared. `partly`, which it did not know, was `unexplained` there,
-    and an effect that was not the whole verdict had no sizes.
-    """
-    if not isinstance(kept, dict) or not isinstance(found, dict):
-        return found
-    if kept.get("schema") == 1 and found.get("schema") == 2:
-        return _as_schema_1(found)
-    return found | {
-        name: comparable(kept[name], found[name]) for name in kept.keys() & found.keys()
-    }
-
-
-def _as_schema_1(found: Mapping[str, Any]) -> dict[str, Any]:
-    flights, beside, shrink = found["flights"], found["reference"], found["shrink"]
-    whole = found["verdict"] == "effect"
-    left_out = list(flights["left_out"])
-    for line in beside["left_out"] if beside else ():
-        left_out.append(line | {"reason": f"reference, {line['reason']}"})
-    used = {name: [f["name"] for f in flights["used"] if name in f["use"]] for name in USES}
-    new = ("beyond_noise", "main")
+    likeliest = found["candidates"][:CANDIDATES]
     return {
-        "schema": 1,
-        "simulator": found["settings"]["simulator"],
-        "drone": flights["drone"],
-        "flights": {
-            "n": len(flights["used"]),
-            "seconds": sum(flight["seconds"] for flight in flights["used"]),
-            "input": flights["driven_by"],
-            "fit": used["fit"],
-            "held_out": used["held out"],
-            "left_out": left_out,
-        },
-        "where": [_without(line, new) for line in found["where"]],
-        "verdict": judged_of(found["verdict"]),
-        "unexplained_share": found["remainder"]["share"],
-        "effects": [_effect(effect) for effect in found["effects"] if whole],
-        "candidates": [
-            _without(line, ("posterior", "named")) | {"probability": line["posterior"]}
-            for line in found["candidates"]
-        ],
-        "shrink": _without(shrink, ("how",) if shrink["reason"] else ("reason",))
-        | {"unit": "m"}
-        | {"by_channel": {x["channel"]: _without(x, ("channel",)) for x in shrink["by_channel"]}},
-        "next_flight": found["next_flight"],
+        **{name: found[name] for name in ("verdict", "probability", "effects", "next_flight")},
+        "left": found["remainder"]["share"],
+        "where": {line["channel"]: line["share"] for line in found["where"]},
+        "candidates": {" + ".join(c["effects"]): c["posterior"] for c in likeliest},
+        "drift_falls_by": found["shrink"]["percent"],
+        "interface": [fault["part"] for fault in found["interface"]],
+        "flights": [flight["name"] for flight in found["flights"]["used"]],
     }
-
-
-def _effect(found: Mapping[str, Any]) -> dict[str, Any]:
-    sizes = {x["name"]: _without(x, ("name", "at_bound", "use")) for x in found["parameters"]}
-    return _without(found, ("blamed",)) | {"parameters": sizes}
-
-
-def _without(line: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
-    return {name: value for name, value in line.items() if name not in names}
 
 
 def _keys() -> dict[str, Any]:
