@@ -295,7 +295,8 @@ def _support(diagnosis: Diagnosis) -> list[str]:
 def effect_phrase(effect: Effect, base: str) -> str:
     """A found effect with sizes and intervals, as part of a sentence.
 
-    If an alias acts on the same number, the phrase gives that number: the flights tell no more.
+    If an alias acts on the same number as the effect, the phrase gives that number alone, because
+    the flights do not tell which of the two it is.
     """
     told = combined(effect)
     if told is None:

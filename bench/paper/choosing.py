@@ -16,10 +16,10 @@ TIES = (
 )
 """What a name in brackets in the table of whom to choose means."""
 TUNED = (
-    "With these settings a method scores higher than every method that has its default settings "
-    "and spends no more flight. These settings were chosen among many by the same tables, so "
-    "that their scores are a little too good. On tasks that are not named, the method had its "
-    "defaults:"
+    "Each line names a method with other settings than its defaults. It scores higher than every "
+    "method with default settings that spends as much flight or less. We chose these settings "
+    "among many by the same tables, so their scores are a little too good. On tasks that a line "
+    "does not name, the method had its defaults:"
 )
 """What is said of settings that are better than all defaults."""
 CHOSEN = "Which method to choose, and how far below it the others may be"

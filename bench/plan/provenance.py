@@ -83,8 +83,9 @@ def _git(*arguments: str) -> str:
 def processor() -> str:
     """The processor's name with family and model, as far as the system tells.
 
-    Virtual machines call different processors by one name, such as "AMD EPYC". Two of that name
-    gave settled rewards of -10.96 and -10.98 in 400 epochs of the LF baseline with one program.
+    Virtual machines call different processors by one name. Two machines, both "AMD EPYC", gave
+    settled rewards of -10.96 and -10.98 in 400 epochs of the LF baseline with one program. Family
+    and model of the second were not kept, so nobody knows whether they would tell the two apart.
     """
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

@@ -1,6 +1,7 @@
 """Numbers as people read them, with their units and intervals."""
 
 import math
+import numbers
 from typing import Any, TypeGuard
 
 from bench.text.words import clean
@@ -14,8 +15,8 @@ SHOWN = {"m": (1000.0, "mm"), "rad": (180.0 / math.pi, "°")}
 
 
 def is_number(value: Any) -> TypeGuard[float]:
-    """Whether `value` is a finite number."""
-    return isinstance(value, int | float) and math.isfinite(value)
+    """Whether `value` is a finite number, of NumPy too."""
+    return isinstance(value, numbers.Real) and math.isfinite(value)
 
 
 def number(value: float, digits: int) -> str:
@@ -45,7 +46,7 @@ def rounded(value: Any, digits: int = 3) -> str:
 
 
 def significant(value: Any, digits: int = 2) -> str:
-    """The same without zeros at the end: 0.5, 40, 193."""
+    """`value` with `digits` significant digits and no zeros behind the point: 0.5, 40, 193."""
     text = rounded(value, digits)
     return text.rstrip("0").rstrip(".") if "." in text else text
 

@@ -24,7 +24,7 @@ from blind.draw.cases import read_labels
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import ALL, ONE_SIZE
 from blind.draw.folders import Folders
-from blind.score.scoring import Proportion
+from blind.score.scoring import proportion
 from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightSet, LogError, load_flights, write_flights
 
@@ -118,7 +118,7 @@ def write_tables(said: Sequence[Said]) -> str:
         parts = collections.Counter(part for one in wrong for part in one.parts)
         listed = ", ".join(f"{part} ({n})" for part, n in parts.most_common())
         lines.append(
-            f"| {kind} | {len(own)} | {Proportion(len(wrong), len(own)).text(1)} | {listed} |"
+            f"| {kind} | {len(own)} | {proportion(len(wrong), len(own)).text(1)} | {listed} |"
         )
     lines += ["", "| fault | named, or refused | instead |", "|---|---|---|"]
     for name in PUT:
@@ -129,7 +129,7 @@ def write_tables(said: Sequence[Said]) -> str:
             " + ".join(sorted(one.parts)) or "nothing" for one in own if not one.named
         )
         instead = ", ".join(f"{parts} ({n})" for parts, n in missed.most_common())
-        named = Proportion(sum(one.named for one in own), len(own)).text(1)
+        named = proportion(sum(one.named for one in own), len(own)).text(1)
         lines.append(f"| {name} | {named} | {instead} |")
     return "\n".join(lines)
 

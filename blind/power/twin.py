@@ -22,7 +22,7 @@ from rich.progress import track
 
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import FAULTS
-from blind.score.scoring import Proportion
+from blind.score.scoring import proportion
 from diagnosis.decision import Decision
 from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightLog, FlightSet, load_flights
@@ -239,7 +239,7 @@ def write_table(tallies: Sequence[Tally]) -> str:
         n = len(tally.answers)
         if tally.case == CLEAN:
             aside = np.mean([len(a.set_aside) for a in tally.answers])
-            alarms = Proportion(tally.alarms, n).text()
+            alarms = proportion(tally.alarms, n).text()
             lines.append(f"| none: alarms | {alarms} | | | | | {aside:.2f} aside | |")
             continue
         (name, size), fault = tally.case, STUDIED[tally.case[0]]
@@ -249,7 +249,7 @@ def write_table(tallies: Sequence[Tally]) -> str:
 
 def write_turns(named: Mapping[float, int], splits: int) -> str:
     """The table of turned paths, in Markdown."""
-    lines = [f"| {degrees:g} | {Proportion(k, splits).text()} |" for degrees, k in named.items()]
+    lines = [f"| {degrees:g} | {proportion(k, splits).text()} |" for degrees, k in named.items()]
     return "\n".join(["| path turned in yaw [deg] | named |", "|---|---|", *lines])
 
 
@@ -264,7 +264,7 @@ def _line(tally: Tally, name: str, size: float, fault: Studied, n: int) -> str:
     drift = f"{100 * falls[:, 0].sum() / falls[:, 1].sum():.0f} %" if len(falls) else ""
     unit = "" if fault.unit == "-" else f" {fault.unit}"
     return (
-        f"| {name} {size:+.4g}{unit} | {Proportion(tally.named, n).text()} | {tally.first}/{n} | "
+        f"| {name} {size:+.4g}{unit} | {proportion(tally.named, n).text()} | {tally.first}/{n} | "
         f"{mean:+.4f} | {held}/{len(shown)} | {limit:.4f} | {left:.2f} | "
         f"{drift} |"
     )

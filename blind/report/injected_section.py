@@ -18,6 +18,7 @@ from blind.draw.injected import NOTHING
 from blind.report.sections import several_programs
 from blind.report.tables import save_tables
 from blind.score.injected import power, shares
+from blind.score.scoring import proportion
 
 TITLE = "Diagnosis of faults that were injected into logs"
 METHOD = (
@@ -158,8 +159,7 @@ def _sizes(cases: pd.DataFrame, row: dict[str, Any]) -> str:
 
 
 def _share(row: dict[str, Any], name: str) -> str:
-    low, high = (100.0 * row[f"{name}_{end}"] for end in ("low", "high"))
-    return f"{row[name]}/{row['n']} ({low:.0f} to {high:.0f} %)"
+    return proportion(row[name], row["n"]).text()
 
 
 def _shares(tables: InjectedTables) -> str:
@@ -168,7 +168,7 @@ def _shares(tables: InjectedTables) -> str:
             row["score"],
             f"{row['hits']}/{row['n']}",
             percent(row["value"], 1),
-            f"{100.0 * row['low']:.1f} to {100.0 * row['high']:.1f} %" if row["n"] else MISSING,
+            proportion(row["hits"], row["n"]).interval(1) if row["n"] else MISSING,
         )
         for row in records(shares(tables.cases, tables.numbers))
     ]

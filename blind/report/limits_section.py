@@ -15,7 +15,7 @@ from bench.text.numbers import MISSING, percent
 from blind.report.canvas import OUR_COLOR, saved
 from blind.report.sections import measured_by
 from blind.report.tables import Tables
-from blind.score.scoring import Proportion
+from blind.score.scoring import proportion
 
 NAME = "limits"
 """File name of the table."""
@@ -37,16 +37,16 @@ def section(tables: Tables, picture: list[str]) -> list[str]:
         return []
     table = tables.studies[NAME]
     text = (
-        "The limit of an effect is the size at which it is named in 90 % of cases, alone or with "
-        "another one. It is "
-        "predicted: flights without noise are linearised where the effect is true, Gaussian noise "
-        "is drawn, and the evidence of every single effect, and of the true one with any other, is "
-        "compared as the diagnosis does. Flights are of 10 s and of eight kinds in turn, so that a "
-        "longer time is also another flight: the first is a circle at 1 m, a low one comes sixth, "
-        "and - says that no size is named in what was flown by then. *Bound* is that of a test "
-        "that looks at half seconds whose starts are unknown, as the diagnosis does, but knows "
-        "what it looks for and uses all flights, with 2 % of false alarms; a method that "
-        "follows a whole flight could find smaller effects. *Mistaken for* is the most frequent "
+        "The limit of an effect is the size from which a diagnosis names it in 90 % of cases, "
+        "alone or beside another effect. The limits are predicted. Flights without noise are "
+        "linearised where the effect is true, and Gaussian noise is drawn. The evidence of every single "
+        "effect, and of the true one with any other, is then compared as the diagnosis does it. "
+        "Flights take 10 s and are of eight kinds in turn (the first is a circle at 1 m, the sixth "
+        "a low flight), so that a longer time also means other flights. A dash means that no size "
+        "is named by then. *Bound* is the limit of a test that knows which effect to look for and "
+        "uses all flights, with 2 % of false alarms. Like the diagnosis it looks at half seconds "
+        "whose starts are unknown; a method that follows a whole flight could find smaller "
+        "effects. *Mistaken for* is the most frequent "
         "other answer just below the limit at 60 s."
     )
     usual = table.loc[(table["kind"] == "predicted") & (table["noise"] == 1.0)]
@@ -83,7 +83,7 @@ def _checks(table: pd.DataFrame) -> list[str]:
         cells.setdefault((row["seconds"], row["factor"]), []).append(row)
     rows = []
     for (seconds, factor), cases in sorted(cells.items()):
-        named = Proportion(sum(bool(case["named"]) for case in cases), len(cases))
+        named = proportion(sum(bool(case["named"]) for case in cases), len(cases))
         wrong = sorted({f"{c['effect']}: {c['rival']}" for c in cases if not c["named"]})
         rows.append(
             (

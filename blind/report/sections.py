@@ -15,7 +15,7 @@ from bench.text import markdown
 from bench.text.numbers import MISSING, percent
 from blind.draw.catalogue import LIBRARY
 from blind.report.tables import OURS, Json, Tables
-from blind.score.scoring import Proportion
+from blind.score.scoring import Proportion, proportion
 
 INTERVALS = "truth inside 95 % intervals"
 COVERAGE = (0.93, 0.97)
@@ -254,7 +254,7 @@ def _ratios(cases: pd.DataFrame) -> np.ndarray:
 def _near(cases: pd.DataFrame) -> tuple[str, ...]:
     """How many answers shrink the drift nearly as far as the true effect."""
     ratios = _ratios(cases)
-    near = Proportion(int(np.sum(ratios >= SHRUNK)), len(ratios))
+    near = proportion(int(np.sum(ratios >= SHRUNK)), len(ratios))
     least = np.nanmin(ratios, initial=math.inf)
     name = f"drift shrinks by at least {percent(SHRUNK, 1)} as much as with the true effect"
     name += f" (worst case: {percent(float(least), 1)})" if near.n else ""
@@ -267,7 +267,7 @@ def _calibrated(tables: Tables) -> tuple[str, ...]:
     n = sum(row["n"] for row in rows)
     hits = round(sum(row["n"] * row["value"] for row in rows))
     stated = sum(row["n"] * row["stated"] for row in rows) / n if n else math.nan
-    true = Proportion(hits, n)
+    true = proportion(hits, n)
     late = "missed, on the safe side" if stated < true.low else "**missed**"
     word = MISSING if not n else "met" if true.low <= stated <= true.high else late
     aim = f"{percent(stated, 1)}, the mean stated"

@@ -23,7 +23,7 @@ from bench.stats.statistics import records
 from blind.draw.faults import ALL
 from blind.draw.injected import NOTHING, Injected
 from blind.score.answers import REFUSED, beside_truth
-from blind.score.scoring import Proportion
+from blind.score.scoring import proportion
 from diagnosis.result import Diagnosis, Effect
 from diagnosis.statements import judged_of
 
@@ -52,7 +52,7 @@ def power(cases: pd.DataFrame) -> pd.DataFrame:
         part = [row for row in faulty if (row["fault"], row["size"]) == (fault, size)]
         own: Row = {"fault": fault, "size": size, "n": len(part)}
         for column in ("found", "named", "misled", "refused"):
-            share = Proportion(sum(bool(row[column]) for row in part), len(part))
+            share = proportion(sum(bool(row[column]) for row in part), len(part))
             own |= {column: share.hits, f"{column}_low": share.low, f"{column}_high": share.high}
         rows.append(own)
     return pd.DataFrame(rows)
@@ -75,7 +75,7 @@ def shares(cases: pd.DataFrame, numbers: pd.DataFrame) -> pd.DataFrame:
         ("truth inside stated 95 % intervals", stated, "inside"),
     )
     rows = [
-        {"score": name, **vars(Proportion(sum(bool(row[column]) for row in among), len(among)))}
+        {"score": name, **vars(proportion(sum(bool(row[column]) for row in among), len(among)))}
         for name, among, column in wanted
     ]
     return pd.DataFrame(rows)

@@ -19,7 +19,7 @@ import pandas as pd
 
 from blind.draw.manifest import NONE, UNKNOWN, LabelledSet, Manifest
 from blind.score.answers import REFUSED, beside_truth
-from blind.score.scoring import Proportion
+from blind.score.scoring import proportion
 from diagnosis.result import Diagnosis, Effect
 
 OUTCOMES = ("right", "in part", "wrong", "missed", "abstained", "failed")
@@ -94,8 +94,8 @@ def by_airframe(rows: pd.DataFrame) -> pd.DataFrame:
         right = counts["right"] + counts["in part"]
         own: dict[str, Any] = {"airframe": airframe, "sets": len(mine), **counts}
         for name, share in (
-            ("answered", Proportion(answered, len(mine))),
-            ("true", Proportion(right, answered)),
+            ("answered", proportion(answered, len(mine))),
+            ("true", proportion(right, answered)),
         ):
             own |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
         found.append(own)

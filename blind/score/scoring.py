@@ -51,16 +51,20 @@ class Scores:
     """Numbers that are no proportions; None where nothing could be compared."""
 
 
+@dataclasses.dataclass(frozen=True)
 class Proportion:
-    """So many of so many cases, with the exact 95 % interval; all NaN without cases."""
+    """So many of so many cases, with the exact 95 % interval."""
 
-    def __init__(self, hits: int, n: int) -> None:
-        self.hits, self.n = hits, n
-        self.value = self.low = self.high = math.nan
-        if n:
-            self.value = hits / n
-            interval = stats.binomtest(hits, n).proportion_ci(0.95, method="exact")
-            self.low, self.high = float(interval.low), float(interval.high)
+    hits: int
+    """Cases that count."""
+    n: int
+    """All cases."""
+    value: float
+    """Their ratio; NaN without cases, as the interval."""
+    low: float
+    """Lower end of the interval."""
+    high: float
+    """Upper end of the interval."""
 
     def text(self, digits: int = 0) -> str:
         """As `3/4 (19 to 99 %)`."""
@@ -69,6 +73,14 @@ class Proportion:
     def interval(self, digits: int = 0) -> str:
         """As `19 to 99 %`."""
         return f"{100 * self.low:.{digits}f} to {100 * self.high:.{digits}f} %"
+
+
+def proportion(hits: int, n: int) -> Proportion:
+    """`hits` of `n` cases with their interval."""
+    if n == 0:
+        return Proportion(hits, n, math.nan, math.nan, math.nan)
+    interval = stats.binomtest(hits, n).proportion_ci(0.95, method="exact")
+    return Proportion(hits, n, hits / n, float(interval.low), float(interval.high))
 
 
 def score(
@@ -237,7 +249,7 @@ def _count(rows: list[Row], column: str) -> int:
 
 
 def _row(name: str, subset: str, hits: int, n: int, aim: float | None) -> Row:
-    return {"score": name, "cases": subset, **vars(Proportion(hits, n)), "aim": aim}
+    return {"score": name, "cases": subset, **vars(proportion(hits, n)), "aim": aim}
 
 
 def _by_effect(singles: list[Row]) -> pd.DataFrame:

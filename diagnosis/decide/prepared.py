@@ -276,10 +276,13 @@ def remembered_of(
     logs: Sequence[FlightLog],
     settings: str = "",
 ) -> dict[str, np.ndarray]:
-    """The arrays that `make` makes of these flights in this replay, whatever the flights' names."""
+    """What `make` makes of these flights in this replay, from disk if it was made before.
+
+    Names of flights do not count.
+    """
     rows = [vars(drone).items() for log in logs for drone in log.drones]
     inputs = [x for columns in rows for _, x in columns if x is not None]
-    given = [[name for name, x in columns if x is not None] for columns in rows]
+    given = [[column for column, x in columns if x is not None] for columns in rows]
     settings = f"dt={replay.dt} measured={replay.measured} {given} {settings}"
     settings += f" drones={[len(log.drones) for log in logs]}"
     return remembered(name, make, replay.library, settings, inputs)

@@ -2,9 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
 
-from bench.text.numbers import estimate, probability, quantity, rounded
+from bench.text.numbers import estimate, probability, quantity, rounded, significant
 from bench.text.words import clean
 
 
@@ -14,6 +15,9 @@ from bench.text.words import clean
         (rounded(0.00999, 2), "0.010"),
         (rounded(1234.5), "1234"),
         (rounded(math.nan), "-"),
+        (rounded(np.float32(0.25), 2), "0.25"),
+        (significant(np.int64(193)), "193"),
+        (significant(0.50), "0.5"),
         (quantity(0.0341, "m", 2), "34 mm"),
         (quantity(1.26, "m", 2), "1.3 m"),
         (quantity(0.1, "rad"), "5.73°"),

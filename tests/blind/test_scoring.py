@@ -9,7 +9,7 @@ import pytest
 from blind.draw import cases
 from blind.draw.catalogue import Withheld
 from blind.score.identifiable import compare
-from blind.score.scoring import Proportion, score
+from blind.score.scoring import proportion, score
 
 
 def case(kind, *effects, size="medium"):
@@ -78,12 +78,12 @@ def test_missing_answers_score_zero():
     [(0, 75, 0.0, 0.0480), (75, 75, 0.9520, 1.0), (5, 10, 0.1871, 0.8129)],
 )
 def test_the_interval_of_a_proportion_is_as_published(hits, n, low, high):
-    share = Proportion(hits, n)
+    share = proportion(hits, n)
     np.testing.assert_allclose((share.low, share.high), (low, high), atol=5e-4)
 
 
 def test_no_case_has_no_interval():
-    none = Proportion(0, 0)
+    none = proportion(0, 0)
     assert all(math.isnan(value) for value in (none.value, none.low, none.high))
 
 

@@ -76,7 +76,11 @@ def _blind(case: Case) -> dict[str, Any]:
 
 
 def _shown(flights: Path, reference: Path | None = None) -> dict[str, Any]:
-    """What a diagnosis answers, without what pages show beside it."""
+    """What a diagnosis answers: verdict, sizes, probabilities, shares and names.
+
+    Not kept, so that a change of it goes unseen here: noise floors and regimes, drift by channel,
+    candidates after the first `CANDIDATES`, why flights were left out, settings and details.
+    """
     beside = load_flights(reference) if reference else None
     found = diagnose(load_flights(flights), reference=beside).to_json()
     likeliest = found["candidates"][:CANDIDATES]
