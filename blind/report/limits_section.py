@@ -39,8 +39,9 @@ def section(tables: Tables, picture: list[str]) -> list[str]:
     text = (
         "The limit of an effect is the size from which a diagnosis names it in 90 % of cases, "
         "alone or beside another effect. The limits are predicted. Flights without noise are "
-        "linearised where the effect is true, and Gaussian noise is drawn. The evidence of every single "
-        "effect, and of the true one with any other, is then compared as the diagnosis does it. "
+        "linearised where the effect is true, and Gaussian noise is drawn. The evidence of every "
+        "single effect, and of the true one with any other, is then compared as the diagnosis "
+        "does it. "
         "Flights take 10 s and are of eight kinds in turn (the first is a circle at 1 m, the sixth "
         "a low flight), so that a longer time also means other flights. A dash means that no size "
         "is named by then. *Bound* is the limit of a test that knows which effect to look for and "
