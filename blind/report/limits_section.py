@@ -96,12 +96,12 @@ def _checks(table: pd.DataFrame) -> list[str]:
                 markdown.escape("; ".join(wrong)) or MISSING,
             )
         )
-    named, n = sum(bool(row["named"]) for row in records(table)), len(table)
+    found, n = sum(bool(row["named"]) for row in records(table)), len(table)
     expected = sum(row["predicted"] for row in records(table))
     effects = ", ".join(dict.fromkeys(table["effect"].tolist()))
     note = (
         f"Checked by {n} diagnoses of noisy flights at sizes about the predicted limit of "
-        f"{markdown.escape(effects)}: the effect was among those that were named in {named}; "
+        f"{markdown.escape(effects)}: the effect was among those that were named in {found}; "
         f"{expected:.1f} were predicted. Cases of a duration share paths and noise across sizes "
         "and effects; predictions stand on one draw of the paths."
     )

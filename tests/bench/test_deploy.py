@@ -132,7 +132,7 @@ def test_what_diverged_counts_with_the_policy_that_it_left(tmp_path):
     content = {"task": "circle", "team_size": 3, "reality": "crazyflow", "runs": rows}
     text = module._markdown(content | {"ways": list(ways.values())})
     assert "| grey_box, 1 diverged | -75.0 | 75 % | -100.0 |" in text
-    assert "| hybrid (mlp), 3 diverged | — |" in text
+    assert "| hybrid (mlp), 3 diverged | - |" in text
 
 
 def test_a_hot_start_that_is_no_better_leaves_no_gap_to_close():

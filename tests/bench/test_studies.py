@@ -98,7 +98,7 @@ def test_studies_stand_in_the_report_with_what_went_wrong(tmp_path):
     assert "| mass / drag | fly \\| fast | 10 s | 1.0 / 3.0 | 400 / 2.0 |" in text
     assert "Checked by 2 diagnoses" in text
     assert "were named in 1; 1.5 were predicted" in text
-    assert "| 10 s | 1 | 75 % | 1/2 | 1 % to 99 % | drag: none |" in text
+    assert "| 10 s | 1 | 75 % | 1/2 | 1 to 99 % | drag: none |" in text
     for name in ("limits", "next_flight"):
         assert (tmp_path / "blind" / f"crazyflow_{name}.png").stat().st_size > 10_000
 
