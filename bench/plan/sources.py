@@ -1,13 +1,15 @@
 """What code a plug-in runs: hashes of its own module and of every module that it imports.
 
 Only modules of the benchmark's packages below `bench` and of the plug-in's own package count; what
-is installed beside them has a version. Comments, docstrings and layout do not change a hash.
+is installed beside them has a version. Comments, docstrings and layout do not change a hash, nor
+does the version of Python.
 """
 
 import ast
 import functools
 import hashlib
 import importlib.util
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -53,7 +55,16 @@ def _hash(text: str) -> str:
         body = getattr(node, "body", None)
         if isinstance(body, list):
             node.body = [line for line in body if not _is_text(line)]  # pyright: ignore[reportAttributeAccessIssue]
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:16]
+    return hashlib.sha256(_dump(tree).encode()).hexdigest()[:16]
+
+
+def _dump(tree: ast.AST) -> str:
+    """Text of a tree, as Python 3.11 writes it.
+
+    Later versions know parameters of types, and leave out what is empty.
+    """
+    full = {"show_empty": True} if sys.version_info >= (3, 13) else {}
+    return ast.dump(tree, **full).replace(", type_params=[]", "")
 
 
 def _is_text(line: ast.AST) -> bool:
