@@ -9,10 +9,13 @@ from bench.plan.expansion import Plan
 from bench.plan.planned_run import Run
 from bench.plan.provenance import provenance
 from bench.store.tables import INTERRUPTED, Tables
+from bench.text.words import count, join
 
 REPRODUCED = 1e-5
 """Relative difference up to which a number counts as the same: what is left of 32-bit rounding in
 a mean over 64 episodes. The same program on the same processor gives the same bits."""
+NAMED = 6
+"""Names in a warning; of more, the number is said."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,31 +178,35 @@ def reproduces(found: Mapping[str, float], row: Mapping[str, float]) -> str:
 
 
 def stale_lines(done: Sequence[Run], recorded: Tables, sound: Mapping[str, dict]) -> list[str]:
-    """A line for each plug-in or shared module that changed without a version since a run.
+    """What changed without a version since runs were made: plug-ins, shared modules, and unknown.
 
     Of runs whose folder is gone, only their number is known.
     """
     programs = recorded.column("program")
-    changed: dict[str, int] = {}
+    changed: dict[bool, dict[str, set[str]]] = {False: {}, True: {}}
     gone = 0
     for run in done:
         if not sound.get(run.name, {}).get("sources"):  # the folder is gone or was restored
             gone += programs[run.name] != run.program
             continue
-        for plugin, source in run.sources.items():
-            if sound[run.name]["sources"].get(plugin, source) != source:
-                changed[plugin] = changed.get(plugin, 0) + 1
-    lines = [_stale(name, count) for name, count in sorted(changed.items())]
+        for name, source in run.sources.items():
+            if sound[run.name]["sources"].get(name, source) != source:
+                changed[name.startswith("module ")].setdefault(name, set()).add(run.name)
+    lines = [_stale(shared, runs) for shared, runs in changed.items() if runs]
     if gone:
         lines.append(f"{gone} rows were made by other source code under the same versions.")
     return lines
 
 
-def _stale(name: str, count: int) -> str:
-    shared = name.startswith("module ")
-    said = "no version tells" if shared else "its version has not"
-    owner = "the `version` of what uses it" if shared else "its `version`"
+def _stale(shared: bool, runs: Mapping[str, set[str]]) -> str:
+    """`runs`: of each plug-in or shared module that changed, by its name."""
+    names = sorted(runs)
+    left = len(names) - NAMED
+    said = join([*names[:NAMED], *([f"{left} more"] if left > 0 else [])])
+    told = "no version tells" if shared else "no version of theirs has"
+    owner = "the `version` of what uses them" if shared else "their `version`"
+    used = count(len(set().union(*runs.values())), "stored run")
     return (
-        f"the source of {name} has changed but {said}; {count} stored runs are used as they are. "
+        f"the source has changed of {said}, but {told}; used as they are: {used}. "
         f"Change {owner} to run them again."
     )
