@@ -1,7 +1,7 @@
 """How long one training epoch takes, and how near it is to its limit. `make bench` runs it.
 
 The limit is the time that the matrix products of the policy and of a frozen residual need at the
-rate of the policy's (`methods/training/profile.py`), measured in the same process; beside it stand
+rate of the policy's (`methods/running/profile.py`), measured in the same process; beside it stand
 the time over that of the forward part and the memory.
 """
 
@@ -18,11 +18,11 @@ from bench.execution.environment import accelerated
 from benchmarks.programs.training import epoch_of
 from methods.contract import Setup
 from methods.hybrid import Hybrid
+from methods.running.profile import profile, trained_in
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.evaluate import fly
 from methods.training.policy import PolicyController, make_policy
-from methods.training.profile import profile, trained_in
 from methods.training.together import Team
 from simulators import registry
 from tasks.circle import Circle

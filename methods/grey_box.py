@@ -37,8 +37,8 @@ from methods.calibration.remainder import remaining_transitions
 from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.residuals.contract import AbstractHistoryModel, AbstractResidualModel, inputs
+from methods.running.low_fidelity import train_in_point_mass
 from methods.training.bptt import BPTT
-from methods.training.low_fidelity import train_in_point_mass
 from methods.training.policy import AbstractPolicy, make_policy
 from methods.training.varied import MOST_PUSH, vary_around
 from simulators import registry

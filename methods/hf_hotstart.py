@@ -6,8 +6,8 @@ import equinox as eqx
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
+from methods.running.high_fidelity import train_in_reality
 from methods.training.bptt import BPTT
-from methods.training.high_fidelity import train_in_reality
 from methods.training.policy import AbstractPolicy
 
 

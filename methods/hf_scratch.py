@@ -8,8 +8,8 @@ import jax
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
+from methods.running.high_fidelity import train_in_reality
 from methods.training.bptt import BPTT
-from methods.training.high_fidelity import train_in_reality
 from methods.training.policy import AbstractPolicy, make_policy
 from tasks.contract import check_at_least
 

@@ -23,8 +23,8 @@ from methods.residuals.contract import (
     inputs,
 )
 from methods.residuals.mlp import MLPEnsemble
+from methods.running.low_fidelity import train_in_point_mass
 from methods.training.bptt import BPTT
-from methods.training.low_fidelity import train_in_point_mass
 from methods.training.policy import AbstractPolicy, make_policy
 from simulators import registry
 from simulators.contract import with_effects

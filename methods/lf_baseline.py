@@ -7,8 +7,8 @@ import jax
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
+from methods.running.low_fidelity import train_in_point_mass
 from methods.training.bptt import BPTT
-from methods.training.low_fidelity import train_in_point_mass
 from methods.training.policy import AbstractPolicy, make_policy
 
 

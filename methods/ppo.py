@@ -32,9 +32,9 @@ import optax
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
+from methods.running.high_fidelity import trained_in_reality
 from methods.training.bptt import Training
 from methods.training.checkpoint import pack, unpack
-from methods.training.high_fidelity import trained_in_reality
 from methods.training.meter import billed
 from methods.training.policy import WIDTH, AbstractPolicy, make_policy
 from simulators.contract import AbstractSimulator

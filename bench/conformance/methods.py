@@ -22,11 +22,11 @@ from bench.plan.settings import build
 from bench.store.record import load_policy, policy_bytes
 from bench.store.tables import SCHEMAS, STATUSES, UNITS
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.running.profile import untrained_parents
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.meter import Meter, metered
 from methods.training.policy import AbstractPolicy, Policy, is_shared, make_policy
-from methods.training.profile import untrained_parents
 from simulators import registry
 from simulators.point_mass import PointMass
 from tasks.contract import AbstractTask

@@ -27,9 +27,9 @@ from bench.text.markdown import text_table
 from bench.text.numbers import MISSING
 from bench.text.say import say
 from methods.contract import Setup, Trained
+from methods.running.metered import train_metered
 from methods.training.context import Context
 from methods.training.evaluate import evaluate
-from methods.training.meter import train_metered
 from methods.training.policy import PolicyController
 from simulators import registry
 from simulators.contract import AbstractSimulator

@@ -34,9 +34,9 @@ from bench.store.structure import describe
 from bench.store.tables import SCHEMAS, STATUSES, UNITS, table
 from methods.calibration.reference_paths import Followers
 from methods.contract import Ledger, Setup, Trained
+from methods.running.metered import train_metered
 from methods.training.context import Context, Progress
 from methods.training.evaluate import Evaluation, evaluate, standing_rewards, takeoff_steps
-from methods.training.meter import train_metered
 from methods.training.policy import PolicyController, make_policy
 from methods.training.together import Team
 from simulators import registry

@@ -12,7 +12,7 @@ from bench.plan.realities import NOMINAL
 from bench.plan.settings import build
 from bench.text.errors import UsageError
 from methods.contract import AbstractMethod, Setup
-from methods.training.profile import NoTrainerError, Profile, profile, trained_in
+from methods.running.profile import NoTrainerError, Profile, profile, trained_in
 from simulators import registry
 from tasks.contract import AbstractTask
 

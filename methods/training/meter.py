@@ -9,7 +9,6 @@ saves that cost: `billed` adds the flight to the meter and gives the simulator w
 compiled program is then the one of an unmetered simulator, and seeds that train together share it.
 """
 
-import dataclasses
 import threading
 from collections import Counter
 from typing import Any, TypeVar
@@ -20,8 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
-from methods.contract import AbstractMethod, Setup, Trained
-from methods.training.policy import AbstractPolicy
 from simulators.contract import AbstractSimulator
 from simulators.effects.contract import AbstractEffect
 from simulators.flight import Flight
@@ -156,23 +153,3 @@ def billed(simulator: Tree, drone_steps: int) -> Tree:
         return node.inner
 
     return jax.tree.map(paid, simulator, is_leaf=lambda node: isinstance(node, Metered))
-
-
-def train_metered(
-    method: AbstractMethod, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None
-) -> Trained:
-    """What `method` trains, its high-fidelity flight billed by the reality that it was given.
-
-    The ledger's `hf_fleet_seconds` is what the meter counted and what the run inherits; what the
-    method writes there itself is replaced.
-    """
-    meter = Meter()
-    given = dataclasses.replace(setup, reality=metered(setup.reality, meter))
-    trained = method.train(given, key, init)
-    if not isinstance(trained, Trained):
-        raise TypeError(
-            f"`train` of `{type(method).__name__}` must return a Trained, got {trained!r:.80}."
-        )
-    seconds = meter.fleet_seconds + trained.ledger.inherited_fleet_seconds
-    ledger = dataclasses.replace(trained.ledger, hf_fleet_seconds=seconds)
-    return dataclasses.replace(trained, ledger=ledger)

@@ -13,8 +13,8 @@ import numpy as np
 
 from bench.store import checkpoints
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
+from methods.running.high_fidelity import train_in_reality
 from methods.training.bptt import BPTT
-from methods.training.high_fidelity import train_in_reality
 from methods.training.meter import Metered
 from methods.training.policy import make_policy
 from simulators.point_mass import PointMass

@@ -12,9 +12,7 @@ from methods.contract import AbstractMethod, Setup
 from methods.hf_hotstart import HFHotStart
 from methods.hybrid import Hybrid
 from methods.hybrid_once import HybridOnce
-from methods.training.bptt import BPTT
-from methods.training.policy import Policy, make_policy
-from methods.training.profile import (
+from methods.running.profile import (
     NoTrainerError,
     attainable,
     frozen_weights,
@@ -22,6 +20,8 @@ from methods.training.profile import (
     shortest,
     trained_in,
 )
+from methods.training.bptt import BPTT
+from methods.training.policy import Policy, make_policy
 from methods.training.varied import Varied, vary_around
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
@@ -42,7 +42,7 @@ def test_parts_are_what_each_program_takes_longer_than_the_one_before(monkeypatc
         results.append(call())
         return next(lasting)
 
-    monkeypatch.setattr("methods.training.profile.shortest", timed)
+    monkeypatch.setattr("methods.running.profile.shortest", timed)
     found = profile(TASK, PointMass(), BPTT(n_worlds=2))
     parts = {"physics": 1.0, "task": 0.5, "policy": 1.0, "backward": 3.5}
     assert found.seconds == parts | {"epoch": 6.0}
@@ -96,7 +96,7 @@ def test_a_method_without_a_trainer_is_refused():
 def test_the_shortest_of_several_calls_counts(monkeypatch):
     clock = [0.0]
     monkeypatch.setattr(
-        "methods.training.profile.time", types.SimpleNamespace(perf_counter=lambda: clock[0])
+        "methods.running.profile.time", types.SimpleNamespace(perf_counter=lambda: clock[0])
     )
     lasting = iter([0.5, 3.0, 1.0, 2.0, *[4.0] * 100])  # the first one may compile
 

@@ -36,7 +36,7 @@ import jax
 from methods.contract import AbstractMethod
 from methods.training.policy import make_policy
 from methods.training.bptt import BPTT
-from methods.training.low_fidelity import train_in_point_mass
+from methods.running.low_fidelity import train_in_point_mass
 from simulators.contract import with_effects
 from simulators.effects.delay import Delay
 from simulators.effects.drag import Drag

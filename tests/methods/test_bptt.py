@@ -13,10 +13,10 @@ from scipy.optimize import linprog
 
 from methods.hf_hotstart import HFHotStart
 from methods.lf_baseline import LFBaseline
+from methods.running.metered import train_metered
 from methods.training import bptt
 from methods.training.bptt import BPTT, Training
 from methods.training.context import Context, silent
-from methods.training.meter import train_metered
 from methods.training.policy import PolicyController
 from simulators.contract import with_effects
 from simulators.effects.contract import WrenchEffect

@@ -8,10 +8,10 @@ import pytest
 from cells import Hold, Memory, fresh, same, setup
 
 from methods.hf_hotstart import HFHotStart
+from methods.running.metered import train_metered
 from methods.training import bptt
 from methods.training.bptt import BPTT
 from methods.training.context import Context
-from methods.training.meter import train_metered
 from simulators.point_mass import PointMass
 
 KEY = jax.random.key(5)

@@ -15,9 +15,9 @@ from methods.calibration import identification
 from methods.calibration.identification import NOISE_VEL, along, identify
 from methods.calibration.remainder import remaining_transitions
 from methods.contract import Setup
+from methods.running.metered import train_metered
 from methods.training.bptt import BPTT
 from methods.training.evaluate import evaluation_keys, fly
-from methods.training.meter import train_metered
 from methods.training.policy import PolicyController, make_policy
 from methods.training.varied import TIMES
 from simulators.contract import with_effects

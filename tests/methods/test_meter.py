@@ -12,9 +12,10 @@ from cells import METHODS, TINY, Hold, fresh, same, setup, small
 
 from diagnosis.replay.library import make_library
 from methods.contract import AbstractMethod, Ledger, Trained
+from methods.running.metered import train_metered
 from methods.training.adjoint import by_autodiff, gradient
 from methods.training.evaluate import evaluate
-from methods.training.meter import Meter, Metered, billed, train_metered
+from methods.training.meter import Meter, Metered, billed
 from methods.training.policy import PolicyController
 from methods.training.varied import vary_around
 from simulators.contract import with_effects

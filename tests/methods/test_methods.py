@@ -32,10 +32,11 @@ from methods.contract import Ledger, Setup
 from methods.domain_randomization import DomainRandomization, randomized
 from methods.hf_hotstart import HFHotStart
 from methods.residuals import mlp
+from methods.running.metered import train_metered
 from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.evaluate import evaluate, fly
-from methods.training.meter import billed, train_metered
+from methods.training.meter import billed
 from methods.training.policy import PolicyController, make_policy
 from methods.upper_reference import UpperReference
 from simulators import registry

@@ -10,8 +10,8 @@ import pytest
 from cells import Hold, Memory, fresh, lift, same, setup
 
 from methods.ppo import PPO, Learner, Steps, fly, loss, prepared
+from methods.running.metered import train_metered
 from methods.training.context import Context
-from methods.training.meter import train_metered
 from methods.training.policy import PolicyController
 from simulators.point_mass import PointMass
 from tasks.rollout import record

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from cells import TINY, Hold, fresh, setup, small
 
+from methods.running.metered import train_metered
 from methods.training import together
 from methods.training.context import Context
-from methods.training.meter import train_metered
 from methods.training.together import Team
 from simulators.contract import with_effects
 from simulators.effects.drag import Drag

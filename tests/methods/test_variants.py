@@ -13,9 +13,9 @@ from methods.calibration import identification
 from methods.calibration.identification import PATHS, flown_paths
 from methods.calibration.remainder import calibrate_as_grey_box, remaining_transitions
 from methods.hf_scratch import HFScratch
+from methods.running.metered import train_metered
 from methods.training.bptt import BPTT
 from methods.training.context import Context
-from methods.training.meter import train_metered
 from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
 
