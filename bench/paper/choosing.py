@@ -1,13 +1,22 @@
-"""Which method to choose at which budget of flight, as Markdown."""
+"""Which method to choose at which budget of flight, and what flight gives, as Markdown."""
 
+import re
 from collections.abc import Sequence
 
-from bench.paper.values import name_of
+from bench.paper.values import LF, name_of, sizes
+from bench.report.pictures.cost import BUDGET
 from bench.stats.choices import BUDGETS, NEAR, Choice, Tie, better_settings
-from bench.stats.scores import STEADY, fallen_references, steadied_references
+from bench.stats.scores import (
+    PRIMARY,
+    STEADY,
+    fallen_references,
+    steadied_references,
+    undisturbed,
+)
+from bench.stats.statistics import Entry, Values, estimate
 from bench.store.tables import Tables
 from bench.text import markdown
-from bench.text.numbers import MISSING, number, significant, span
+from bench.text.numbers import MISSING, mean_std, number, significant, span
 
 TIES = (
     "In brackets are methods that are not shown to be worse than the best and whose 95 % interval "
@@ -24,6 +33,17 @@ TUNED = (
 """What is said of settings that are better than all defaults."""
 CHOSEN = "Which method to choose, and how far below it the others may be"
 """Heading of the table with all numbers."""
+CHANGED = re.compile(rf"{BUDGET.pattern}|flown=\w+")
+"""Variants that differ from the default in which high-fidelity flight is flown, or how much."""
+FLOWN = (
+    "Settled reward, mean ± standard deviation over seeds, of methods whose flight was varied, and "
+    "of the LF baseline, which flies nothing. Of default settings only those seeds count that the "
+    "others have, too. The flight is a mean over tasks and seeds. `flights` counts calibration "
+    "flights of 10 s, `trainer.share` is the part of the epochs after which a training was cut "
+    "off, and with `flown=grey_box` Hybrid is fitted to grey box's flights, with their sensor "
+    "noise"
+)
+"""What the tables show."""
 
 
 def whom(found: Sequence[Choice], tables: Tables) -> list[str]:
@@ -129,3 +149,57 @@ def _team(choice: Choice, found: Sequence[Choice]) -> str:
 def _tie_text(tie: Tie) -> str:
     name = markdown.escape(name_of(tie.entry))
     return f"{name}: {number(tie.score, 3)} ({span(tie.low, tie.high, 3)})"
+
+
+def reward_by_flight(tables: Tables) -> list[str]:
+    """The section: a table for each team size; nothing where no method's flight was varied."""
+    rewards, bills = (undisturbed(tables, metric) for metric in (PRIMARY, "fleet_minutes"))
+    shown = {cell: _compared(own) for cell, own in rewards.items() if any(map(_changed, own))}
+    if not shown:
+        return []
+    parts = ["## Reward against flight", f"{FLOWN}."]
+    for n in sizes(shown):
+        own = {cell: values for cell, values in shown.items() if cell.team_size == n}
+        parts += [f"### Reward against flight, N = {n}", _flown_table(own, bills)]
+    return parts
+
+
+def _changed(entry: Entry) -> bool:
+    return CHANGED.fullmatch(entry.variant) is not None
+
+
+def _compared(own: dict[Entry, dict[int, float]]) -> dict[Entry, dict[int, float]]:
+    """Of a cell: methods whose flight was varied and the LF baseline, with their common seeds."""
+    varied = {entry: seeds for entry, seeds in own.items() if _changed(entry)}
+    common = {seed for seeds in varied.values() for seed in seeds}
+    default = {
+        entry: {seed: value for seed, value in own.get(entry, {}).items() if seed in common}
+        for entry in {LF, *(entry._replace(variant="") for entry in varied)}
+    }
+    return varied | {entry: seeds for entry, seeds in default.items() if seeds}
+
+
+def _flown_table(own: Values, bills: Values) -> str:
+    """Lines of one team size, by method and flight; `own` and `bills` by cell."""
+    minutes = {
+        entry: estimate(x for cell in own for x in bills[cell].get(entry, {}).values()).mean
+        for entry in {entry for values in own.values() for entry in values}
+    }
+    lines = [
+        (
+            markdown.escape(name_of(entry._replace(variant=""))),
+            f"`{entry.variant}`" if entry.variant else "default",
+            significant(minutes[entry], 3),
+            *(_reward(values.get(entry, {})) for values in own.values()),
+        )
+        for entry in sorted(minutes, key=lambda e: (e != LF, e.method, minutes[e], e.variant))
+    ]
+    tasks = (markdown.escape(cell.task) for cell in own)
+    return markdown.table(("method", "setting", "flight [fleet-minutes]", *tasks), lines, (0, 1))
+
+
+def _reward(seeds: dict[int, float]) -> str:
+    if not seeds:
+        return MISSING
+    found = estimate(seeds.values())
+    return mean_std(found.mean, found.std, 2 if abs(found.mean) < 10.0 else 1)

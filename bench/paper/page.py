@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.paper.choosing import in_detail, whom
+from bench.paper.choosing import in_detail, reward_by_flight, whom
 from bench.paper.claims import BILLS, BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
 from bench.paper.figures import (
     data_uri,
@@ -209,6 +209,7 @@ def document(
         if j.finding.lines:
             parts += [f"### {j.claim.title}", f"Supported if {j.claim.rule.text}."]
             parts += [markdown.table(j.finding.headings, j.finding.lines)]
+    parts += reward_by_flight(tables)
     headings, lines = variants(tables)
     if lines:
         parts += ["## Settings that differ from the default", *figures.get("settings", [])]

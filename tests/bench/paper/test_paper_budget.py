@@ -3,7 +3,7 @@
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
-from bench.paper.choosing import in_detail, whom
+from bench.paper.choosing import in_detail, reward_by_flight, whom
 from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH, name_of
 from bench.stats.choices import BUDGETS, better_settings, choices, minutes_of
 from bench.stats.scores import UPPER
@@ -201,3 +201,41 @@ def test_settings_are_told_by_the_seeds_that_the_default_has_too():
     sheet.give(LF._replace(variant="limit=9"), 0.6)
     (found,) = better_settings(sheet.tables())
     assert (found.score, found.above_score) == pytest.approx((0.6, 0.5), abs=0.01)
+
+
+def varied():
+    """Hybrid with one flight in seeds 0 and 1, by default in three; hot start never varied."""
+    sheet = Sheet().add("lf_baseline", rewards=(-9.0, -11.0, -70.0))
+    sheet.add("hybrid", "mlp", rewards=(-4.0, -6.0, -70.0), fleet_minutes=40.0)
+    sheet.add("hybrid", "mlp", variant="flights=1", rewards=(-7.0, -8.0), fleet_minutes=0.17)
+    sheet.add("hybrid", "mlp", variant="patience=7", rewards=(-1.0, -1.0))
+    return sheet.add("hf_hotstart", rewards=(-1.0, -1.0, -1.0), fleet_minutes=250.0)
+
+
+def test_rewards_stand_by_flight_with_the_seeds_that_all_have():
+    title, said, size, table = reward_by_flight(varied().tables())
+    assert (title, size) == ("## Reward against flight", "### Reward against flight, N = 3")
+    assert "only those seeds count that the others have" in said
+    assert table.splitlines()[2:] == [
+        "| LF baseline | default | 0 | -10.0 ± 1.4 |",
+        "| Hybrid | `flights=1` | 0.17 | -7.50 ± 0.71 |",
+        "| Hybrid | default | 40 | -5.00 ± 1.41 |",
+    ]
+
+
+def test_a_task_without_a_row_is_marked_and_each_team_size_has_its_table():
+    sheet = varied().add("lf_baseline", task="circle", rewards=(-3.0, -5.0))
+    sheet.add("hf_scratch", task="circle", variant="trainer.share=0.1", rewards=(-2.0, -2.0))
+    sheet.add("hf_scratch", team_size=7, variant="trainer.share=0.1", rewards=(-8.0,))
+    parts = reward_by_flight(sheet.tables())
+    assert "| circle | spread |" in parts[3]
+    assert "| HF scratch | `trainer.share=0.1` | 0 | -2.00 ± 0.00 | - |" in parts[3]
+    assert parts[4:] == [
+        "### Reward against flight, N = 7",
+        "| method | setting | flight [fleet-minutes] | spread |\n| :--- | :--- | ---: | ---: |\n"
+        "| HF scratch | `trainer.share=0.1` | 0 | -8.00 |",
+    ]
+
+
+def test_nothing_stands_where_no_flight_was_varied():
+    assert reward_by_flight(Sheet().add("hybrid", "mlp").tables()) == []
