@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from bench.paper.values import LF, name_of, sizes
+from bench.paper.values import LF, name_of, name_of_method, sizes
 from bench.report.pictures.cost import BUDGET
 from bench.stats.choices import BUDGETS, NEAR, Choice, Tie, better_settings
 from bench.stats.scores import (
@@ -43,7 +43,7 @@ FLOWN = (
     "off, and with `flown=grey_box` Hybrid is fitted to grey box's flights, with their sensor "
     "noise"
 )
-"""What the tables show."""
+"""What the tables of rewards by flight show."""
 
 
 def whom(found: Sequence[Choice], tables: Tables) -> list[str]:
@@ -73,7 +73,7 @@ def whom(found: Sequence[Choice], tables: Tables) -> list[str]:
     ]
     better = [
         f"- {_team(next(c for c in found if c.team_size == b.team_size), found)}: "
-        f"**{markdown.escape(name_of(b.entry._replace(variant='')))}** with `{b.entry.variant}` "
+        f"**{markdown.escape(name_of_method(b.entry))}** with `{b.entry.variant}` "
         f"on {markdown.escape(', '.join(b.tasks))}: {number(b.score, 4)} for "
         f"{significant(b.minutes)} fleet-minutes, where {markdown.escape(name_of(b.above))} has "
         f"{number(b.above_score, 4)}"
@@ -154,7 +154,7 @@ def _tie_text(tie: Tie) -> str:
 def reward_by_flight(tables: Tables) -> list[str]:
     """The section: a table for each team size; nothing where no method's flight was varied."""
     rewards, bills = (undisturbed(tables, metric) for metric in (PRIMARY, "fleet_minutes"))
-    shown = {cell: _compared(own) for cell, own in rewards.items() if any(map(_changed, own))}
+    shown = {cell: found for cell, own in rewards.items() if (found := _compared(own))}
     if not shown:
         return []
     parts = ["## Reward against flight", f"{FLOWN}."]
@@ -164,13 +164,12 @@ def reward_by_flight(tables: Tables) -> list[str]:
     return parts
 
 
-def _changed(entry: Entry) -> bool:
-    return CHANGED.fullmatch(entry.variant) is not None
-
-
 def _compared(own: dict[Entry, dict[int, float]]) -> dict[Entry, dict[int, float]]:
-    """Of a cell: methods whose flight was varied and the LF baseline, with their common seeds."""
-    varied = {entry: seeds for entry, seeds in own.items() if _changed(entry)}
+    """Of a cell: methods whose flight was varied and the LF baseline, with their common seeds.
+
+    Nothing where no method's flight was varied.
+    """
+    varied = {entry: seeds for entry, seeds in own.items() if CHANGED.fullmatch(entry.variant)}
     common = {seed for seeds in varied.values() for seed in seeds}
     default = {
         entry: {seed: value for seed, value in own.get(entry, {}).items() if seed in common}
@@ -187,7 +186,7 @@ def _flown_table(own: Values, bills: Values) -> str:
     }
     lines = [
         (
-            markdown.escape(name_of(entry._replace(variant=""))),
+            markdown.escape(name_of_method(entry)),
             f"`{entry.variant}`" if entry.variant else "default",
             significant(minutes[entry], 3),
             *(_reward(values.get(entry, {})) for values in own.values()),

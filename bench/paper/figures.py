@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.paper.rule import relative
-from bench.paper.values import HYBRID, LF, NAMES, name_of, off_spec, sizes, varied
+from bench.paper.values import HYBRID, LF, NAMES, name_of, name_of_method, off_spec, sizes, varied
 from bench.report.pictures import cost
 from bench.report.pictures.cost import STYLE
 from bench.report.pictures.looks import look_of, ordered
@@ -247,7 +247,7 @@ def write_settings(tables: Tables, path: Path) -> bool:
             for one, apart, base in own
             for ends in [(apart.mean, apart.low, apart.high)]
         ]
-    names = [f"{name_of(e._replace(variant=''))}, {e.variant}" for e in entries]
+    names = [f"{name_of_method(e)}, {e.variant}" for e in entries]
     figure, axes = _intervals(names, series)
     axes.axvline(0.0, color="0.4", linewidth=0.8)
     axes.set_xscale("symlog", linthresh=10.0)

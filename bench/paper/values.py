@@ -89,6 +89,11 @@ def name_of(entry: Entry) -> str:
     return NAMES.get(entry, entry.label)
 
 
+def name_of_method(entry: Entry) -> str:
+    """What a page calls an entry's method, whatever its settings."""
+    return name_of(entry._replace(variant=""))
+
+
 def sizes(values: Values) -> list[int]:
     """Team sizes, ascending."""
     return sorted({cell.team_size for cell in values})

@@ -18,7 +18,7 @@ from rich.text import Text
 from bench.paper.claims import DEPLOYED, OWN, PAPER
 from bench.paper.figures import data_uri, write_gaps
 from bench.paper.page import judged, word_of
-from bench.paper.values import name_of
+from bench.paper.values import name_of_method
 from bench.paper.world_views import (
     AS_IS,
     Matrix,
@@ -59,7 +59,7 @@ HEADINGS = ("worst world", "worst score", "flight [fleet-minutes]")
 
 def _name(entry: Entry) -> str:
     """What the page calls an entry."""
-    settings, name = settings_of(entry), name_of(entry._replace(variant=""))
+    settings, name = settings_of(entry), name_of_method(entry)
     name += f" ({settings})" if settings else ""
     return f"{name}, {AS_IS}" if is_as_it_is(entry) else name
 

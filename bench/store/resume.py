@@ -203,10 +203,10 @@ def _stale(shared: bool, runs: Mapping[str, set[str]]) -> str:
     names = sorted(runs)
     left = len(names) - NAMED
     said = join([*names[:NAMED], *([f"{left} more"] if left > 0 else [])])
-    told = "no version tells" if shared else "no version of theirs has"
-    owner = "the `version` of what uses them" if shared else "their `version`"
+    told = "which no version tells" if shared else "but no `version` has"
+    owner = "the `version` of what uses it" if shared else "the `version`"
     used = count(len(set().union(*runs.values())), "stored run")
     return (
-        f"the source has changed of {said}, but {told}; used as they are: {used}. "
+        f"the source of {said} has changed, {told}; used as they are: {used}. "
         f"Change {owner} to run them again."
     )

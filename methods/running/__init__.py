@@ -1,1 +1,1 @@
-"""A method at work: what configurations share once they have a cell, its bill and its profile."""
+"""What configurations share while they train: in low or high fidelity, billed and profiled."""

@@ -56,6 +56,7 @@ TESTED: dict[str, tuple[str, ...]] = {
     "bench/stats/statistics.py": ("test_statistics", "test_verdicts"),
     "bench/stats/target.py": ("test_target",),
     "bench/stats/verdicts.py": ("test_verdicts",),
+    "methods/running/metered.py": ("test_meter",),
     "methods/training/meter.py": ("test_meter",),
 }
 """Test files of each module, in the tests' folder of its wing."""
