@@ -16,8 +16,10 @@ import diagnosis
 from bench.cli.app import make_app
 from bench.conformance.command import declarations
 from bench.conformance.suite import execute
+from bench.paper.values import name_of
+from bench.stats.choices import choose
 from bench.stats.statistics import Entry
-from bench.text.numbers import mean_std, significant
+from bench.text.numbers import mean_std, number, significant
 from diagnosis.result import Diagnosis
 from methods.contract import Setup
 from methods.training.bptt import BPTT
@@ -78,6 +80,19 @@ def test_the_table_of_the_readme_is_that_of_the_tables():
     best = {row[0]: [float(cell.split()[0]) for cell in row[1:-1]] for row in shown}
     others = [best[name] for name in best if name not in ("grey_box", "hf_scratch", "hf_hotstart")]
     assert all(g > max(o) for g, o in zip(best["grey_box"], zip(*others, strict=True), strict=True))
+
+
+def test_the_readme_chooses_as_the_tables_do():
+    tables = bench.load(HOUSE / "results" / "paper")
+    shown = re.findall(r"^\| (\d+) \| (.+) \| (.+) \| (.+) \|$", README.read_text("utf-8"), re.M)
+    assert [int(size) for size, *_ in shown] == [3, 5, 7, 9, 12, 18]
+    for size, *cells in shown:
+        for budget, cell in zip((0, 0.5, 5000), cells, strict=True):
+            found = choose(tables, int(size), budget)
+            assert cell.startswith(f"{name_of(found.best)} {number(found.score, 3)}"), (size, budget)
+            assert "not shown" not in cell or any(tie.near for tie in found.tied)
+            needed = re.search(r"needs ([\d,]+)", cell)
+            assert not needed or needed[1].replace(",", "") == significant(found.minutes)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
