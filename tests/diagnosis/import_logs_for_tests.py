@@ -1,7 +1,7 @@
 """A flight in closed form for the tests of imports: a circle, 250 rows a second."""
 
 from log_tables import table
-from log_writers import write_bag, write_cflib, write_dataflash, write_ulog, write_usd
+from log_writers import RATES, write_bag, write_cflib, write_dataflash, write_ulog, write_usd
 
 from diagnosis.importing.reader import Stream
 from diagnosis.logs.columns import GROUPS
@@ -11,18 +11,25 @@ VEHICLE = 'name = "x"\ndrone = "cf2x_L250"\nmass = 0.032\n'
 WEIGHT = 0.032 * 9.81
 FLOWN = 'name = "x"\ndrone = "cf21B_500"\nmass = 0.0434\n'
 """The vehicle of `flights_for_tests`."""
-FORMATS = {
-    "ulog": lambda folder, log, weight, _: write_ulog(folder / "a.ulg", log, weight),
-    "ardupilot": lambda folder, log, weight, _: write_dataflash(folder / "a.bin", log, weight),
-    "ros1": lambda folder, log, weight, _: write_bag(folder / "a.bag", log, 2.0 * weight, "ros1"),
-    "ros2": lambda folder, log, weight, _: write_bag(folder / "a", log, 2.0 * weight, "ros2"),
-    "mcap": lambda folder, log, weight, _: write_bag(folder / "a", log, 2.0 * weight, "mcap"),
-    "usd": lambda folder, log, _, most: write_usd(folder / "log00", log, most),
-    "usd version 1": lambda folder, log, _, most: write_usd(folder / "l", log, most, version=1),
-    "cflib": lambda folder, log, _, most: write_cflib(folder / "session", log, most),
-}
-"""What writes a log as each format has it: for a weight and a largest thrust [N]. A bag's thrust of
-1 is twice the weight: `log_writers.HOVER` is a half."""
+FORMATS = ("ulog", "ardupilot", "ros1", "ros2", "mcap", "usd", "usd version 1", "cflib")
+"""What `write_log` writes."""
+
+
+def write_log(kind, folder, log, weight, most, rates=RATES):
+    """A log in a format, for a weight and a largest thrust [N]; a uSD card has every row.
+
+    A bag's thrust of 1 is twice the weight: `log_writers.HOVER` is a half.
+    """
+    match kind:
+        case "ulog":
+            return write_ulog(folder / "a.ulg", log, weight, rates)
+        case "ardupilot":
+            return write_dataflash(folder / "a.bin", log, weight, rates)
+        case "usd" | "usd version 1":
+            return write_usd(folder / "log00", log, most, version=1 if kind[-1] == "1" else 2)
+        case "cflib":
+            return write_cflib(folder / "session", log, most, rates)
+    return write_bag(folder / ("a.bag" if kind == "ros1" else "a"), log, 2.0 * weight, kind, rates)
 
 
 def circle(seconds=3.0, freq=250.0):

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from import_logs_for_tests import FORMATS, VEHICLE, WEIGHT, circle
+from import_logs_for_tests import VEHICLE, WEIGHT, circle, write_log
 from log_tables import examples
 from log_writers import variables, write_cflib, write_usd
 
@@ -31,7 +31,7 @@ def _others_are_no_garbage():
 
 def written(kind, folder, log):
     """A good file of a format; skips where its package is missing."""
-    file = FORMATS[kind](folder, log, WEIGHT, 0.48)
+    file = write_log(kind, folder, log, WEIGHT, 0.48)
     return next(file.glob(INSIDE[kind])) if kind in INSIDE else file
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace as Namespace
 import numpy as np
 import pytest
 from flights_for_tests import fly
-from import_logs_for_tests import FLOWN, FORMATS
+from import_logs_for_tests import FLOWN, FORMATS, write_log
 from log_writers import RATES, write_bag
 from scipy.spatial.transform import Rotation
 
@@ -47,7 +47,7 @@ def written(log, tmp_path_factory):
 
     @functools.cache
     def write(kind):
-        return FORMATS[kind](tmp_path_factory.mktemp("log"), log, HOVER_THRUST, SPEC.thrust_max)
+        return write_log(kind, tmp_path_factory.mktemp("log"), log, HOVER_THRUST, SPEC.thrust_max)
 
     return write
 
@@ -85,7 +85,7 @@ def test_rows_without_an_attitude_are_dropped_and_counted(log, tmp_path, kind):
     quat, cmd = log.quat.copy(), log.cmd.copy()
     quat[[0, 300]], cmd[0, :3] = 0.0, np.nan
     changed = dataclasses.replace(log, quat=quat, cmd=cmd)
-    source = FORMATS[kind](tmp_path, changed, HOVER_THRUST, SPEC.thrust_max)
+    source = write_log(kind, tmp_path, changed, HOVER_THRUST, SPEC.thrust_max)
     (drone,), found = imported(source, tmp_path / "out")
     (rows,) = found.flights[0].drones.values()
     dropped = {taken.field: taken.dropped for taken in rows.taken}
@@ -108,7 +108,7 @@ def test_the_thrust_is_what_the_logged_hover_share_says(written, tmp_path, kind)
 )
 def test_a_battery_of_several_cells_is_imported(log, tmp_path, kind, volts, n_cells):
     flown = dataclasses.replace(log, battery=volts - 0.1 * log.t)
-    source = FORMATS[kind](tmp_path, flown, HOVER_THRUST, SPEC.thrust_max)
+    source = write_log(kind, tmp_path, flown, HOVER_THRUST, SPEC.thrust_max)
     (drone,), found = imported(source, tmp_path / "out")
     at = np.searchsorted(log.t, drone.t - 1e-6)
     np.testing.assert_allclose(drone.battery, flown.battery[at] / n_cells, rtol=1e-5)
@@ -118,7 +118,7 @@ def test_a_battery_of_several_cells_is_imported(log, tmp_path, kind, volts, n_ce
 @pytest.mark.parametrize("kind", ["ulog", "ardupilot"])
 def test_a_voltage_that_was_not_measured_is_left_out(log, tmp_path, kind):
     flown = dataclasses.replace(log, battery=np.zeros(len(log.t)))
-    source = FORMATS[kind](tmp_path, flown, HOVER_THRUST, SPEC.thrust_max)
+    source = write_log(kind, tmp_path, flown, HOVER_THRUST, SPEC.thrust_max)
     (drone,), found = imported(source, tmp_path / "out")
     assert drone.battery is None
     assert "is left out, because 0 of its" in import_report(found)

@@ -89,7 +89,10 @@ def test_the_readme_chooses_as_the_tables_do():
     for size, *cells in shown:
         for budget, cell in zip((0, 0.5, 5000), cells, strict=True):
             found = choose(tables, int(size), budget)
-            assert cell.startswith(f"{name_of(found.best)} {number(found.score, 3)}"), (size, budget)
+            assert cell.startswith(f"{name_of(found.best)} {number(found.score, 3)}"), (
+                size,
+                budget,
+            )
             assert "not shown" not in cell or any(tie.near for tie in found.tied)
             needed = re.search(r"needs ([\d,]+)", cell)
             assert not needed or needed[1].replace(",", "") == significant(found.minutes)
