@@ -1,22 +1,19 @@
 """A sweep from beginning to end: execute what is missing, then tables and documents."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from bench.execution.environment import seeds_together
 from bench.execution.execute import execute
 from bench.execution.executor import AbstractExecutor, Name, usual_jobs
 from bench.execution.progress import SweepProgress
 from bench.plan.expansion import Plan
+from bench.plan.planned_run import Run
 from bench.plan.provenance import moved, provenance
-from bench.report.leaderboard import MAIN, filled, leaderboard_rows, split, write_leaderboard
-from bench.report.page import write_report
-from bench.stats.against import beside
+from bench.report.terminal import rebuild_leaderboard, rebuild_report
+from bench.stats.against import Beside, beside
 from bench.store.kept import KeptRuns
 from bench.store.resume import Standing, make_standing, reproduces, stale_lines
 from bench.store.reuse import reusable
@@ -25,21 +22,10 @@ from bench.store.tables import Tables
 from bench.text.errors import UsageError
 from bench.text.say import say
 
-WIDE = 150
-"""Width of a terminal that has room for all columns that a page shows first [characters]."""
 INTERRUPTED = 130
 """Exit status after Ctrl-C."""
 MOST_TRACEBACKS = 3
 """Tracebacks of failed runs whose paths are printed."""
-NARROW = {
-    "rank": "rank",
-    "method": "method",
-    "settled reward (n)": "settled reward (n)",
-    "crashes per episode": "crashes",
-    "HF fleet-minutes": "HF min",
-    "runs": "runs",
-}
-"""Columns that a narrower terminal shows, with the headings there."""
 
 
 def sweep(
@@ -85,61 +71,36 @@ def sweep(
         store.tidy()
         sound = store.sound(warn)
         recorded = recorded_tables(tables_dir).merged(reusable(plan, reuse))
-        kept_runs = KeptRuns([tables_dir, *reuse], recorded, warn)
-        standing = make_standing(
-            plan,
-            sound,
-            recorded,
-            retry_failed,
-            replace,
-            lambda run: kept_runs.outcome(run) is not None,
-        )
+        kept = KeptRuns([tables_dir, *reuse], recorded, warn)
+        has_kept = lambda run: kept.outcome(run) is not None  # noqa: E731
+        standing = make_standing(plan, sound, recorded, retry_failed, replace, has_kept)
+        if standing.outdated and not replace:
+            raise UsageError(_refusal(standing, tables_dir))
         if standing.outdated:
-            if not replace:
-                raise UsageError(_refusal(standing, tables_dir))
             say(console, f"Rows of {tables_dir} that will be replaced: {len(standing.outdated)}.")
-            for name in {*standing.outdated} & {run.name for run in standing.missing} & {*sound}:
-                store.quarantine(name, "replaced: another program or machine made it")
-                del sound[name]
-        for text in (
-            *stale_lines(standing.done, recorded, sound),
-            *(f"Left out: {x}" for x in plan.broken),
-        ):
+            _make_way(standing, store, sound)
+        stale = stale_lines(standing.done, recorded, sound)
+        for text in (*stale, *(f"Left out: {x}" for x in plan.broken)):
             warn(text)
-        for run in standing.restored:
-            if (outcome := kept_runs.outcome(run)) is not None:
-                store.commit(run, outcome)
+        _restore(standing, store, kept)
         missing = [run for run in plan.runs if run in standing.missing or run in standing.again]
-        again = {run.name: recorded.metrics(run.name) for run in standing.again}
         logs = store.runs / ".logs"
         chosen = executor if missing else "local"  # which starts nothing before it is needed
         with make_executor(chosen, jobs, max(1, len(missing)), logs) as workers:
             say(console, _announcement(standing, workers.slots))
-            display = SweepProgress(missing, console)
             try:
-                with display:
-                    ready = [run.name for run in standing.done if run.name not in again]
-                    status = execute(
-                        missing,
-                        store,
-                        workers,
-                        display,
-                        ready,
-                        [run.name for run in standing.failed],
-                        check=lambda run: (
-                            reproduces(store.metrics(run.name), again[run.name])
-                            if run.name in again
-                            else ""
-                        ),
-                        together=together or seeds_together(),
-                        fail_fast=fail_fast,
-                    )
-            except KeyboardInterrupt:
-                # By what is there: of runs done at once, some may have ended.
-                kept = len(standing.done) + sum(
-                    store.status(run.name) not in ("", "failed") for run in standing.missing
+                status = _train(
+                    missing,
+                    standing,
+                    store,
+                    workers,
+                    SweepProgress(missing, console),
+                    recorded,
+                    together=together or seeds_together(),
+                    fail_fast=fail_fast,
                 )
-                say(errors, _interruption(kept, len(plan.runs)))
+            except KeyboardInterrupt:
+                say(errors, _interruption(standing, store, len(plan.runs)))
                 return INTERRUPTED
         sound |= store.sound(warn, [run.name for run in missing])
         found = store.tables(sound, {run.name for run in plan.runs})
@@ -149,28 +110,91 @@ def sweep(
         tables.save(tables_dir)
     if text := moved():
         warn(text)
-    remarks: tuple[str, ...] = ()
-    shown = tables
-    if others is not None:
-        joined = beside(tables, others, str(against))
-        shown, remarks = joined.tables, joined.remarks
-    rebuild_report(shown, documents_dir, console)
-    rebuild_leaderboard(shown, documents_dir, console)
-    for text in remarks:
-        say(console, text)
-    say(console, f"Tables: {tables_dir}")
+    shown = tables if others is None else beside(tables, others, str(against))
+    _document(shown, tables_dir, documents_dir, console)
     failed = [*standing.failed, *(run for run in missing if status.get(run.name) == "failed")]
     if failed:
         # Rows that stay may know nothing of it.
         causes = recorded.column("cause") | found.column("cause")
-        first = next((run for run in failed if causes.get(run.name)), failed[0])
-        said = f"{first.label}: {causes.get(first.name, '')}"
-        say(errors, f"{len(failed)} of {len(plan.runs)} runs failed; the first: {said}")
-        for path in [p for run in failed if (p := store.traceback(run.name))][:MOST_TRACEBACKS]:
-            say(errors, f"Traceback: {path}")
+        _say_failures(failed, causes, len(plan.runs), store, errors)
     if left := len(missing) - len(status):
         say(errors, f"Stopped at the first failure: {left} runs are still to do.")
     return 1 if failed or plan.broken else 0
+
+
+def _make_way(standing: Standing, store: Store, sound: dict[str, dict]) -> None:
+    """Puts folders of outdated runs, which are to be replaced, in quarantine."""
+    for name in {*standing.outdated} & {run.name for run in standing.missing} & {*sound}:
+        store.quarantine(name, "replaced: another program or machine made it")
+        del sound[name]
+
+
+def _restore(standing: Standing, store: Store, kept: KeptRuns) -> None:
+    """Commits parents that can be had from their kept policies."""
+    for run in standing.restored:
+        if (outcome := kept.outcome(run)) is not None:
+            store.commit(run, outcome)
+
+
+def _train(
+    missing: Sequence[Run],
+    standing: Standing,
+    store: Store,
+    workers: AbstractExecutor,
+    display: SweepProgress,
+    recorded: Tables,
+    *,
+    together: int,
+    fail_fast: bool,
+) -> dict[str, str]:
+    """Status of each run that ended; parents that are trained again must reproduce their rows."""
+    again = {run.name: recorded.metrics(run.name) for run in standing.again}
+
+    def check(run: Run) -> str:
+        if run.name not in again:
+            return ""
+        return reproduces(store.metrics(run.name), again[run.name])
+
+    ready = [run.name for run in standing.done if run.name not in again]
+    failed = [run.name for run in standing.failed]
+    with display:
+        return execute(
+            missing,
+            store,
+            workers,
+            display,
+            ready,
+            failed,
+            check=check,
+            together=together,
+            fail_fast=fail_fast,
+        )
+
+
+def _document(
+    tables: Tables | Beside, tables_dir: Path, documents_dir: Path, console: Console
+) -> None:
+    """Writes and shows the documents; with what stands beside these tables, its remarks, too."""
+    shown, remarks = (tables, ()) if isinstance(tables, Tables) else (tables.tables, tables.remarks)
+    rebuild_report(shown, documents_dir, console)
+    rebuild_leaderboard(shown, documents_dir, console)
+    for text in (*remarks, f"Tables: {tables_dir}"):
+        say(console, text)
+
+
+def _say_failures(
+    failed: Sequence[Run],
+    causes: Mapping[str, str],
+    planned: int,
+    store: Store,
+    errors: Console,
+) -> None:
+    """Says how many runs failed, why the first one did, and where tracebacks are."""
+    first = next((run for run in failed if causes.get(run.name)), failed[0])
+    said = f"{first.label}: {causes.get(first.name, '')}"
+    say(errors, f"{len(failed)} of {planned} runs failed; the first: {said}")
+    for path in [p for run in failed if (p := store.traceback(run.name))][:MOST_TRACEBACKS]:
+        say(errors, f"Traceback: {path}")
 
 
 def recorded_tables(tables_dir: Path) -> Tables:
@@ -196,57 +220,6 @@ def _refusal(standing: Standing, tables_dir: Path) -> str:
     )
 
 
-def rebuild_leaderboard(tables: Tables, directory: Path, console: Console) -> None:
-    """Writes leaderboard.md into a folder and shows the leaderboard on `console`."""
-    directory.mkdir(parents=True, exist_ok=True)
-    path = directory / "leaderboard.md"
-    write_leaderboard(tables, path)
-    show(tables, console)
-    say(console, f"Leaderboard: {path}")
-
-
-def rebuild_report(tables: Tables, directory: Path, console: Console) -> None:
-    """Writes report.html into a folder."""
-    directory.mkdir(parents=True, exist_ok=True)
-    path = directory / "report.html"
-    write_report(tables, path, directory.absolute().name)
-    say(console, f"Report: {path}")
-
-
-def show(tables: Tables, console: Console) -> None:
-    """Prints the leaderboard, a table a cell; on a narrow terminal without some columns."""
-    for columns, rows in split(leaderboard_rows(tables)):
-        heads = {h: h for h in (*MAIN, "runs")} if console.width >= WIDE else NARROW
-        shown = [c for c in filled(columns, rows) if c.heading in heads]
-        for cell in dict.fromkeys(row["cell"] for row in rows):
-            table = Table(
-                title=Text(cell.label, "bold"),
-                title_justify="left",
-                box=SIMPLE_HEAD,
-                padding=(0, 1, 0, 0),
-                show_edge=False,
-            )
-            for column in shown:
-                words = [*heads[column.heading].split()]
-                whole = column.heading == "settled reward (n)"
-                if column.heading == "method":
-                    words += [row["entry"].method for row in rows]
-                    # Names that cannot be folded anyway must not be the column that is narrowed.
-                    whole = max(len(column.text(row)) for row in rows) <= max(map(len, words))
-                table.add_column(
-                    heads[column.heading],
-                    overflow="fold",
-                    justify="left" if column.left else "right",
-                    no_wrap=whole,
-                    min_width=max(map(len, words)) + (column.heading == "method"),
-                )
-            for row in rows:
-                if row["cell"] == cell:
-                    style = "bold" if row["best"] else ""
-                    table.add_row(*(Text(column.text(row), style) for column in shown))
-            console.print(table)
-
-
 def _announcement(standing: Standing, slots: int) -> str:
     n_done, n_failed, n_missing = map(len, (standing.done, standing.failed, standing.missing))
     n_again, n_restored = len(standing.again), len(standing.restored)
@@ -261,10 +234,12 @@ def _announcement(standing: Standing, slots: int) -> str:
     return text
 
 
-def _interruption(kept: int, planned: int) -> str:
+def _interruption(standing: Standing, store: Store, planned: int) -> str:
+    # By what is there: of runs done at once, some may have ended.
+    ended = [r for r in standing.missing if store.status(r.name) not in ("", "failed")]
     return (
-        f"Interrupted: {kept} of {planned} runs are finished and kept. Give the same command again "
-        "to resume."
+        f"Interrupted: {len(standing.done) + len(ended)} of {planned} runs are finished and kept. "
+        "Give the same command again to resume."
     )
 
 

@@ -18,7 +18,7 @@ def leaderboard(directory: Path, /, *, out: Path | None = None) -> int:
     check_tables(directory)
     from rich.console import Console
 
-    from bench.execution.sweep import rebuild_leaderboard
+    from bench.report.terminal import rebuild_leaderboard
     from bench.store.tables import Tables
     from bench.text.pages import documents_of
 
