@@ -1,12 +1,12 @@
 """How far the gap shrinks: drift over half a second on flights that the fit never saw.
 
 With ten flights or more, a third of them is kept out of everything. With fewer, every flight is
-scored under parameters fitted to the others (leave one flight out, by one step from the fit to all;
-which effects were chosen, and which windows count nowhere, all flights have said). The drift is
-measured from the smoothed measured state, noise not subtracted. Flights weigh as they have windows,
-in the percentage and in its interval, which is a t-interval of the log ratio by the jackknife over
-flights (in a mean of the flights' own log ratios, one of a second would weigh like one of a
-minute):
+scored under parameters fitted to the others: leave one flight out, by one step from the fit to all,
+or the part of it with which the others fit no worse. Which effects were chosen, and which windows
+count nowhere, all flights have said. The drift is measured from the smoothed measured state, noise
+not subtracted. Flights weigh as they have windows, in the percentage and in its interval, which is
+a t-interval of the log ratio by the jackknife over flights (in a mean of the flights' own log
+ratios, one of a second would weigh like one of a minute):
 
     r = ln(RMS after / RMS before),     r_f the same without flight f,     n flights
     r +- t(0.975, n - 1) sqrt((n - 1) / n sum_f (r_f - mean r_f)^2)
@@ -21,6 +21,7 @@ from jaxtyping import Float, Int
 from scipy import stats
 
 from diagnosis.decision import Decision
+from diagnosis.fit.descent import PARTS
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit
 from diagnosis.fit.gap import channels, drifts, rms
@@ -55,15 +56,43 @@ def left_out(evidence: Evidence, fit: Fit, flight: int) -> Float[np.ndarray, " p
 
     What the flights share with a reference is estimated from those that are left, too.
     """
-    kept = fit.normal.flight != flight
+    return _step_without(evidence, evidence.as_flown(fit), flight)[0]
+
+
+def flown_without(evidence: Evidence, fit: Fit, flight: int) -> Float[np.ndarray, " params"]:
+    """`left_out`, but only as far as the other flights fit no worse there than at the fit.
+
+    Far from its flights a simulator is not linear, and the step to the others' best may lead to
+    where they fly worse.
+    """
+    start = evidence.as_flown(fit)
+    vector, shared = _step_without(evidence, start, flight)
+    for part in PARTS:
+        there = start.vector + part * (vector - start.vector)
+        own = start.shared + part * (shared - start.shared)
+        tried = evidence.as_flown(evidence.made(fit.effects, there, own, whole=False))
+        if _objective_without(tried, flight) <= _objective_without(start, flight):
+            return there
+    return start.vector
+
+
+def _step_without(
+    evidence: Evidence, flown: Fit, flight: int
+) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
+    """Vector and shared shift one step from a fit, as the other flights ask."""
+    others = flown.normal.of(flown.normal.flight != flight)
     if evidence.precision is not None:
-        flown = evidence.as_flown(fit)
-        return evidence.joint_step(flown, others=flown.normal.of(kept))[0]
-    free = evidence.free(fit.effects)
-    step, _ = evidence.solve(fit.normal.of(kept), fit, free)
-    vector = fit.total.copy()
+        return evidence.joint_step(flown, others=others)[:2]
+    free = evidence.free(flown.effects)
+    step, _ = evidence.solve(others, flown, free)
+    vector = flown.total.copy()
     vector[free] = np.clip(vector[free] + step, evidence.low[free], evidence.high[free])
-    return vector
+    return vector, flown.shared
+
+
+def _objective_without(fit: Fit, flight: int) -> float:
+    """Chi-square of the other flights, and of the shift."""
+    return fit.normal.of(fit.normal.flight != flight).chi2 + fit.penalty
 
 
 def score(evidence: Evidence, fit: Fit, scored: Likelihood, n_flights: int, lofo: bool) -> Drift:
@@ -71,7 +100,7 @@ def score(evidence: Evidence, fit: Fit, scored: Likelihood, n_flights: int, lofo
     before = scored.tracks(evidence.base)
     if not lofo:
         return Drift(before, scored.tracks(fit.total))
-    vectors = np.stack([left_out(evidence, fit, flight) for flight in range(n_flights)])
+    vectors = np.stack([flown_without(evidence, fit, flight) for flight in range(n_flights)])
     return Drift(before, scored.tracks(vectors))
 
 

@@ -17,7 +17,7 @@ from diagnosis.engine import diagnose
 from diagnosis.fit import shrinkage
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.search import Fits, polish, refit, without
-from diagnosis.fit.shrinkage import Drift, left_out, shrink, unknown_shrink
+from diagnosis.fit.shrinkage import Drift, flown_without, left_out, shrink, unknown_shrink
 from simulators.effects.drag import Drag
 from simulators.effects.wind import Wind
 
@@ -204,3 +204,20 @@ def test_it_is_told_where_the_simulator_does_not_follow(exclude):
     assert wind.parameter("x").use == "descriptive"
     assert wind.probability <= Decision().doubted_share
     assert found.probability is None
+
+
+@pytest.mark.parametrize("curvature", [1.0, 1e-4])
+def test_a_flight_is_not_left_out_by_a_step_with_which_the_others_fly_worse(replay, curvature):
+    """Slopes that promise far too much, as where a simulator is not linear."""
+    fits, fit = fitted(replay, point_mass_set(Wind(x=0.3), n_flights=3).flights, {"wind"})
+    normal = dataclasses.replace(fit.normal, H=fit.normal.H * curvature)
+    fit = dataclasses.replace(fit, normal=normal)
+
+    def misfit(vector):
+        found = fits.evidence.likelihood.normal(vector)
+        return found.c[found.flight != 1].sum()
+
+    whole, found = (one(fits.evidence, fit, 1) for one in (left_out, flown_without))
+    assert (misfit(whole) > 2.0 * misfit(fit.total)) == (curvature < 1.0)
+    assert misfit(found) <= misfit(fit.total)
+    assert np.array_equal(whole, found) == (curvature == 1.0)
