@@ -9,6 +9,7 @@ from flights_for_tests import COMMON, all_but, point_mass_set
 
 from diagnosis.engine import diagnose
 from simulators import registry
+from simulators.effects.drag import Drag
 
 FAULTS = {
     "trim": {"roll": 0.03, "pitch": -0.02},
@@ -40,23 +41,32 @@ def remaining(name, true, found):
 
 
 @pytest.mark.parametrize(
+    "beside", [False, pytest.param(True, marks=pytest.mark.exhaustive)], ids=["alone", "beside"]
+)
+@pytest.mark.parametrize(
     ("name", "exclude"),
     [
         pytest.param("trim", all_but(*COMMON), id="trim-few candidates"),
         *(pytest.param(name, (), id=name, marks=pytest.mark.exhaustive) for name in FAULTS),
     ],
 )
-def test_after_the_remedy_the_drift_is_as_said_and_the_next_diagnosis_finds_nothing(name, exclude):
+def test_after_the_remedy_the_drift_is_as_said_and_the_next_diagnosis_finds_nothing(
+    name, exclude, beside
+):
+    """Beside a reference, drag that the simulator lacks acts before and after the change."""
+    own, asked = (), {"simulator": "point_mass", "exclude": exclude, "reference": None}
+    if beside:
+        own = (Drag(c=0.3),)
+        asked["reference"] = point_mass_set(*own, n_flights=8, seed=5)
     fault = registry.load("effect", name)(**FAULTS[name])
-    asked = {"simulator": "point_mass", "exclude": exclude}
-    found = diagnose(point_mass_set(fault), **asked)
+    found = diagnose(point_mass_set(fault, *own, n_flights=8 if beside else 4), **asked)
     assert found.verdict == "effect"
     blamed = {effect.name: effect for effect in found.blamed}
     assert set(blamed) == {name}
 
     sizes = {parameter.name: parameter.value for parameter in blamed[name].parameters}
     left = remaining(name, FAULTS[name], sizes)
-    healed = diagnose(point_mass_set(left, seed=2), **asked)
+    healed = diagnose(point_mass_set(left, *own, seed=2), **asked)
     assert healed.verdict == "none"
     assert drift(found) == pytest.approx(found.shrink.before, rel=0.3)
     assert drift(healed) == pytest.approx(found.shrink.after, rel=0.3)
