@@ -61,7 +61,7 @@ def show_plan(
     found = states(plan.runs, store, recorded)
     failed = set() if retry_failed else _failed(found)
     kept = KeptRuns([tables_dir, *reuse], recorded, lambda text: say(console, f"Warning: {text}"))
-    found = with_lost_parents(found, failed, store, lambda run: kept.outcome(run) is not None)
+    found = with_lost_parents(found, failed, store, kept.outcome)
     missing = [state for state in found if state.reason and state.run.name not in failed]
     past = {p.run: p for p in [*past_rows(tables_dir, console), *past_of_states(found)]}
     guesses = {s.run.name: guess(s.run, past.values()) for s in missing}

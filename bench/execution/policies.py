@@ -23,7 +23,7 @@ from bench.plan.suite import built_in, load_suite
 from bench.stats.statistics import cell_of, entry_of, estimate, records
 from bench.store.kept import RESIDUAL, KeptRun, load_kept, path_of, save_kept
 from bench.store.record import UnreadableRunError, policy_of
-from bench.store.resume import reproduces
+from bench.store.resume import reproduces, resumed_names
 from bench.store.store import Store
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
@@ -78,9 +78,8 @@ def runs_to_resume() -> set[str]:
     found = set()
     for suite in map(load_suite, built_in()):
         rows = tuple(row for row in suite.methods if _resumes(row.method))
-        for run in expand(dataclasses.replace(suite, methods=rows)).runs if rows else ():
-            resumed = () if run.deploys else registry.load("method", run.method).resumes_from
-            found |= {run.parents[name] for name in resumed}
+        if rows:
+            found |= resumed_names(expand(dataclasses.replace(suite, methods=rows)).runs)
     return found
 
 

@@ -72,13 +72,12 @@ def sweep(
         sound = store.sound(warn)
         recorded = recorded_tables(tables_dir).merged(reusable(plan, reuse))
         kept = KeptRuns([tables_dir, *reuse], recorded, warn)
-        has_kept = lambda run: kept.outcome(run) is not None  # noqa: E731
-        standing = make_standing(plan, sound, recorded, retry_failed, replace, has_kept)
+        standing = make_standing(plan, sound, recorded, retry_failed, replace, kept.outcome)
         if standing.outdated and not replace:
             raise UsageError(_refusal(standing, tables_dir))
         if standing.outdated:
             say(console, f"Rows of {tables_dir} that will be replaced: {len(standing.outdated)}.")
-            _make_way(standing, store, sound)
+        _make_way(standing, store, sound)
         stale = stale_lines(standing.done, recorded, sound)
         for text in (*stale, *(f"Left out: {x}" for x in plan.broken)):
             warn(text)
@@ -123,9 +122,15 @@ def sweep(
 
 
 def _make_way(standing: Standing, store: Store, sound: dict[str, dict]) -> None:
-    """Puts folders of outdated runs, which are to be replaced, in quarantine."""
-    for name in {*standing.outdated} & {run.name for run in standing.missing} & {*sound}:
-        store.quarantine(name, "replaced: another program or machine made it")
+    """Puts folders in quarantine whose runs are done again."""
+    outdated = {*standing.outdated} & {run.name for run in standing.missing}
+    reasons = dict.fromkeys(outdated, "replaced: another program or machine made it")
+    for run in (*standing.again, *standing.restored):
+        reasons[run.name] = "replaced: it has no residual, from which another run starts"
+    for name in reasons.keys() & {
+        n for n, content in sound.items() if content["status"] != "failed"
+    }:
+        store.quarantine(name, reasons[name])
         del sound[name]
 
 

@@ -9,7 +9,6 @@ Only runs whose row is in the tables are kept. Files from before runs could be r
 policies alone.
 """
 
-import contextlib
 import dataclasses
 import io
 import json
@@ -133,11 +132,13 @@ class KeptRuns:
         self._folders = [Path(folder) for folder in folders]
         self._recorded = recorded
         self._warn = warn
-        self._needed: frozenset[str] | None = None
         self._found: dict[str, Outcome | None] = {}
 
     def outcome(self, run: Run) -> Outcome | None:
-        """What a finished run left, from its row and its kept policy; None if it is not there."""
+        """What a finished run left, from its row and its kept policy; None if it is not there.
+
+        Its residual is missing where the file does not hold it.
+        """
         if run.name not in self._found:
             try:
                 self._found[run.name] = self._outcome(run)
@@ -158,19 +159,7 @@ class KeptRuns:
             return None
         if own.committed not in ("", row["committed"]):
             return None  # the row was replaced since
-        if not own.residual and run.method in self._resumed():
-            return None  # the file is older than kept residuals
         return _outcome(run, own, row, self._recorded, path)
-
-    def _resumed(self) -> frozenset[str]:
-        """Methods whose residual some method needs of its parent."""
-        if self._needed is None:
-            found: set[str] = set()
-            for name in registry.names("method"):
-                with contextlib.suppress(registry.BrokenPluginError):  # no run of it is planned
-                    found |= {*registry.load("method", name).resumes_from}
-            self._needed = frozenset(found)
-        return self._needed
 
 
 def _outcome(

@@ -6,11 +6,14 @@ from typing import Any, NamedTuple
 
 from bench.plan.planned_run import Run
 from bench.plan.settings import flatten
+from bench.store.record import Outcome
 from bench.store.resume import (
     failed_row,
     finished_rows,
     lost_parents,
     outdated_rows,
+    resumed_names,
+    unfit,
 )
 from bench.store.store import Store, UnreadableRunError
 from bench.store.tables import IDENTITY, Tables
@@ -61,7 +64,10 @@ def states(runs: list[Run], store: Store, recorded: Tables) -> list[State]:
 
 
 def with_lost_parents(
-    found: list[State], failed: Collection[str], store: Store, kept: Callable[[Run], bool]
+    found: list[State],
+    failed: Collection[str],
+    store: Store,
+    kept: Callable[[Run], Outcome | None],
 ) -> list[State]:
     """`found`, where finished runs that are trained again for a child's sake are missing, too.
 
@@ -69,15 +75,16 @@ def with_lost_parents(
         found: States of all runs of a plan.
         failed: Names of missing runs that are not tried again.
         store: Where their folders are.
-        kept: Whether a run can be restored from its kept policy.
+        kept: What can be restored of a run from its kept policy.
     """
     finished = {state.run.name for state in found if not state.reason}
-    missing = (s.run for s in found if s.reason and s.run.name not in failed)
+    missing = [s.run for s in found if s.reason and s.run.name not in failed]
+    resumed = resumed_names(missing)
 
     def lost(run: Run) -> bool:
-        return run.name in finished and store.status(run.name) in ("", "failed")
+        return run.name in finished and unfit(run.name, store.content(run.name), resumed)
 
-    again, _ = lost_parents(missing, {s.run.name: s.run for s in found}, lost, kept)
+    again, _ = lost_parents(missing, {s.run.name: s.run for s in found}, lost, kept, resumed)
     reason = "trained again, because others start from their lost policies"
     return [state._replace(reason=reason) if state.run in again else state for state in found]
 

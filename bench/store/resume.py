@@ -2,14 +2,16 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from bench.plan.expansion import Plan
 from bench.plan.planned_run import Run
 from bench.plan.provenance import provenance
+from bench.store.record import Outcome
 from bench.store.tables import INTERRUPTED, Tables
 from bench.text.words import count, join
+from simulators import registry
 
 REPRODUCED = 1e-5
 """Relative difference up to which a number counts as the same: what is left of 32-bit rounding in
@@ -43,7 +45,7 @@ def make_standing(
     recorded: Tables,
     retry_failed: bool = False,
     replace: bool = False,
-    kept: Callable[[Run], bool] = lambda run: False,
+    kept: Callable[[Run], Outcome | None] = lambda run: None,
 ) -> Standing:
     """How far a plan is. Tables are the record, folders of runs a cache.
 
@@ -56,7 +58,7 @@ def make_standing(
         recorded: The tables that are there.
         retry_failed: Whether failed runs are tried again.
         replace: Whether runs whose row is of another program or machine are done again.
-        kept: Whether a run can be restored from its kept policy.
+        kept: What can be restored of a run from its kept policy.
     """
     standing = Standing([], [], [], [], [], outdated_rows(plan.runs, recorded))
     by_name = {run.name: run for run in plan.runs}
@@ -80,29 +82,54 @@ def make_standing(
         else:
             standing.failed.append(run)
     done = {run.name for run in standing.done}
+    resumed = resumed_names(standing.missing)
 
     def lost(run: Run) -> bool:
         # The row may be of an earlier attempt than the folder, which then holds a failure.
-        folder = sound.get(run.name)
-        return run.name in done and (folder is None or folder["status"] == "failed")
+        return run.name in done and unfit(run.name, sound.get(run.name), resumed)
 
-    again, restored = lost_parents(standing.missing, by_name, lost, kept)
+    again, restored = lost_parents(standing.missing, by_name, lost, kept, resumed)
     return dataclasses.replace(standing, again=again, restored=restored)
+
+
+def resumed_names(runs: Iterable[Run]) -> frozenset[str]:
+    """Names of the runs from whose residual some of `runs` starts; one that deploys needs none."""
+    found: set[str] = set()
+    for run in runs:
+        if not run.deploys:
+            wanted = registry.load("method", run.method).resumes_from
+            found |= {run.parents[name] for name in wanted}
+    return frozenset(found)
+
+
+def unfit(name: str, content: Mapping[str, Any] | None, resumed: Collection[str]) -> bool:
+    """Whether the folder of a run is not there, or no child could start from what it holds.
+
+    Args:
+        name: The run.
+        content: Content of its run.json; None without a folder.
+        resumed: Names of the runs whose residual is wanted.
+    """
+    if content is None or content["status"] == "failed":
+        return True
+    return name in resumed and "residual.npz" not in content["files"]
 
 
 def lost_parents(
     missing: Iterable[Run],
     by_name: Mapping[str, Run],
     lost: Callable[[Run], bool],
-    kept: Callable[[Run], bool],
+    kept: Callable[[Run], Outcome | None],
+    resumed: Collection[str],
 ) -> tuple[list[Run], list[Run]]:
     """Parents of missing runs that are trained again, and those that are restored instead.
 
     Args:
         missing: Runs that are to do.
         by_name: All runs of the plan.
-        lost: Whether a run has a row, and no policy that a child could start from.
-        kept: Whether a run can be restored from its kept policy.
+        lost: Whether a run has a row, and nothing that a child could start from.
+        kept: What can be restored of a run from its kept policy.
+        resumed: Names of the runs whose residual is wanted, too.
     """
     again: list[Run] = []
     restored: list[Run] = []
@@ -111,7 +138,8 @@ def lost_parents(
         run = wanted.pop()
         if run in again or run in restored or not lost(run):
             continue
-        if kept(run):
+        left = (outcome := kept(run)) and outcome.trained
+        if left and (left.residual is not None or run.name not in resumed):
             restored.append(run)
         else:
             again.append(run)

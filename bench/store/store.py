@@ -173,10 +173,14 @@ class Store:
 
     def status(self, name: str) -> str:
         """How a run ended, empty if it is not there or damaged."""
+        return (self.content(name) or {"status": ""})["status"]
+
+    def content(self, name: str) -> dict | None:
+        """Content of a run's run.json; None if the run is not there or damaged."""
         try:
-            return self.read(name)["status"]
+            return self.read(name)
         except UnreadableRunError:
-            return ""
+            return None
 
     def traceback(self, name: str) -> Path | None:
         """Where the traceback of a failed run lies; None where there is none."""

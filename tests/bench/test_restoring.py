@@ -15,6 +15,7 @@ from bench.execution.worker import _parents
 from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
 from bench.store.kept import KeptRun, KeptRuns, load_kept, path_of, save_kept
+from bench.store.resume import make_standing
 from bench.store.store import Store
 from bench.store.tables import Tables
 from methods.residuals.contract import blank
@@ -185,16 +186,41 @@ def test_a_child_gets_the_residual_and_the_bill_of_its_restored_parent(hybrid):
     assert after["files"]["policy.npz"] == before["files"]["policy.npz"]
 
 
-def test_without_its_residual_a_hybrid_is_trained_again(hybrid):
+def test_a_residual_that_was_not_kept_is_kept_as_long_as_its_folder_is_there(hybrid):
     store, parent, _, _ = hybrid
     keep(store.directory, (), ())
     path = path_of(store.directory, "figure8", 3)
     whole = load_kept(path)[parent.name]
     save_kept(path, {parent.name: KeptRun(whole.policy, [], "")})  # as an older program did
-    assert restored(store, parent) is None
-    keep(store.directory, (), ())  # its folder is still there
+    assert restored(store, parent).trained.residual is None
+    keep(store.directory, (), ())
     assert len(load_kept(path)[parent.name].residual) == len(whole.residual) > 0
-    assert restored(store, parent) is not None
+    assert restored(store, parent).trained.residual is not None
+
+
+def test_only_who_starts_from_a_residual_needs_one(hybrid):
+    """A Hybrid without one is restored for a run that deploys it, else trained again."""
+    store, parent, _, _ = hybrid
+    keep(store.directory, (), ())
+    path = path_of(store.directory, "figure8", 3)
+    save_kept(path, {parent.name: KeptRun(load_kept(path)[parent.name].policy, [], "")})
+    forget(store.directory)
+    recorded = Tables.load(store.directory)
+    kept = KeptRuns([store.directory], recorded, print)
+    hybrid = Row("hybrid", residual="mlp", deployed_in="crazyflow+mass(e=0.2)")
+    deployed = expand(Suite("s", "", ("figure8",), (3,), 1, (hybrid,)))
+
+    def standing(plan):
+        store_again = Store(store.directory)
+        return make_standing(plan, store_again.sound(print), recorded, kept=kept.outcome)
+
+    before = standing(deployed)
+    assert [run.name for run in before.restored] == [parent.name]
+    assert before.again == []
+    store.commit(parent, restored(store, parent))
+    assert standing(deployed).restored == []  # it is in place now
+    resumed = standing(expand(Suite("s", "", ("figure8",), (3,), 1, (Row("hybrid_once"),))))
+    assert parent in resumed.again
 
 
 def test_built_in_suites_start_from_the_residuals_of_these_cells():
