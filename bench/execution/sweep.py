@@ -109,7 +109,7 @@ def sweep(
         tables.save(tables_dir)
     if text := moved():
         warn(text)
-    shown = tables if others is None else beside(tables, others, str(against))
+    shown = Beside(tables, ()) if others is None else beside(tables, others, str(against))
     _document(shown, tables_dir, documents_dir, console)
     failed = [*standing.failed, *(run for run in missing if status.get(run.name) == "failed")]
     if failed:
@@ -122,16 +122,14 @@ def sweep(
 
 
 def _make_way(standing: Standing, store: Store, sound: dict[str, dict]) -> None:
-    """Puts folders in quarantine whose runs are done again."""
-    outdated = {*standing.outdated} & {run.name for run in standing.missing}
-    reasons = dict.fromkeys(outdated, "replaced: another program or machine made it")
-    for run in (*standing.again, *standing.restored):
-        reasons[run.name] = "replaced: it has no residual, from which another run starts"
-    for name in reasons.keys() & {
-        n for n, content in sound.items() if content["status"] != "failed"
-    }:
-        store.quarantine(name, reasons[name])
+    """Puts the folders of finished runs that are done again in quarantine."""
+    for name in {*standing.outdated} & {run.name for run in standing.missing} & {*sound}:
+        store.quarantine(name, "replaced: another program or machine made it")
         del sound[name]
+    for run in (*standing.again, *standing.restored):
+        if run.name in sound and sound[run.name]["status"] != "failed":
+            store.quarantine(run.name, "replaced: a run starts from its residual, and it has none")
+            del sound[run.name]
 
 
 def _restore(standing: Standing, store: Store, kept: KeptRuns) -> None:
@@ -176,14 +174,11 @@ def _train(
         )
 
 
-def _document(
-    tables: Tables | Beside, tables_dir: Path, documents_dir: Path, console: Console
-) -> None:
-    """Writes and shows the documents; with what stands beside these tables, its remarks, too."""
-    shown, remarks = (tables, ()) if isinstance(tables, Tables) else (tables.tables, tables.remarks)
-    rebuild_report(shown, documents_dir, console)
-    rebuild_leaderboard(shown, documents_dir, console)
-    for text in (*remarks, f"Tables: {tables_dir}"):
+def _document(shown: Beside, tables_dir: Path, documents_dir: Path, console: Console) -> None:
+    """Writes and shows the documents."""
+    rebuild_report(shown.tables, documents_dir, console)
+    rebuild_leaderboard(shown.tables, documents_dir, console)
+    for text in (*shown.remarks, f"Tables: {tables_dir}"):
         say(console, text)
 
 

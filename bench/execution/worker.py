@@ -29,6 +29,7 @@ from bench.plan.provenance import provenance
 from bench.plan.realities import nominal_simulator, parse_reality
 from bench.plan.settings import build
 from bench.store.record import Outcome
+from bench.store.resume import resumed_methods
 from bench.store.store import Store
 from bench.store.structure import describe
 from bench.store.tables import SCHEMAS, STATUSES, UNITS, table
@@ -182,8 +183,7 @@ def _parents(
             build(registry.load("task", cell[0]), {}, cell[0], n_drones=cell[1]) if cell else task
         )
         template = make_policy(flown, nominal.spec, nominal.action_space, jax.random.key(0))
-        refitted = not run.deploys and name in method.resumes_from
-        found[name] = store.trained(parent, template, refitted)
+        found[name] = store.trained(parent, template, name in resumed_methods(run))
     return found
 
 

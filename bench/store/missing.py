@@ -108,9 +108,7 @@ def _failed(run: Run, content: Mapping[str, Any]) -> State:
 
 def _same(run: Run, store: Store, name: str) -> dict[str, Any] | None:
     """The run.json of the run called `name` if it is finished and has the identity of `run`."""
-    try:
-        content = store.read(name)
-    except UnreadableRunError:
+    if (content := store.content(name)) is None:
         return None
     same = all(content[column] == getattr(run, column) for column in IDENTITY)
     return content if same and content["status"] != "failed" else None

@@ -93,13 +93,13 @@ def make_standing(
 
 
 def resumed_names(runs: Iterable[Run]) -> frozenset[str]:
-    """Names of the runs from whose residual some of `runs` starts; one that deploys needs none."""
-    found: set[str] = set()
-    for run in runs:
-        if not run.deploys:
-            wanted = registry.load("method", run.method).resumes_from
-            found |= {run.parents[name] for name in wanted}
-    return frozenset(found)
+    """Names of the runs whose residual some run of `runs` starts from."""
+    return frozenset(run.parents[name] for run in runs for name in resumed_methods(run))
+
+
+def resumed_methods(run: Run) -> tuple[str, ...]:
+    """Methods of the parents whose residual a run starts from; a run that deploys needs none."""
+    return () if run.deploys else registry.load("method", run.method).resumes_from
 
 
 def unfit(name: str, content: Mapping[str, Any] | None, resumed: Collection[str]) -> bool:
@@ -127,7 +127,7 @@ def lost_parents(
     Args:
         missing: Runs that are to do.
         by_name: All runs of the plan.
-        lost: Whether a run has a row, and nothing that a child could start from.
+        lost: Whether a run is finished, but no child could start from what its folder holds.
         kept: What can be restored of a run from its kept policy.
         resumed: Names of the runs whose residual is wanted, too.
     """

@@ -67,11 +67,12 @@ def flown_without(evidence: Evidence, fit: Fit, flight: int) -> Float[np.ndarray
     """
     start = evidence.as_flown(fit)
     vector, shared = _step_without(evidence, start, flight)
+    most = _objective_without(start, flight)
     for part in PARTS:
         there = start.vector + part * (vector - start.vector)
         own = start.shared + part * (shared - start.shared)
         tried = evidence.as_flown(evidence.made(fit.effects, there, own, whole=False))
-        if _objective_without(tried, flight) <= _objective_without(start, flight):
+        if _objective_without(tried, flight) <= most:
             return there
     return start.vector
 

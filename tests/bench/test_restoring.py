@@ -11,6 +11,7 @@ from outcomes import make_template, outcome
 
 from bench.execution import policies
 from bench.execution.policies import keep
+from bench.execution.sweep import _make_way
 from bench.execution.worker import _parents
 from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
@@ -200,7 +201,7 @@ def test_a_residual_that_was_not_kept_is_kept_as_long_as_its_folder_is_there(hyb
 
 def test_only_who_starts_from_a_residual_needs_one(hybrid):
     """A Hybrid without one is restored for a run that deploys it, else trained again."""
-    store, parent, _, _ = hybrid
+    store, parent, _, residual = hybrid
     keep(store.directory, (), ())
     path = path_of(store.directory, "figure8", 3)
     save_kept(path, {parent.name: KeptRun(load_kept(path)[parent.name].policy, [], "")})
@@ -217,10 +218,18 @@ def test_only_who_starts_from_a_residual_needs_one(hybrid):
     before = standing(deployed)
     assert [run.name for run in before.restored] == [parent.name]
     assert before.again == []
-    store.commit(parent, restored(store, parent))
+    left = restored(store, parent)
+    store.commit(parent, left)
     assert standing(deployed).restored == []  # it is in place now
-    resumed = standing(expand(Suite("s", "", ("figure8",), (3,), 1, (Row("hybrid_once"),))))
+    once = expand(Suite("s", "", ("figure8",), (3,), 1, (Row("hybrid_once"),)))
+    resumed = standing(once)
     assert parent in resumed.again
+    sound = store.sound(print)
+    _make_way(resumed, store, sound)
+    assert parent.name not in sound
+    whole = dataclasses.replace(left, trained=dataclasses.replace(left.trained, residual=residual))
+    assert store.commit(parent, whole)
+    assert parent not in standing(once).again
 
 
 def test_built_in_suites_start_from_the_residuals_of_these_cells():
