@@ -31,6 +31,13 @@ TUNED = (
     "does not name, the method had its defaults:"
 )
 """What is said of settings that are better than all defaults."""
+SETTINGS = (
+    "Some methods score higher with other settings than their defaults than every default that "
+    "spends as much flight or less"
+)
+"""What is said of such settings where they are not listed."""
+BETTER = "Settings that score higher than all defaults"
+"""Heading of their list."""
 CHOSEN = "Which method to choose, and how far below it the others may be"
 """Heading of the table with all numbers."""
 CHANGED = re.compile(rf"{BUDGET.pattern}|flown=\w+")
@@ -46,8 +53,14 @@ FLOWN = (
 """What the tables of rewards by flight show."""
 
 
-def whom(found: Sequence[Choice], tables: Tables) -> list[str]:
-    """Which method to choose at which budget: a line a team size, a column a budget."""
+def whom(found: Sequence[Choice], tables: Tables, cells: str = "") -> list[str]:
+    """Which method to choose at which budget: a line a team size, a column a budget.
+
+    Args:
+        found: What to choose.
+        tables: What the sweep found.
+        cells: Name of the page that has the details; empty: this one.
+    """
     if not found:
         return []
     means = f"Scores are means over {_tasks(found[0])}. " if _alike(found) else ""
@@ -55,11 +68,11 @@ def whom(found: Sequence[Choice], tables: Tables) -> list[str]:
     lines = []
     for size in sorted({c.team_size for c in found}):
         own = {c.budget: c for c in found if c.team_size == size}
-        cells, last = [], None
+        best, last = [], None
         for budget in shown:
             last = own.get(budget, last)
-            cells.append(MISSING if last is None else _cell(last))
-        lines.append((_team(next(iter(own.values())), found), *cells))
+            best.append(MISSING if last is None else _cell(last))
+        lines.append((_team(next(iter(own.values())), found), *best))
     budgets = [f"{significant(b)} fleet-minutes" if b else "no flight" for b in shown]
     parts = [
         "## Which method to choose",
@@ -67,20 +80,12 @@ def whom(found: Sequence[Choice], tables: Tables) -> list[str]:
         "Each line is a team size, each column the high-fidelity flight that may be spent. A cell "
         "names the best method and its score (0: a team that stays at its spawn; 1: the upper "
         f"reference). {TIES} ([which, and by how much]"
-        f"(#{markdown.anchor(CHOSEN)})). {means}Scores are for comparing methods of one line: "
-        "references differ from line to line, and each is one training. Hybrid without a "
+        f"({cells}#{markdown.anchor(CHOSEN)})). {means}Scores are for comparing methods of one "
+        "line: references differ from line to line, and each is one training. Hybrid without a "
         "residual's name has the MLP ensemble.",
     ]
-    better = [
-        f"- {_team(next(c for c in found if c.team_size == b.team_size), found)}: "
-        f"**{markdown.escape(name_of_method(b.entry))}** with `{b.entry.variant}` "
-        f"on {markdown.escape(', '.join(b.tasks))}: {number(b.score, 4)} for "
-        f"{significant(b.minutes)} fleet-minutes, where {markdown.escape(name_of(b.above))} has "
-        f"{number(b.above_score, 4)}"
-        for b in better_settings(tables)
-    ]
-    if better:
-        parts += [TUNED, "\n".join(better)]
+    if better_settings(tables):
+        parts.append(f"{SETTINGS} ([which]({cells}#{markdown.anchor(BETTER)})).")
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:
         parts.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")
@@ -118,12 +123,25 @@ def in_detail(found: Sequence[Choice]) -> list[str]:
     )
     asked = ", ".join(significant(budget) for budget in BUDGETS)
     return [
-        f"### {CHOSEN}",
+        f"## {CHOSEN}",
         markdown.table(headings, lines, (0, 2, 5)),
         f"Asked at {asked} fleet-minutes; there is a row wherever the answer changes. "
         "`bench choose` answers for any other budget. The deficit is how far below the best a mean "
         "may lie.",
     ]
+
+
+def better_defaults(found: Sequence[Choice], tables: Tables) -> list[str]:
+    """Settings that score higher than every default of the same flight; none: nothing."""
+    better = [
+        f"- {_team(next(c for c in found if c.team_size == b.team_size), found)}: "
+        f"**{markdown.escape(name_of_method(b.entry))}** with `{b.entry.variant}` "
+        f"on {markdown.escape(', '.join(b.tasks))}: {number(b.score, 4)} for "
+        f"{significant(b.minutes)} fleet-minutes, where {markdown.escape(name_of(b.above))} has "
+        f"{number(b.above_score, 4)}"
+        for b in better_settings(tables)
+    ]
+    return [f"## {BETTER}", TUNED, "\n".join(better)] if better else []
 
 
 def _cell(choice: Choice) -> str:

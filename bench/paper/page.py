@@ -1,11 +1,15 @@
-"""The page that puts the paper's claims beside ours, as Markdown and as HTML."""
+"""The page that puts the paper's claims beside ours, and a second one, cell by cell.
+
+The first gives answers: which method to choose, what holds, one line a claim. The second has the
+tables that they rest on. Both are written as Markdown and as HTML.
+"""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.paper.choosing import in_detail, reward_by_flight, whom
+from bench.paper.choosing import better_defaults, in_detail, reward_by_flight, whom
 from bench.paper.claims import BILLS, BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
 from bench.paper.figures import (
     data_uri,
@@ -20,7 +24,7 @@ from bench.paper.rule import Finding
 from bench.paper.values import varied
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
-from bench.stats.choices import choices
+from bench.stats.choices import Choice, choices
 from bench.stats.scores import PRIMARY
 from bench.stats.statistics import difference, estimate
 from bench.stats.verdicts import Verdict, in_cell
@@ -31,6 +35,8 @@ from bench.text.numbers import MISSING, mean_std, number, span
 from bench.text.pages import read_notes, refuse_folder, write_text
 
 TITLE = "How to train a drone team: the paper's claims beside ours"
+CELLS = "The paper's claims, cell by cell"
+"""Title of the second page."""
 COST = (
     "Gap to the upper reference (1 minus the settled score) against high-fidelity flight. There is "
     "one panel for each team size. Points are means over tasks and seeds, bars one standard "
@@ -133,12 +139,12 @@ def _whole(claim: Claim, found: Finding) -> Finding:
 
 
 def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> None:
-    """Writes the page as Markdown, and as HTML beside it.
+    """Writes the page of answers and the page of cells as Markdown, and as HTML beside them.
 
     Args:
         tables: What the sweep found.
-        path_md: Where to write; the HTML gets the suffix `.html`, the figures `_cost.png`,
-            `_summary.png`, and so on (`FIGURES`).
+        path_md: Where to write the answers; the cells get `_cells.md`, the HTML the suffix `.html`,
+            the figures `_cost.png`, `_summary.png`, and so on (`FIGURES`).
         notes: A Markdown file to append, e.g. why a claim fails.
 
     Raises:
@@ -148,7 +154,7 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
     if path.suffix == ".html":
         raise UsageError(f"Markdown is written to {path} and HTML beside it: name the former.")
     refuse_folder(path)
-    own = "" if notes is None else read_notes(notes).strip()
+    notes_text = "" if notes is None else read_notes(notes).strip()
     path.parent.mkdir(parents=True, exist_ok=True)
     found, drawn = judged(tables), {}
     for name, (title, write) in FIGURES.items():
@@ -156,30 +162,46 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
         if write(tables, picture):
             drawn[name] = (title, picture)
 
-    def text(link: Callable[[Path], str]) -> str:
-        figures = {
+    cells, chosen = path.with_name(f"{path.stem}_cells.md"), choices(tables)
+    texts: dict[Path, tuple[str, Callable[[Mapping[str, list[str]]], str]]] = {
+        path: (TITLE, lambda own: document(tables, found, chosen, notes_text, own, cells.name)),
+        cells: (CELLS, lambda own: cells_document(tables, found, chosen, own, path.name)),
+    }
+
+    def figures(link: Callable[[Path], str]) -> dict[str, list[str]]:
+        return {
             name: [f"![{title}]({link(picture)})", f"*{title}.*"]
             for name, (title, picture) in drawn.items()
         }
-        return document(tables, found, own, figures)
 
-    write_text(path, text(lambda picture: picture.name))
-    write_page(text(data_uri), path.with_suffix(".html"), TITLE)
+    for place, (title, text) in texts.items():
+        write_text(place, text(figures(lambda picture: picture.name)))
+        whole = text(figures(data_uri))
+        for other in texts:
+            whole = whole.replace(f"]({other.name}", f"]({other.with_suffix('.html').name}")
+        write_page(whole, place.with_suffix(".html"), title)
 
 
 def document(
-    tables: Tables, found: list[Judged], notes: str, figures: Mapping[str, list[str]]
+    tables: Tables,
+    found: Sequence[Judged],
+    chosen: Sequence[Choice],
+    notes: str,
+    figures: Mapping[str, list[str]],
+    cells: str,
 ) -> str:
-    """The page as Markdown.
+    """The page of answers as Markdown.
 
     Args:
         tables: What the sweep found.
         found: All claims, judged by these tables.
+        chosen: Which method to choose, by these tables.
         notes: Markdown that is appended.
         figures: Paragraphs of each figure, by its name in `FIGURES`.
+        cells: Name of the page that has all cells.
     """
-    chosen = choices(tables)
-    parts = [f"# {TITLE}", *whom(chosen, tables), *_answer(found), *figures.get("cost", [])]
+    parts = [f"# {TITLE}", *whom(chosen, tables, cells), *_answer(found)]
+    parts += figures.get("cost", [])
     sections = list(dict.fromkeys(j.claim.section for j in found))
     for section in sections:
         own = [j for j in found if j.claim.section == section]
@@ -188,11 +210,11 @@ def document(
         theirs = "aim" if section == sections[-1] else "paper"
         parts += [f"## {section}"]
         if section == PAPER:
-            parts += [HOW]
+            parts += [HOW, f"[Each claim, cell by cell]({cells})."]
             parts += [*figures.get("pipeline", []), *figures.get("views", [])]
         lines = [
             (
-                j.claim.title,
+                _title(j, cells),
                 j.claim.stated,
                 j.finding.ours,
                 word_of(j.finding.verdict),
@@ -204,19 +226,37 @@ def document(
         headings = ("claim", theirs, "ours, settled reward", "verdict", whole)
         parts += [markdown.table(headings, lines, range(5))]
         parts += figures.get(SHOWN.get(section, ""), [])
-    parts += ["## In detail", *in_detail(chosen)]
+    made = f"{_ended(tables)} {markdown.escape(made_by_text(tables))}".strip()
+    parts += ["## Where the rows come from", made]
+    return "\n\n".join([*parts, notes] if notes else parts) + "\n"
+
+
+def cells_document(
+    tables: Tables,
+    found: Sequence[Judged],
+    chosen: Sequence[Choice],
+    figures: Mapping[str, list[str]],
+    answers: str,
+) -> str:
+    """The page of all cells as Markdown; `answers` is the name of the page of answers."""
+    parts = [f"# {CELLS}", f"[What follows from these tables]({answers}).", *in_detail(chosen)]
+    parts += better_defaults(chosen, tables)
     for j in found:
         if j.finding.lines:
-            parts += [f"### {j.claim.title}", f"Supported if {j.claim.rule.text}."]
+            parts += [f"## {j.claim.title}", f"Supported if {j.claim.rule.text}."]
             parts += [markdown.table(j.finding.headings, j.finding.lines)]
     parts += reward_by_flight(tables)
     headings, lines = variants(tables)
     if lines:
         parts += ["## Settings that differ from the default", *figures.get("settings", [])]
         parts += [markdown.table(headings, lines, (0, 1))]
-    made = f"{_ended(tables)} {markdown.escape(made_by_text(tables))}".strip()
-    parts += ["## Where the rows come from", made]
-    return "\n\n".join([*parts, notes] if notes else parts) + "\n"
+    return "\n\n".join(parts) + "\n"
+
+
+def _title(j: Judged, cells: str) -> str:
+    """What is claimed, as a link to its table, if it has one."""
+    title = j.claim.title
+    return f"[{title}]({cells}#{markdown.anchor(title)})" if j.finding.lines else title
 
 
 def _whole_text(j: Judged) -> str:
@@ -226,7 +266,7 @@ def _whole_text(j: Judged) -> str:
 
 
 def _answer(found: Sequence[Judged]) -> list[str]:
-    """Which claims stand, a list of one line a verdict."""
+    """Which claims stand: a list of verdicts, and below each the claims."""
     given = [j for j in found if j.claim.of == BILLS and j.finding.verdict is Verdict.SUPPORTED]
     found = [j for j in found if j not in given]
     undecided = [j for j in found if j.finding.verdict is Verdict.UNDECIDED]
@@ -236,19 +276,21 @@ def _answer(found: Sequence[Judged]) -> list[str]:
         ]
         for verdict in (Verdict.SUPPORTED, Verdict.REFUTED)
     }
+    rest = [j for j in undecided if j.so_far is Verdict.UNDECIDED]
+    pooled = [j for j in rest if j.finding.pooled is Verdict.SUPPORTED]
     groups = {
         "Supported": [j for j in found if j.finding.verdict is Verdict.SUPPORTED],
-        "Refuted": [j for j in found if j.finding.verdict is Verdict.REFUTED],
+        "True on average over the cells, but not shown in as many as the claim needs": pooled,
         **open_,
-        "Undecided": [j for j in undecided if j.so_far is Verdict.UNDECIDED],
+        "Refuted": [j for j in found if j.finding.verdict is Verdict.REFUTED],
+        "Undecided": [j for j in rest if j not in pooled],
         "Not tested": [j for j in found if j.finding.verdict is Verdict.UNTESTED],
         "True by construction, because settings fix the bills": given,
     }
-    lines = [
-        f"- **{name}** ({len(own)}): {'; '.join(j.claim.title for j in own)}."
-        for name, own in groups.items()
-        if own
-    ]
+    lines = []
+    for name, own in groups.items():
+        if own:
+            lines += [f"- **{name}** ({len(own)})", *(f"  - {j.claim.title}" for j in own)]
     return ["## What holds", "\n".join(lines)]
 
 

@@ -91,13 +91,15 @@ class Above(AbstractRule):
                 summary(b.values()),
                 number(test.mean, 1),
                 span(test.low, test.high, 1),
-                number(p, 3),
+                "< 0.001" if p < 0.001 else number(p, 3),
                 verdict.value,
             )
             for (cell, a, b), test, p, verdict in zip(pairs, tests, p_values, verdicts, strict=True)
         )
-        text = counts_text(verdicts) + self._alone(values) + self._pooled(tables, metric)
-        return Finding(text, verdict, headings, lines)
+        mean, pooled = self._pooled(tables, metric)
+        return Finding(
+            counts_text(verdicts) + self._alone(values) + mean, verdict, headings, lines, pooled
+        )
 
     def _claimed(
         self, values: Values
@@ -112,16 +114,19 @@ class Above(AbstractRule):
         alone = sum((self.first in entries) != (self.second in entries) for entries in own)
         return f"; {alone} more where only one of the two was run" if alone else ""
 
-    def _pooled(self, tables: Tables, metric: str) -> str:
-        """The test over the claimed cells that have scores, where there are some."""
+    def _pooled(self, tables: Tables, metric: str) -> tuple[str, Verdict]:
+        """The test over the claimed cells that have scores, where there are some.
+
+        A mean that most cells contradict decides nothing: a few cells made it.
+        """
         if self.share or metric != "settled_reward" or self.source is not undisturbed:
-            return ""
+            return "", Verdict.UNTESTED
         scores = seed_values(scored(tables), "score")
         plain = {cell: own for cell, own in scores.items() if cell == Cell(*cell[:2])}
         pairs = self._claimed(plain)
         test = over_cells((a, b) for _, a, b in pairs)
         if math.isnan(test.low):
-            return ""
+            return "", Verdict.UNTESTED
         low, high = (test.low, test.high) if test.mean >= 0.0 else (-test.high, -test.low)
         apart = {
             cell: difference(a, b).mean * math.copysign(1.0, test.mean) for cell, a, b in pairs
@@ -131,11 +136,12 @@ class Above(AbstractRule):
         if 2 * against > len(pairs):
             most = max(apart, key=lambda cell: apart[cell])
             few = f", though not in {against} of them: the mean follows {most.label}"
-        return (
+        text = (
             f"; {NAMES[self.first]}'s score is {number(abs(test.mean), 4)} "
             f"({span(low, high, 4)}) {'higher' if test.mean >= 0.0 else 'lower'} over "
             f"{len(pairs)} {'cell' if len(pairs) == 1 else 'cells'}{few}"
         )
+        return text, Verdict.UNDECIDED if few else test.verdict
 
 
 @dataclasses.dataclass(frozen=True)

@@ -28,6 +28,8 @@ class Finding:
     """Of the detail table."""
     lines: tuple[tuple[str, ...], ...] = ()
     """The detail table, Markdown in its cells."""
+    pooled: Verdict = Verdict.UNTESTED
+    """The verdict on the mean over all cells, where there is a test of it."""
 
 
 UNTESTED = Finding(MISSING, Verdict.UNTESTED)

@@ -168,28 +168,27 @@ def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
 
 
 def _summary(made: Matrix, cells: str) -> list[str]:
-    """What to take away, in one screen."""
-    complete = [s for s in made.standings if s.worst is not None]
+    """What to take away, in one screen: whom to choose for the worst world, and for each."""
+    front = [s for s in made.standings if s.worst is not None and s.entry in made.front]
     bullets = [
-        f"- **{markdown.escape(_name(s.entry))}** keeps a score of "
-        f"{number(s.worst_score, 3)} in its worst world ({s.worst.name}) for "
-        f"{significant(s.minutes)} fleet-minutes."
-        for s in sorted(complete, key=lambda s: s.minutes)
-        if s.entry in made.front and s.worst is not None
+        f"- **Best in its worst world, {_flight(s)}**: {markdown.escape(_name(s.entry))}, "
+        f"{number(s.worst_score, 3)} in {s.worst.name if s.worst else MISSING}."
+        for s in sorted(front, key=lambda s: s.minutes)
     ]
     for world in made.worlds:
         here = [s for s in made.standings if world in s.scores]
-        if not here:
-            continue
-        best = max(here, key=lambda s: s.scores[world][0])
-        bullets.append(
-            f"- The best mean score in {world.name} has "
-            f"{markdown.escape(_name(flown_as(best.entry, world)))}: "
-            f"{measured(*best.scores[world])}."
-        )
+        if here:
+            best = max(here, key=lambda s: s.scores[world][0])
+            name = markdown.escape(_name(flown_as(best.entry, world)))
+            bullets.append(f"- Best in {world.name}: {name}, {measured(*best.scores[world])}.")
     if not bullets:
         return ["## In short", "No method flew in every world."]
-    return ["## In short", f"{made.scale}; mean over {cells}.", "\n".join(bullets)]
+    return ["## In short", "\n".join(bullets), f"{made.scale}; mean over {cells}."]
+
+
+def _flight(standing: Standing) -> str:
+    minutes = standing.minutes
+    return f"with {significant(minutes)} fleet-minutes of flight" if minutes else "without flight"
 
 
 def add_worlds_page(tables_dir: Path, documents_dir: Path) -> None:

@@ -11,6 +11,7 @@ from bench.text.pages import read_notes
 from blind.report import failures, injected_section, sections
 from blind.report import limits_section as limits
 from blind.report import next_flight_section as next_flight
+from blind.report.in_short import in_short
 from blind.report.injected_section import InjectedTables
 from blind.report.pictures import write_pictures
 from blind.report.tables import Tables
@@ -58,7 +59,8 @@ def write_report(
     pictures = {id(tables): write_pictures(tables, path.with_name(path.stem)) for tables in found}
 
     def text(link: Callable[[Path], str]) -> str:
-        parts = ["# Diagnosis of effects that were withheld", INTRODUCTION, DECIDABLE]
+        parts = ["# Diagnosis of effects that were withheld", *in_short(found, injected)]
+        parts += ["## How it was done", INTRODUCTION, DECIDABLE]
         for tables in found:
             figures = {p.stem: (link(p), caption) for p, caption in pictures[id(tables)]}
             parts += _reality(tables, figures, remarks)

@@ -30,6 +30,11 @@ from diagnosis.statements import judged_of
 Json = Mapping[str, Any]
 Row = dict[str, Any]
 
+FALSE_ALARM = "anything wrong found in undisturbed flights"
+MISLED = "a wrong effect blamed for a fault"
+INSIDE = "truth inside stated 95 % intervals"
+"""Scores of `shares` by name."""
+
 
 def injected_rows(
     cases: Mapping[str, Injected], answers: Mapping[str, Json], statuses: Mapping[str, Json]
@@ -69,10 +74,10 @@ def shares(cases: pd.DataFrame, numbers: pd.DataFrame) -> pd.DataFrame:
     ]
     wanted = (
         ("an effect blamed in undisturbed flights", quiet, "misled"),
-        ("anything wrong found in undisturbed flights", quiet, "found"),
+        (FALSE_ALARM, quiet, "found"),
         ("faults found", faulty, "found"),
-        ("a wrong effect blamed for a fault", faulty, "misled"),
-        ("truth inside stated 95 % intervals", stated, "inside"),
+        (MISLED, faulty, "misled"),
+        (INSIDE, stated, "inside"),
     )
     rows = [
         {"score": name, **vars(proportion(sum(bool(row[column]) for row in among), len(among)))}

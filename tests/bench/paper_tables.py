@@ -110,3 +110,7 @@ def contrary():
                 for effects in WORLDS:
                     add_off_spec(sheet, cell, **means, effects=effects)
     return sheet
+
+
+def lines_of(text, start):
+    return [line for line in text.splitlines() if line.startswith(start)]

@@ -22,6 +22,7 @@ from blind.fly.realities import REALITIES
 from blind.report import page as report
 from blind.report import sections
 from blind.report.failures import failed
+from blind.report.in_short import in_short
 from blind.report.page import write_report
 from blind.report.tables import OURS, Tables
 from blind.run import answering
@@ -248,6 +249,18 @@ def test_shrink_and_probability_are_counted_case_by_case():
     line = sections._calibrated(given)
     assert line[1] == "0/1"
     assert line[4:] == ("90.0 %, the mean stated", "met")  # one case of one proves nothing
+
+
+def test_the_first_screen_counts_what_is_right(tmp_path):
+    given = tables({MASS.id: answer("mass"), GAIN.id: answer("mass"), CLEAN.id: answer()})
+    text = write_report([given], tmp_path / "blind.md").read_text()
+    first = text.split("## How it was done")[0]
+    assert "| cases | 3 |" in first
+    assert "| one effect acts: it is named, and nothing else | 1 of 1 |" in first
+    assert "| the library lacks what acts: the gap is called unexplained | 0 of 1 |" in first
+    assert "| nothing acts: nothing is found | 1 of 1 |" in first
+    assert "| two effects act: both are named, and nothing else | - |" in first
+    assert in_short([], []) == []
 
 
 def test_baselines_are_not_asked_what_they_cannot_say():

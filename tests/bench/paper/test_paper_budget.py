@@ -3,7 +3,7 @@
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
-from bench.paper.choosing import in_detail, reward_by_flight, whom
+from bench.paper.choosing import better_defaults, in_detail, reward_by_flight, whom
 from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH, name_of
 from bench.stats.choices import BUDGETS, better_settings, choices, minutes_of
 from bench.stats.scores import UPPER
@@ -110,7 +110,9 @@ def test_settings_above_every_default_of_the_same_bill_are_told():
     assert (free.entry.method, free.above, free.tasks) == ("lf_baseline", LF, ("spread",))
     assert (paid.entry.variant, paid.above, paid.minutes) == ("limit=9", HYBRID, 200.0)
     assert (paid.score, paid.above_score) == pytest.approx((0.7, 0.6), abs=0.01)
-    page = "\n\n".join(whom(choices(sheet.tables()), sheet.tables()))
+    found = choices(sheet.tables())
+    assert "with other settings than their defaults" in "".join(whom(found, sheet.tables()))
+    page = "\n\n".join(better_defaults(found, sheet.tables()))
     assert "**hot start** with `limit=9` on spread: 0.7" in page
 
 

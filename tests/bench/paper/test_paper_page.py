@@ -7,13 +7,23 @@ from pathlib import Path
 import pytest
 from browser import needs_chromium, tab
 from matplotlib.figure import Figure
-from paper_tables import add_off_spec
+from paper_tables import add_off_spec, lines_of
 from tables_for_tests import Sheet, empty, typical
 
 from bench.paper import claims
 from bench.paper.choosing import CHOSEN
 from bench.paper.claims import CLAIMS
-from bench.paper.page import HOW, TITLE, document, judged, variants, write_claims
+from bench.paper.page import (
+    CELLS,
+    HOW,
+    TITLE,
+    cells_document,
+    document,
+    judged,
+    write_claims,
+)
+from bench.stats.choices import choices
+from bench.stats.verdicts import Verdict
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.errors import UsageError
@@ -23,32 +33,11 @@ HOSTILE = "<script>alert(1)</script>|x` $\\bad$ ![](http://example.org/x.png)"
 """A name that would be a script, a cell, a formula and a picture if it were not escaped."""
 
 
-@pytest.fixture(scope="module")
-def full(tmp_path_factory, full_tables):
-    """The folder in which the page of all 24 cells was written, notes included."""
-    folder = tmp_path_factory.mktemp("page")
-    (folder / "notes.md").write_text("## Why\n\nBecause of *lag*.\n", encoding="utf-8")
-    write_claims(full_tables, folder / "out" / "paper.md", folder / "notes.md")
-    return folder / "out"
-
-
-@pytest.fixture(scope="module")
-def text(full):
-    return (full / "paper.md").read_text(encoding="utf-8")
-
-
-@pytest.fixture(scope="module")
-def html(full):
-    return (full / "paper.html").read_text(encoding="utf-8")
-
-
 def written(tables):
-    """The Markdown of a page whose figures nobody draws."""
-    return document(tables, judged(tables), "", {})
-
-
-def lines_of(text, start):
-    return [line for line in text.splitlines() if line.startswith(start)]
+    """The Markdown of both pages, whose figures nobody draws."""
+    found, chosen = judged(tables), choices(tables)
+    answers = document(tables, found, chosen, "", {}, "cells.md")
+    return answers + cells_document(tables, found, chosen, {}, "answers.md")
 
 
 def test_a_folder_in_the_place_of_the_page_is_refused_before_anything_is_written(tmp_path):
@@ -62,6 +51,8 @@ def test_markdown_html_and_all_figures_are_written(full):
     assert sorted(path.name for path in full.iterdir()) == [
         "paper.html",
         "paper.md",
+        "paper_cells.html",
+        "paper_cells.md",
         "paper_cost.png",
         "paper_flights.png",
         "paper_pipeline.png",
@@ -78,9 +69,6 @@ def test_sections_come_in_order(text):
         claims.BUDGET,
         claims.OFF_SPEC,
         claims.OWN,
-        "In detail",
-        "Reward against flight",
-        "Settings that differ from the default",
         "Where the rows come from",
         "Why",
     ]
@@ -88,20 +76,14 @@ def test_sections_come_in_order(text):
 
 def test_every_claim_has_a_line_with_both_verdicts(text):
     for claim in CLAIMS:
-        (line,) = lines_of(text, f"| {claim.title} | {claim.stated} | ")
+        (line,) = (
+            x for x in lines_of(text, "| ") if f"| {claim.stated} |" in x and claim.title in x
+        )
         assert re.search(r"\| supported \| supported(: [^|]+)? \|$", line)
     given = [claim.title for claim in CLAIMS if claim.of == claims.BILLS]
-    assert f"- **Supported** ({len(CLAIMS) - len(given)}): {CLAIMS[0].title}; " in text
-    assert f"settings fix the bills** ({len(given)}): {'; '.join(given)}." in text
-
-
-def test_what_decides_stands_over_the_table_that_shows_it(text):
-    for claim in CLAIMS:
-        if f"### {claim.title}\n" in text:
-            assert f"### {claim.title}\n\nSupported if {claim.rule.text}.\n\n| " in text
-    # Those of one number have no table; one is of whom to choose, three of what flight gives.
-    assert text.count("\n### Reward against flight, N = ") == 3
-    assert text.count("\n### ") == len(CLAIMS) - 4 + 1 + 3
+    assert f"- **Supported** ({len(CLAIMS) - len(given)})\n  - {CLAIMS[0].title}\n" in text
+    bills = "".join(f"  - {title}\n" for title in given)
+    assert f"settings fix the bills** ({len(given)})\n{bills}\n" in text
 
 
 def test_figures_stand_in_the_markdown_by_name_and_in_the_html_whole(text, html):
@@ -124,14 +106,15 @@ def test_programs_that_made_the_rows_are_named(text, full_tables):
     assert source.startswith(f"{n} runs: {n} ok. {made}")
 
 
-def test_whom_to_choose_is_told_by_team_size_and_budget(text, html):
+def test_whom_to_choose_is_told_by_team_size_and_budget(text, cells, full):
     assert " Scores are means over circle, figure8, pitchandexpand, spread. " in text
-    lines = lines_of(text, "| N = 12 | from ")
+    lines = lines_of(cells, "| N = 12 | from ")
     score = (900.0 - 95.0) / (900.0 - 90.0)
     (line,) = lines_of(text, "| N = 12 | **")
     assert line == f"| N = 12 | **domain randomization** 0.938 | **grey box** {score:.3f} |"
-    assert f'href="#{markdown.anchor(CHOSEN)}"' in html
-    assert f'id="{markdown.anchor(CHOSEN)}"' in html
+    assert f"](paper_cells.md#{markdown.anchor(CHOSEN)})" in text
+    cells_html = (full / "paper_cells.html").read_text(encoding="utf-8")
+    assert f'id="{markdown.anchor(CHOSEN)}"' in cells_html
     assert lines == [
         "| N = 12 | from 0 | **domain randomization** | 0.938 | 0 | - |",
         f"| N = 12 | from 0.5 | **grey box** | {score:.3f} | 0.5 | - |",
@@ -168,7 +151,7 @@ def test_refuted_is_bold_and_settled_before_whole():
         sheet.add("hybrid", "mlp", rewards=(hybrid,), first_seed=seed, reward=hybrid - 90.0)
         sheet.add(rewards=(-60.0,), first_seed=seed)
     found = written(sheet.tables())
-    (line,) = lines_of(found, f"| {CLAIMS[0].title} |")
+    (line,) = lines_of(found, f"| [{CLAIMS[0].title}](cells.md#")
     whole = "**refuted**: refuted in 1 of 1 (run: 1 of 24)"
     assert line.endswith(f" (run: 1 of 24) | undecided | {whole} |")
     assert "| ours, settled reward | verdict | by the whole return, as in the paper |" in found
@@ -180,8 +163,37 @@ def test_a_claim_that_every_cell_run_so_far_supports_is_listed_apart():
     for method, residual, reward in (("lf_baseline", "", -9.0), ("hybrid", "mlp", -5.0)):
         rewards = tuple(reward - 0.01 * seed for seed in range(5))
         sheet.add(method, residual, task="spread", team_size=3, rewards=rewards)
-    (line,) = lines_of(written(sheet.tables()), "- **Supported so far")
-    assert "Hybrid deploys above the LF baseline in every cell" in line
+    _, listed = written(sheet.tables()).split("- **Supported so far, with cells still to run** (")
+    assert listed.split("- **")[0].count("\n  - Hybrid deploys above the LF baseline") == 2
+
+
+def test_what_holds_on_average_alone_is_listed_apart():
+    sheet = Sheet()
+    for task in ("circle", "spread"):
+        sheet.add_upper(task=task)
+        for seed in range(5):
+            lead = 20.0 if task == "circle" else 0.2 * (seed - 2)  # clear, and none
+            sheet.add(rewards=(-60.0 - 0.1 * seed,), first_seed=seed, task=task)
+            sheet.add(
+                "hybrid", "mlp", rewards=(-60.0 - 0.1 * seed + lead,), first_seed=seed, task=task
+            )
+    (claim,) = (j for j in judged(sheet.tables()) if j.claim is CLAIMS[0])
+    assert (claim.finding.verdict, claim.finding.pooled) == (Verdict.UNDECIDED, Verdict.SUPPORTED)
+    (start,) = lines_of(written(sheet.tables()), "- **True on average over the cells")
+    assert f"{start}\n  - {CLAIMS[0].title}\n" in written(sheet.tables())
+
+
+def test_an_average_that_most_cells_contradict_is_not_listed():
+    sheet = Sheet()
+    for task, lead in (("circle", 90.0), ("spread", -1.0), ("figure8", -1.0)):
+        sheet.add_upper(task=task)
+        for seed in range(5):
+            sheet.add(rewards=(-99.0 - 0.1 * seed,), first_seed=seed, task=task)
+            rewards = (-99.0 - 0.1 * seed + lead,)
+            sheet.add("hybrid", "mlp", rewards=rewards, first_seed=seed, task=task)
+    (claim,) = (j for j in judged(sheet.tables()) if j.claim is CLAIMS[0])
+    assert "higher over 3 cells, though not in 2 of them" in claim.finding.ours
+    assert claim.finding.pooled is Verdict.UNDECIDED
 
 
 def test_sections_without_anything_tested_are_left_out():
@@ -190,7 +202,6 @@ def test_sections_without_anything_tested_are_left_out():
     assert [line.removeprefix("## ") for line in lines_of(found, "## ")] == [
         "What holds",
         claims.PAPER,
-        "In detail",
         "Where the rows come from",
     ]
     assert "- **Not tested** (" in found
@@ -200,12 +211,16 @@ def test_a_page_of_no_rows_is_complete_and_has_no_figure_of_rows(tmp_path):
     write_claims(empty(), tmp_path / "page.md")
     found = (tmp_path / "page.md").read_text(encoding="utf-8")
     assert found.startswith(f"# {TITLE}\n\n## What holds\n\n- **Not tested** (")
+    cells = (tmp_path / "page_cells.md").read_text(encoding="utf-8")
+    assert cells == f"# {CELLS}\n\n[What follows from these tables](page.md).\n"
     assert found.endswith("## Where the rows come from\n\n0 runs.\n")
     n_paper = sum(claim.section == claims.PAPER for claim in CLAIMS)
     assert found.count("| - | not tested | not tested |") == n_paper
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "page.html",
         "page.md",
+        "page_cells.html",
+        "page_cells.md",
         "page_pipeline.png",
     ]
 
@@ -217,7 +232,7 @@ def test_the_same_tables_make_the_same_bytes(tmp_path):
         {path.name: path.read_bytes() for path in (tmp_path / folder).iterdir()}
         for folder in ("first", "second")
     )
-    assert len(first) == 6
+    assert len(first) == 8
     assert first == second
 
 
@@ -250,15 +265,16 @@ def hostile(tmp_path_factory):
 
 
 def test_hostile_names_stay_text(hostile):
-    found = hostile.read_text(encoding="utf-8")
-    html = hostile.with_suffix(".html").read_text(encoding="utf-8")
-    body = html[html.index("<main") : html.index("</main>")]
-    assert "<script" not in body
-    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in body
-    assert re.findall(r'<img src="([^"]{10})', body) == ["data:image"] * 6
-    for table in re.findall(r"(?:^\|.*\n)+", found, re.MULTILINE):
-        bars = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
-        assert len(bars) == 1, table
+    for path, n_pictures in ((hostile, 5), (hostile.with_stem("page_cells"), 1)):
+        found = path.read_text(encoding="utf-8")
+        html = path.with_suffix(".html").read_text(encoding="utf-8")
+        body = html[html.index("<main") : html.index("</main>")]
+        assert "<script" not in body
+        assert "&lt;script&gt;alert(1)&lt;/script&gt;" in body
+        assert re.findall(r'<img src="([^"]{10})', body) == ["data:image"] * n_pictures
+        for table in re.findall(r"(?:^\|.*\n)+", found, re.MULTILINE):
+            bars = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
+            assert len(bars) == 1, table
 
 
 @needs_chromium
@@ -268,7 +284,7 @@ def test_a_hostile_page_opens_without_a_complaint_or_a_request(hostile, tmp_path
         opened.open(path)
         assert "alert(1)" in opened.run("document.body.textContent")
         drawn = "[...document.images].map((image) => image.naturalWidth)"
-        assert len(opened.run(drawn)) == 6
+        assert len(opened.run(drawn)) == 5
         assert min(opened.run(drawn)) > 100
         assert opened.complaints == []
         assert all(url.startswith(("file:", "data:")) for url in opened.requests)
@@ -284,63 +300,12 @@ def test_notes_that_cannot_be_read_are_named_before_anything_is_written(tmp_path
     assert not (tmp_path / "out").exists()
 
 
-def test_variants_stand_beside_their_default():
-    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
-    sheet.add("hybrid", "mlp", variant="x=1", rewards=(-40.0, -41.5))
-    headings, lines = variants(sheet.tables())
-    assert headings[2:5] == ("default", "variant", "difference")
-    assert lines == [
-        (
-            "spread, N = 3",
-            "hybrid (mlp), x=1",
-            "-50.5 ± 0.7 (n = 2)",
-            "-40.8 ± 1.1 (n = 2)",
-            "9.8",
-            "6.6 to 12.9",
-            "better",
-        )
-    ]
-
-
-@pytest.mark.parametrize(
-    ("rewards", "word"),
-    [
-        ((-40.0, -41.5), "better"),
-        ((-60.0, -61.5), "worse"),
-        ((-50.0, -51.0), "tied"),
-        ((-45.0, -56.0), "tied"),
-        ((-40.0,), "one seed: no order"),
-    ],
-)
-def test_a_variant_is_better_worse_or_tied(rewards, word):
-    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
-    sheet.add("hybrid", "mlp", variant="x=1", rewards=rewards)
-    assert variants(sheet.tables())[1][0][6] == word
-
-
-def test_a_variant_is_compared_over_the_seeds_that_both_have():
-    sheet = Sheet().add("hybrid", "mlp", rewards=(-90.0, -50.0, -51.0))
-    sheet.add("hybrid", "mlp", variant="x=1", rewards=(-40.0, -41.5), first_seed=1)
-    line = variants(sheet.tables())[1][0]
-    assert line[2:5] == ("-50.5 ± 0.7 (n = 2)", "-40.8 ± 1.1 (n = 2)", "9.8")
-
-
-def test_a_variant_without_default_is_shown_alone_unless_it_was_made_for_another_world():
-    sheet = Sheet().add("hybrid", "mlp", variant="y=2", rewards=(-40.0,))
-    before = len(sheet.results)
-    sheet.add("hybrid", "mlp", variant="deployed_in=crazyflow+wind(x=1.5)", task="circle")
-    for row in sheet.results[before:]:
-        row["deployed_effects"] = "wind(x=1.5)"
-    sheet.add_upper(variant="z=3")
-    (line,) = variants(sheet.tables())[1]
-    assert line[1:] == ("hybrid (mlp), y=2", "-", "-40.0 (n = 1)", "-", "-", "one seed: no order")
-
-
 def test_the_committed_page_is_that_of_the_committed_tables(tmp_path, monkeypatch):
     monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: Path(path).write_bytes(b""))
     (claimed,) = re.findall(r"^CLAIMED := (.+)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     suites = [Tables.load(ROOT / "results" / name) for name in claimed.split()]
     tables, reports = functools.reduce(Tables.merged, suites), ROOT / "reports"
     write_claims(tables, tmp_path / "paper.md", reports / "paper_notes.md")
-    own = (tmp_path / "paper.md").read_text(encoding="utf-8")
-    assert own == (reports / "paper.md").read_text(encoding="utf-8")
+    for name in ("paper.md", "paper_cells.md"):
+        own = (tmp_path / name).read_text(encoding="utf-8")
+        assert own == (reports / name).read_text(encoding="utf-8")

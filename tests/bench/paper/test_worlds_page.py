@@ -146,7 +146,7 @@ def test_the_page_says_it_in_words_and_is_the_same_whatever_the_order(tmp_path):
     assert (tmp_path / "worlds.html").is_file()
     assert "| **grey box** | " in text
     assert "| contact | 0.965 | 0.5 |" in text
-    assert "keeps a score of 0.965 in its worst world (contact) for 0.5 fleet-minutes" in text
+    assert "with 0.5 fleet-minutes of flight**: grey box, 0.965 in contact." in text
     assert f"`contact`: {PUSHING.text}" in text.replace("\\", "")
     assert "| Hybrid deploys above the LF baseline in every cell | " in text
     assert document(*viewed(own[::-1]), "worlds_gaps.png") == text

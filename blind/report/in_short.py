@@ -1,0 +1,76 @@
+"""What the blind report found, on one screen: a table of the draws, and one of injected faults."""
+
+import math
+from collections.abc import Sequence
+
+from bench.stats.statistics import records
+from bench.text import markdown
+from bench.text.numbers import MISSING, percent
+from blind.draw.injected import NOTHING
+from blind.report.injected_section import InjectedTables
+from blind.report.tables import OURS, Tables
+from blind.score.injected import FALSE_ALARM, INSIDE, MISLED, shares
+
+RIGHT = (
+    ("one effect acts: it is named, and nothing else", "exact set of singles", "decidable"),
+    ("two effects act: both are named, and nothing else", "exact set of pairs", "decidable"),
+    ("nothing acts: nothing is found", "nothing found in clean flights", "decidable"),
+    ("the library lacks what acts: the gap is called unexplained", "abstention, both", "decidable"),
+    ("a stated 95 % interval holds the true size", "truth inside 95 % intervals", "all"),
+)
+"""Lines of the first table: what is right, the score that counts it, and on which cases."""
+SIMULATED = (
+    "Simulated flights. The diagnosis, which knows crazyflow, was not told what acts. Intervals "
+    "should hold the true size in 93 to 97 % of the cases."
+)
+"""What stands over the first table."""
+COUNTED = (MISLED, FALSE_ALARM, INSIDE)
+"""Scores of the second table, beside the share that is right."""
+INJECTED = "Faults written into real flights."
+BESIDE = " The diagnosis had other flights of the same set to compare with."
+"""What stands over the second table, and what is added where it is so."""
+
+
+def in_short(found: Sequence[Tables], injected: Sequence[InjectedTables]) -> list[str]:
+    """The section; nothing without tables."""
+    parts = []
+    if found:
+        parts += [SIMULATED, _simulated(found)]
+    if injected:
+        beside = BESIDE if all(tables.run["reference"] for tables in injected) else ""
+        parts += [INJECTED + beside, _injected(injected)]
+    return ["## In short", *parts] if parts else []
+
+
+def _simulated(found: Sequence[Tables]) -> str:
+    headings = ("what is right", *(_flown(t) for t in found))
+    rows = [("cases", *(str(len(tables.cases)) for tables in found))]
+    rows += [(text, *(_share(t, score, cases) for t in found)) for text, score, cases in RIGHT]
+    shrunk = (percent((t.summary[OURS].get("median_shrink") or math.nan) / 100.0, 0) for t in found)
+    rows.append(("on flights left out, the drift falls by (median)", *shrunk))
+    return markdown.table(headings, rows)
+
+
+def _flown(tables: Tables) -> str:
+    return f"flown in {markdown.escape(tables.run['reality'])}"
+
+
+def _share(tables: Tables, score: str, cases: str) -> str:
+    for row in records(tables.proportions):
+        if (row["who"], row["score"], row["cases"]) == (OURS, score, cases) and row["n"]:
+            return f"{row['hits']} of {row['n']}"
+    return MISSING
+
+
+def _injected(runs: Sequence[InjectedTables]) -> str:
+    rows = []
+    for tables in runs:
+        faulty = tables.cases.loc[tables.cases["fault"] != NOTHING]
+        right = int((faulty["named"].astype(bool) | faulty["refused"].astype(bool)).sum())
+        counted = {row["score"]: row for row in records(shares(tables.cases, tables.numbers))}
+        others = (f"{counted[score]['hits']} of {counted[score]['n']}" for score in COUNTED)
+        name = markdown.escape(tables.run["injected"])
+        rows.append((name, f"{right} of {len(faulty)}", *others))
+    return markdown.table(
+        ("flights", "faults named, or logs refused with the reason", *COUNTED), rows
+    )

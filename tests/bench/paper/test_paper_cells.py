@@ -1,0 +1,95 @@
+"""The page of cells: each claim's table, and the settings that differ from the default."""
+
+import re
+
+import pytest
+from paper_tables import lines_of
+from tables_for_tests import Sheet
+
+from bench.paper.choosing import BETTER, CHOSEN
+from bench.paper.claims import CLAIMS
+from bench.paper.page import variants
+
+
+def test_cells_follow_the_order_of_the_claims(cells):
+    headings = [line.removeprefix("## ") for line in lines_of(cells, "## ")]
+    shown = [claim.title for claim in CLAIMS if claim.title in headings]
+    assert headings == [
+        CHOSEN,
+        BETTER,
+        *shown,
+        "Reward against flight",
+        "Settings that differ from the default",
+    ]
+    assert len(shown) == len(CLAIMS) - 4  # Those of one number have no table.
+
+
+def test_a_claim_leads_to_its_table_in_markdown_and_in_html(full, text, html, cells):
+    led = re.findall(r"^\| \[(.*?)\]\(paper_cells\.md#(.*?)\) \|", text, re.MULTILINE)
+    assert len(led) == len(CLAIMS) - 4
+    cells_html = (full / "paper_cells.html").read_text(encoding="utf-8")
+    for title, place in led:
+        assert f"\n## {title}\n" in cells
+        assert f'href="paper_cells.html#{place}"' in html
+        assert f'id="{place}"' in cells_html
+    assert 'href="paper.html"' in cells_html
+    assert ".md" not in re.sub(r"<style.*?</style>|data:[^\"]*", "", html, flags=re.DOTALL)
+
+
+def test_what_decides_stands_over_the_table_that_shows_it(cells):
+    for claim in CLAIMS:
+        if f"## {claim.title}\n" in cells:
+            assert f"## {claim.title}\n\nSupported if {claim.rule.text}.\n\n| " in cells
+    assert cells.count("\n### Reward against flight, N = ") == 3
+
+
+def test_variants_stand_beside_their_default():
+    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
+    sheet.add("hybrid", "mlp", variant="x=1", rewards=(-40.0, -41.5))
+    headings, lines = variants(sheet.tables())
+    assert headings[2:5] == ("default", "variant", "difference")
+    assert lines == [
+        (
+            "spread, N = 3",
+            "hybrid (mlp), x=1",
+            "-50.5 ± 0.7 (n = 2)",
+            "-40.8 ± 1.1 (n = 2)",
+            "9.8",
+            "6.6 to 12.9",
+            "better",
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rewards", "word"),
+    [
+        ((-40.0, -41.5), "better"),
+        ((-60.0, -61.5), "worse"),
+        ((-50.0, -51.0), "tied"),
+        ((-45.0, -56.0), "tied"),
+        ((-40.0,), "one seed: no order"),
+    ],
+)
+def test_a_variant_is_better_worse_or_tied(rewards, word):
+    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
+    sheet.add("hybrid", "mlp", variant="x=1", rewards=rewards)
+    assert variants(sheet.tables())[1][0][6] == word
+
+
+def test_a_variant_is_compared_over_the_seeds_that_both_have():
+    sheet = Sheet().add("hybrid", "mlp", rewards=(-90.0, -50.0, -51.0))
+    sheet.add("hybrid", "mlp", variant="x=1", rewards=(-40.0, -41.5), first_seed=1)
+    line = variants(sheet.tables())[1][0]
+    assert line[2:5] == ("-50.5 ± 0.7 (n = 2)", "-40.8 ± 1.1 (n = 2)", "9.8")
+
+
+def test_a_variant_without_default_is_shown_alone_unless_it_was_made_for_another_world():
+    sheet = Sheet().add("hybrid", "mlp", variant="y=2", rewards=(-40.0,))
+    before = len(sheet.results)
+    sheet.add("hybrid", "mlp", variant="deployed_in=crazyflow+wind(x=1.5)", task="circle")
+    for row in sheet.results[before:]:
+        row["deployed_effects"] = "wind(x=1.5)"
+    sheet.add_upper(variant="z=3")
+    (line,) = variants(sheet.tables())[1]
+    assert line[1:] == ("hybrid (mlp), y=2", "-", "-40.0 (n = 1)", "-", "-", "one seed: no order")
