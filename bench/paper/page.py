@@ -138,6 +138,11 @@ def _whole(claim: Claim, found: Finding) -> Finding:
     return dataclasses.replace(found, ours=partial, verdict=verdict)
 
 
+def cells_of(path_md: Path) -> Path:
+    """Where the page of cells of a page of answers is."""
+    return path_md.with_name(f"{path_md.stem}_cells.md")
+
+
 def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> None:
     """Writes the page of answers and the page of cells as Markdown, and as HTML beside them.
 
@@ -148,12 +153,13 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
         notes: A Markdown file to append, e.g. why a claim fails.
 
     Raises:
-        UsageError: The notes cannot be read, or `path_md` names the HTML.
+        UsageError: The notes cannot be read, `path_md` names the HTML, or a folder is in the way.
     """
     path = Path(path_md)
     if path.suffix == ".html":
         raise UsageError(f"Markdown is written to {path} and HTML beside it: name the former.")
-    refuse_folder(path)
+    for place in (path, cells_of(path)):
+        refuse_folder(place)
     notes_text = "" if notes is None else read_notes(notes).strip()
     path.parent.mkdir(parents=True, exist_ok=True)
     found, drawn = judged(tables), {}
@@ -162,7 +168,7 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
         if write(tables, picture):
             drawn[name] = (title, picture)
 
-    cells, chosen = path.with_name(f"{path.stem}_cells.md"), choices(tables)
+    cells, chosen = cells_of(path), choices(tables)
     texts: dict[Path, tuple[str, Callable[[Mapping[str, list[str]]], str]]] = {
         path: (TITLE, lambda own: document(tables, found, chosen, notes_text, own, cells.name)),
         cells: (CELLS, lambda own: cells_document(tables, found, chosen, own, path.name)),

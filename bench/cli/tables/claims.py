@@ -19,7 +19,7 @@ def claims(
     out: Path | None = None,
     notes: Annotated[Path | None, cyclopts.Parameter(help=NOTES)] = None,
 ) -> int:
-    """Judge the paper's claims by the tables of suites; write Markdown and HTML.
+    """Judge the paper's claims by the tables of suites; write two pages as Markdown and HTML.
 
     Parameters
     ----------
@@ -28,12 +28,12 @@ def claims(
         Of a run in several, the row of the first counts.
     out
         Markdown file to write; default: reports/NAME.md if the first folder is results/NAME, else
-        claims.md in it.
+        claims.md in it. The tables of all cells are written beside it, as NAME_cells.md.
     """
     for directory in directories:
         check_tables(directory)
     check_files([notes] if notes else [])
-    from bench.paper.page import write_claims
+    from bench.paper.page import cells_of, write_claims
     from bench.store.tables import Tables
     from bench.text.pages import documents_of
 
@@ -44,4 +44,5 @@ def claims(
     tables = functools.reduce(Tables.merged, map(Tables.load, directories))
     write_claims(tables, path, notes)
     print(f"Claims: {path}")  # noqa: T201
+    print(f"Cell by cell: {cells_of(path)}")  # noqa: T201
     return 0

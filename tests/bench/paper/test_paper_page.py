@@ -40,11 +40,12 @@ def written(tables):
     return answers + cells_document(tables, found, chosen, {}, "answers.md")
 
 
-def test_a_folder_in_the_place_of_the_page_is_refused_before_anything_is_written(tmp_path):
-    (tmp_path / "page").mkdir()
+@pytest.mark.parametrize("name", ["page.md", "page_cells.md"])
+def test_a_folder_in_the_place_of_a_page_is_refused_before_anything_is_written(tmp_path, name):
+    (tmp_path / name).mkdir()
     with pytest.raises(UsageError, match="is a folder, so no file can be written there"):
-        write_claims(Sheet().tables(), tmp_path / "page")
-    assert [p.name for p in tmp_path.iterdir()] == ["page"]
+        write_claims(Sheet().tables(), tmp_path / "page.md")
+    assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
 def test_markdown_html_and_all_figures_are_written(full):
