@@ -7,9 +7,9 @@ the same dither, because both draw from the run's seed: two vehicles on the same
 flights the policy is trained on under the residual as it is: the control that says what the flights
 are worth.
 
-With twelve drones on circle 4 of 15 such trainings diverge, and 2 of 5 without flights: the point
-mass gives thrust at once, and the policy's loop of altitude ends in chatter (`reports/paper.md`, on
-drones off their specification).
+With twelve drones on circle 4 of 15 such trainings diverged, and 2 of 5 without flights. The likely
+cause: the point mass gives thrust at once, and the loop by which a policy holds its altitude ends
+in chatter (`reports/paper.md`, on drones off their specification).
 """
 
 from typing import ClassVar

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from bench.paper.values import LF, name_of, name_of_method, sizes
 from bench.report.pictures.cost import BUDGET
-from bench.stats.choices import BUDGETS, NEAR, Choice, Tie, better_settings
+from bench.stats.choices import BUDGETS, NEAR, Better, Choice, Tie
 from bench.stats.scores import (
     PRIMARY,
     STEADY,
@@ -31,9 +31,9 @@ TUNED = (
     "does not name, the method had its defaults:"
 )
 """What is said of settings that are better than all defaults."""
-SETTINGS = (
-    "Some methods score higher with other settings than their defaults than every default that "
-    "spends as much flight or less"
+BETTER_SETTINGS = (
+    "With settings other than their defaults, some methods score higher than every method with "
+    "default settings that spends as much flight or less"
 )
 """What is said of such settings where they are not listed."""
 BETTER = "Settings that score higher than all defaults"
@@ -53,13 +53,14 @@ FLOWN = (
 """What the tables of rewards by flight show."""
 
 
-def whom(found: Sequence[Choice], tables: Tables, cells: str = "") -> list[str]:
+def whom(found: Sequence[Choice], tables: Tables, better: bool, cells: str) -> list[str]:
     """Which method to choose at which budget: a line a team size, a column a budget.
 
     Args:
         found: What to choose.
         tables: What the sweep found.
-        cells: Name of the page that has the details; empty: this one.
+        better: Whether some settings score higher than all defaults (`better_defaults`).
+        cells: Name of the page that has the details.
     """
     if not found:
         return []
@@ -84,8 +85,8 @@ def whom(found: Sequence[Choice], tables: Tables, cells: str = "") -> list[str]:
         "line: references differ from line to line, and each is one training. Hybrid without a "
         "residual's name has the MLP ensemble.",
     ]
-    if better_settings(tables):
-        parts.append(f"{SETTINGS} ([which]({cells}#{markdown.anchor(BETTER)})).")
+    if better:
+        parts.append(f"{BETTER_SETTINGS} ([which]({cells}#{markdown.anchor(BETTER)})).")
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:
         parts.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")
@@ -131,17 +132,17 @@ def in_detail(found: Sequence[Choice]) -> list[str]:
     ]
 
 
-def better_defaults(found: Sequence[Choice], tables: Tables) -> list[str]:
-    """Settings that score higher than every default of the same flight; none: nothing."""
-    better = [
+def better_defaults(found: Sequence[Choice], better: Sequence[Better]) -> list[str]:
+    """The list of settings that score higher than every default of the same flight."""
+    lines = [
         f"- {_team(next(c for c in found if c.team_size == b.team_size), found)}: "
         f"**{markdown.escape(name_of_method(b.entry))}** with `{b.entry.variant}` "
         f"on {markdown.escape(', '.join(b.tasks))}: {number(b.score, 4)} for "
         f"{significant(b.minutes)} fleet-minutes, where {markdown.escape(name_of(b.above))} has "
         f"{number(b.above_score, 4)}"
-        for b in better_settings(tables)
+        for b in better
     ]
-    return [f"## {BETTER}", TUNED, "\n".join(better)] if better else []
+    return [f"## {BETTER}", TUNED, "\n".join(lines)] if lines else []
 
 
 def _cell(choice: Choice) -> str:

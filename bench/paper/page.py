@@ -5,7 +5,7 @@ tables that they rest on. Both are written as Markdown and as HTML.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from bench.paper.rule import Finding
 from bench.paper.values import varied
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
-from bench.stats.choices import Choice, choices
+from bench.stats.choices import Better, Choice, better_settings, choices
 from bench.stats.scores import PRIMARY
 from bench.stats.statistics import difference, estimate
 from bench.stats.verdicts import Verdict, in_cell
@@ -128,6 +128,21 @@ def judged(tables: Tables) -> list[Judged]:
     return found
 
 
+class Content(NamedTuple):
+    """What both pages are made of."""
+
+    tables: Tables
+    found: Sequence[Judged]
+    chosen: Sequence[Choice]
+    better: Sequence[Better]
+    """Settings that score higher than every default of the same flight."""
+
+
+def content_of(tables: Tables) -> Content:
+    """What the pages say of a sweep."""
+    return Content(tables, judged(tables), choices(tables), better_settings(tables))
+
+
 def _whole(claim: Claim, found: Finding) -> Finding:
     """A finding as one on the whole claim: nothing supports it where part of it was not run."""
     if len(found.lines) >= claim.lines or found.verdict is Verdict.UNTESTED:
@@ -135,7 +150,7 @@ def _whole(claim: Claim, found: Finding) -> Finding:
     partial = f"{found.ours} (run: {len(found.lines)} of {claim.lines})"
     refuted = found.verdict is Verdict.REFUTED and claim.rule.one_refutes
     verdict = found.verdict if refuted else Verdict.UNDECIDED
-    return dataclasses.replace(found, ours=partial, verdict=verdict)
+    return dataclasses.replace(found, ours=partial, verdict=verdict, pooled=Verdict.UNTESTED)
 
 
 def cells_of(path_md: Path) -> Path:
@@ -162,56 +177,45 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
         refuse_folder(place)
     notes_text = "" if notes is None else read_notes(notes).strip()
     path.parent.mkdir(parents=True, exist_ok=True)
-    found, drawn = judged(tables), {}
+    drawn = {}
     for name, (title, write) in FIGURES.items():
         picture = path.with_name(f"{path.stem}_{name}.png")
         if write(tables, picture):
             drawn[name] = (title, picture)
 
-    cells, chosen = cells_of(path), choices(tables)
-    texts: dict[Path, tuple[str, Callable[[Mapping[str, list[str]]], str]]] = {
-        path: (TITLE, lambda own: document(tables, found, chosen, notes_text, own, cells.name)),
-        cells: (CELLS, lambda own: cells_document(tables, found, chosen, own, path.name)),
+    figures = {
+        name: [f"![{title}]({picture.name})", f"*{title}.*"]
+        for name, (title, picture) in drawn.items()
     }
-
-    def figures(link: Callable[[Path], str]) -> dict[str, list[str]]:
-        return {
-            name: [f"![{title}]({link(picture)})", f"*{title}.*"]
-            for name, (title, picture) in drawn.items()
-        }
-
+    own, cells = content_of(tables), cells_of(path)
+    texts = {
+        path: (TITLE, document(own, notes_text, figures, cells.name)),
+        cells: (CELLS, cells_document(own, figures, path.name)),
+    }
+    links = {picture.name: data_uri(picture) for _, picture in drawn.values()}
+    links |= {place.name: place.with_suffix(".html").name for place in texts}
     for place, (title, text) in texts.items():
-        write_text(place, text(figures(lambda picture: picture.name)))
-        whole = text(figures(data_uri))
-        for other in texts:
-            whole = whole.replace(f"]({other.name}", f"]({other.with_suffix('.html').name}")
-        write_page(whole, place.with_suffix(".html"), title)
+        write_text(place, text)
+        for name, link in links.items():
+            text = text.replace(f"]({name}", f"]({link}")
+        write_page(text, place.with_suffix(".html"), title)
 
 
-def document(
-    tables: Tables,
-    found: Sequence[Judged],
-    chosen: Sequence[Choice],
-    notes: str,
-    figures: Mapping[str, list[str]],
-    cells: str,
-) -> str:
+def document(own: Content, notes: str, figures: Mapping[str, Sequence[str]], cells: str) -> str:
     """The page of answers as Markdown.
 
     Args:
-        tables: What the sweep found.
-        found: All claims, judged by these tables.
-        chosen: Which method to choose, by these tables.
+        own: What it says.
         notes: Markdown that is appended.
         figures: Paragraphs of each figure, by its name in `FIGURES`.
         cells: Name of the page that has all cells.
     """
-    parts = [f"# {TITLE}", *whom(chosen, tables, cells), *_answer(found)]
-    parts += figures.get("cost", [])
-    sections = list(dict.fromkeys(j.claim.section for j in found))
+    parts = [f"# {TITLE}", *whom(own.chosen, own.tables, bool(own.better), cells)]
+    parts += [*_answer(own.found), *figures.get("cost", [])]
+    sections = list(dict.fromkeys(j.claim.section for j in own.found))
     for section in sections:
-        own = [j for j in found if j.claim.section == section]
-        if section != PAPER and all(j.finding.verdict is Verdict.UNTESTED for j in own):
+        claims = [j for j in own.found if j.claim.section == section]
+        if section != PAPER and all(j.finding.verdict is Verdict.UNTESTED for j in claims):
             continue
         theirs = "aim" if section == sections[-1] else "paper"
         parts += [f"## {section}"]
@@ -226,33 +230,27 @@ def document(
                 word_of(j.finding.verdict),
                 _whole_text(j),
             )
-            for j in own
+            for j in claims
         ]
         whole = "by the whole return, as in the paper"
         headings = ("claim", theirs, "ours, settled reward", "verdict", whole)
         parts += [markdown.table(headings, lines, range(5))]
         parts += figures.get(SHOWN.get(section, ""), [])
-    made = f"{_ended(tables)} {markdown.escape(made_by_text(tables))}".strip()
+    made = f"{_ended(own.tables)} {markdown.escape(made_by_text(own.tables))}".strip()
     parts += ["## Where the rows come from", made]
     return "\n\n".join([*parts, notes] if notes else parts) + "\n"
 
 
-def cells_document(
-    tables: Tables,
-    found: Sequence[Judged],
-    chosen: Sequence[Choice],
-    figures: Mapping[str, list[str]],
-    answers: str,
-) -> str:
+def cells_document(own: Content, figures: Mapping[str, Sequence[str]], answers: str) -> str:
     """The page of all cells as Markdown; `answers` is the name of the page of answers."""
-    parts = [f"# {CELLS}", f"[What follows from these tables]({answers}).", *in_detail(chosen)]
-    parts += better_defaults(chosen, tables)
-    for j in found:
+    parts = [f"# {CELLS}", f"[What follows from these tables]({answers})."]
+    parts += [*in_detail(own.chosen), *better_defaults(own.chosen, own.better)]
+    for j in own.found:
         if j.finding.lines:
             parts += [f"## {j.claim.title}", f"Supported if {j.claim.rule.text}."]
             parts += [markdown.table(j.finding.headings, j.finding.lines)]
-    parts += reward_by_flight(tables)
-    headings, lines = variants(tables)
+    parts += reward_by_flight(own.tables)
+    headings, lines = variants(own.tables)
     if lines:
         parts += ["## Settings that differ from the default", *figures.get("settings", [])]
         parts += [markdown.table(headings, lines, (0, 1))]

@@ -1,6 +1,5 @@
 """What the blind report found, on one screen: a table of the draws, and one of injected faults."""
 
-import math
 from collections.abc import Sequence
 
 from bench.stats.statistics import records
@@ -8,6 +7,7 @@ from bench.text import markdown
 from bench.text.numbers import MISSING, percent
 from blind.draw.injected import NOTHING
 from blind.report.injected_section import InjectedTables
+from blind.report.sections import COVERAGE, INTERVALS
 from blind.report.tables import OURS, Tables
 from blind.score.injected import FALSE_ALARM, INSIDE, MISLED, shares
 
@@ -16,17 +16,17 @@ RIGHT = (
     ("two effects act: both are named, and nothing else", "exact set of pairs", "decidable"),
     ("nothing acts: nothing is found", "nothing found in clean flights", "decidable"),
     ("the library lacks what acts: the gap is called unexplained", "abstention, both", "decidable"),
-    ("a stated 95 % interval holds the true size", "truth inside 95 % intervals", "all"),
+    ("a stated 95 % interval holds the true size", INTERVALS, "all"),
 )
 """Lines of the first table: what is right, the score that counts it, and on which cases."""
 SIMULATED = (
-    "Simulated flights. The diagnosis, which knows crazyflow, was not told what acts. Intervals "
-    "should hold the true size in 93 to 97 % of the cases."
+    "The flights were simulated. The diagnosis knows crazyflow and was not told what acts. "
+    f"{100 * COVERAGE[0]:.0f} to {percent(COVERAGE[1])} of the intervals should hold the true size."
 )
 """What stands over the first table."""
 COUNTED = (MISLED, FALSE_ALARM, INSIDE)
 """Scores of the second table, beside the share that is right."""
-INJECTED = "Faults written into real flights."
+INJECTED = "Faults were written into real flights."
 BESIDE = " The diagnosis had other flights of the same set to compare with."
 """What stands over the second table, and what is added where it is so."""
 
@@ -46,8 +46,9 @@ def _simulated(found: Sequence[Tables]) -> str:
     headings = ("what is right", *(_flown(t) for t in found))
     rows = [("cases", *(str(len(tables.cases)) for tables in found))]
     rows += [(text, *(_share(t, score, cases) for t in found)) for text, score, cases in RIGHT]
-    shrunk = (percent((t.summary[OURS].get("median_shrink") or math.nan) / 100.0, 0) for t in found)
-    rows.append(("on flights left out, the drift falls by (median)", *shrunk))
+    fallen = [t.summary[OURS].get("median_shrink") for t in found]
+    shown = (MISSING if value is None else f"{value:.0f} %" for value in fallen)
+    rows.append(("on flights left out, the drift falls by (median)", *shown))
     return markdown.table(headings, rows)
 
 

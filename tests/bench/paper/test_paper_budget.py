@@ -3,11 +3,12 @@
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
-from bench.paper.choosing import better_defaults, in_detail, reward_by_flight, whom
+from bench.paper.choosing import BETTER, better_defaults, in_detail, reward_by_flight, whom
 from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH, name_of
 from bench.stats.choices import BUDGETS, better_settings, choices, minutes_of
 from bench.stats.scores import UPPER
 from bench.stats.statistics import Entry
+from bench.text import markdown
 
 CLOSE = (0.0, 0.001, 0.002)
 """Scatter over seeds by which no two methods here are mistaken for each other."""
@@ -84,7 +85,7 @@ def test_a_tie_says_how_far_below_a_scattered_method_may_lie():
     assert (tie.entry, tie.score) == (HOTSTART, pytest.approx(0.2, abs=0.01))
     assert tie.low < 0.0 < 0.7 < tie.high
     assert tie.low + tie.high == pytest.approx(2.0 * (found.score - tie.score))
-    page = "\n\n".join([*whom([found], sheet.tables()), *in_detail([found])])
+    page = "\n\n".join([*whom([found], sheet.tables(), False, ""), *in_detail([found])])
     assert f"**Hybrid** {found.score:.3f} |" in page  # who may be far worse stands in detail only
     assert f"hot start: {tie.score:.3f} (" in page
     assert "though they may be far worse" in page
@@ -94,7 +95,7 @@ def test_who_is_shown_to_be_near_the_best_stands_beside_it():
     sheet = Scores().bound("spread").give(HYBRID, 0.9).give(HOTSTART, 0.899, scatter=(0.002, 0, 0))
     (found,) = choices(sheet.tables())
     assert [tie.near for tie in found.tied] == [True]
-    page = "\n\n".join(whom([found], sheet.tables()))
+    page = "\n\n".join(whom([found], sheet.tables(), False, ""))
     assert f"**Hybrid** {found.score:.3f} (or hot start)" in page
 
 
@@ -106,13 +107,17 @@ def test_settings_above_every_default_of_the_same_bill_are_told():
     sheet.give(HOTSTART._replace(variant="limit=9"), 0.9, 200.0)
     sheet.give(HOTSTART._replace(variant="limit=1"), 0.6, 200.0)  # above its default alone
     sheet.give(LF._replace(variant="limit=9"), 0.55)  # no bill, and above what is free
-    paid, free = better_settings(sheet.tables())
+    paid, free = better = better_settings(sheet.tables())
     assert (free.entry.method, free.above, free.tasks) == ("lf_baseline", LF, ("spread",))
     assert (paid.entry.variant, paid.above, paid.minutes) == ("limit=9", HYBRID, 200.0)
     assert (paid.score, paid.above_score) == pytest.approx((0.7, 0.6), abs=0.01)
     found = choices(sheet.tables())
-    assert "with other settings than their defaults" in "".join(whom(found, sheet.tables()))
-    page = "\n\n".join(better_defaults(found, sheet.tables()))
+    for are_there in (True, False):
+        page = "\n\n".join(whom(found, sheet.tables(), are_there, "cells.md"))
+        assert (f"](cells.md#{markdown.anchor(BETTER)})" in page) == are_there
+    page = "\n\n".join(better_defaults(found, better))
+    assert page.startswith(f"## {BETTER}\n\n")
+    assert better_defaults(found, []) == []
     assert "**hot start** with `limit=9` on spread: 0.7" in page
 
 
