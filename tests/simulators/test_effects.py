@@ -95,6 +95,11 @@ SILENT = {
 N, STEPS = 3, 50
 
 
+# Floating-point rounding of one program compiled in two ways. On a processor there is none, because
+# the environment's XLA options forbid fused multiply-adds; an H200 was seen to differ by 1.2e-7.
+ROUNDING = {"rtol": 0} if jax.default_backend() == "cpu" else {"rtol": 1e-5, "atol": 1e-6}
+
+
 def flight_of(simulator):
     return fly_from_rest(simulator, positions(N), random_cmds(0, STEPS, N, yaw=0.3))
 
@@ -110,7 +115,10 @@ def test_a_neutral_effect_is_nominal_bit_for_bit(simulator, effect):
     ("simulator", "folded"), [("point_mass", False), ("point_mass", True), ("crazyflow", True)]
 )
 def test_all_neutral_effects_together_are_nominal_bit_for_bit(simulator, folded):
-    """As arguments of the program, or as its constants, which the compiler may fold."""
+    """As arguments of the program, or as its constants, which the compiler may fold.
+
+    On an accelerator to `ROUNDING`.
+    """
     nominal = SIMULATORS[simulator]()
     every = with_effects(nominal, [EFFECTS[e]() for s, e in PAIRS if s == simulator])
     pos, cmds = positions(N), random_cmds(0, STEPS, N, yaw=0.3)
@@ -120,7 +128,7 @@ def test_all_neutral_effects_together_are_nominal_bit_for_bit(simulator, folded)
 
     flown = functools.partial(from_rest_and_restored, every)
     flown = jax.jit(flown) if folded else flown
-    assert_near(flown(cmds), from_rest_and_restored(nominal, cmds), rtol=0)
+    assert_near(flown(cmds), from_rest_and_restored(nominal, cmds), **ROUNDING)
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
