@@ -1,7 +1,7 @@
 """Which method to choose at which budget of flight, and what flight gives, as Markdown."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from bench.paper.values import LF, name_of, name_of_method, sizes
 from bench.report.pictures.cost import BUDGET
@@ -66,18 +66,16 @@ def whom(found: Sequence[Choice], tables: Tables, better: bool, cells: str) -> l
         return []
     means = f"Scores are means over {_tasks(found[0])}. " if _alike(found) else ""
     shown = sorted({c.budget for c in found})
-    lines = []
-    for size in sorted({c.team_size for c in found}):
-        own = {c.budget: c for c in found if c.team_size == size}
-        best, last = [], None
-        for budget in shown:
-            last = own.get(budget, last)
-            best.append(MISSING if last is None else _cell(last))
-        lines.append((_team(next(iter(own.values())), found), *best))
-    budgets = [f"{significant(b)} fleet-minutes" if b else "no flight" for b in shown]
+    lines = [
+        (
+            _team(next(filter(None, own)), found),
+            *(MISSING if c is None else _cell(c) for c in own),
+        )
+        for own in _by_team(found, shown)
+    ]
     parts = [
         "## Which method to choose",
-        markdown.table(("team size", *budgets), lines, range(len(shown) + 1)),
+        markdown.table(("team size", *map(_flight, shown)), lines, range(len(shown) + 1)),
         "Each line is a team size, each column the high-fidelity flight that may be spent. A cell "
         "names the best method and its score (0: a team that stays at its spawn; 1: the upper "
         f"reference). {TIES} ([which, and by how much]"
@@ -97,6 +95,25 @@ def whom(found: Sequence[Choice], tables: Tables, better: bool, cells: str) -> l
             f"`{STEADY}`: {'; '.join(steadied)}."
         )
     return parts
+
+
+def by_task(found: Mapping[str, Sequence[Choice]]) -> list[str]:
+    """The best method of each task alone: a line a task, a column a budget."""
+    if len(found) < 2:
+        return []
+    shown = sorted({c.budget for own in found.values() for c in own})
+    lines = []
+    for task, own in found.items():
+        columns = zip(*_by_team(own, shown), strict=True)
+        lines.append((markdown.escape(task), *map(_by_name, columns)))
+    return [
+        "### On one task",
+        markdown.table(("task", *map(_flight, shown)), lines, range(len(shown) + 1)),
+        "The best method where only one task is flown, with the team sizes for which it is the "
+        "best. `bench choose --task` gives its score, and the methods that are not shown to be "
+        "worse. Means over tasks, as above, hide this: a method that diverges on one task loses "
+        "there what it gains on the others.",
+    ]
 
 
 def in_detail(found: Sequence[Choice]) -> list[str]:
@@ -143,6 +160,30 @@ def better_defaults(found: Sequence[Choice], better: Sequence[Better]) -> list[s
         for b in better
     ]
     return [f"## {BETTER}", TUNED, "\n".join(lines)] if lines else []
+
+
+def _by_team(found: Sequence[Choice], budgets: Sequence[float]) -> list[list[Choice | None]]:
+    """For each team size what holds at each budget; None where nothing can be afforded."""
+    teams = []
+    for size in sorted({c.team_size for c in found}):
+        own = sorted((c for c in found if c.team_size == size), key=lambda c: c.budget)
+        teams.append([next((c for c in reversed(own) if c.budget <= b), None) for b in budgets])
+    return teams
+
+
+def _by_name(teams: Sequence[Choice | None]) -> str:
+    """The best methods of some team sizes, each with its sizes where there are several."""
+    best: dict[str, list[str]] = {}
+    for choice in filter(None, teams):
+        best.setdefault(name_of(choice.best), []).append(str(choice.team_size))
+    names = [f"**{markdown.escape(name)}**" for name in best]
+    if len(best) > 1:
+        names = [f"{n} (N = {', '.join(s)})" for n, s in zip(names, best.values(), strict=True)]
+    return ", ".join(names) or MISSING
+
+
+def _flight(budget: float) -> str:
+    return f"{significant(budget)} fleet-minutes" if budget else "no flight"
 
 
 def _cell(choice: Choice) -> str:

@@ -4,6 +4,7 @@ import base64
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -15,7 +16,6 @@ from matplotlib.figure import Figure
 from bench.paper.rule import relative
 from bench.paper.values import HYBRID, LF, NAMES, name_of, name_of_method, off_spec, sizes, varied
 from bench.report.pictures import cost
-from bench.report.pictures.cost import STYLE
 from bench.report.pictures.looks import look_of, ordered
 from bench.stats.scores import PRIMARY, UPPER, undisturbed
 from bench.stats.statistics import (
@@ -28,6 +28,8 @@ from bench.stats.statistics import (
 )
 from bench.store.tables import Tables
 
+STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+"""Settings of a figure in a file."""
 CONTACT = "training_crash_step_rate"
 """Share of training steps in contact; drawn of methods that train in high fidelity."""
 ROWS = {
@@ -39,14 +41,6 @@ ROWS = {
 LINEAR = 0.5
 """Returns nearer to 0 are drawn on a linear scale, others on a logarithmic one: they go from -0.6,
 where the best settle, to -600 of a training that diverged."""
-
-
-def write_cost(tables: Tables, path: Path) -> bool:
-    """Writes a PNG: gap to the upper reference against fleet-minutes, a panel a team size.
-
-    Nothing is written, and False returned, where nothing has a score.
-    """
-    return cost.write_cost(tables, path, lambda entry: plain(name_of(entry)))
 
 
 def write_summary(tables: Tables, path: Path) -> bool:

@@ -9,22 +9,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.paper.choosing import better_defaults, in_detail, reward_by_flight, whom
+from bench.paper.choosing import better_defaults, by_task, in_detail, reward_by_flight, whom
 from bench.paper.claims import BILLS, BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
 from bench.paper.figures import (
     data_uri,
-    write_cost,
     write_flights,
     write_settings,
     write_summary,
     write_worlds,
 )
-from bench.paper.pictures import write_pipeline, write_top_views
+from bench.paper.pictures import write_cost, write_pipeline, write_top_views
 from bench.paper.rule import Finding
 from bench.paper.values import varied
 from bench.report.leaderboard import made_by_text
 from bench.report.page import write_page
-from bench.stats.choices import Better, Choice, better_settings, choices
+from bench.stats.choices import Better, Choice, better_settings, choices, on_task
 from bench.stats.scores import PRIMARY
 from bench.stats.statistics import difference, estimate
 from bench.stats.verdicts import Verdict, in_cell
@@ -38,10 +37,10 @@ TITLE = "How to train a drone team: the paper's claims beside ours"
 CELLS = "The paper's claims, cell by cell"
 """Title of the second page."""
 COST = (
-    "Gap to the upper reference (1 minus the settled score) against high-fidelity flight. There is "
-    "one panel for each team size. Points are means over tasks and seeds, bars one standard "
-    "deviation over seeds. A gap of 1 is a team that stays at its spawn, 0 the upper reference. "
-    "Both axes are logarithmic, except near 0. Small markers are other budgets of the same method"
+    "Settled reward against high-fidelity flight, a panel for each task and team size; up and to "
+    "the left is better. Points are medians over seeds, bars reach from the worst to the best "
+    "seed. Both axes are logarithmic, except near 0. Small markers are other budgets of the same "
+    "method: fewer or more calibration flights, or trainings that were cut off"
 )
 """What the first figure shows."""
 GRID = (
@@ -136,11 +135,14 @@ class Content(NamedTuple):
     chosen: Sequence[Choice]
     better: Sequence[Better]
     """Settings that score higher than every default of the same flight."""
+    alone: Mapping[str, Sequence[Choice]]
+    """What to choose where one task alone is flown, by task."""
 
 
 def content_of(tables: Tables) -> Content:
     """What the pages say of a sweep."""
-    return Content(tables, judged(tables), choices(tables), better_settings(tables))
+    alone = {task: choices(on_task(tables, task)) for task in sorted({*tables.runs["task"]})}
+    return Content(tables, judged(tables), choices(tables), better_settings(tables), alone)
 
 
 def _whole(claim: Claim, found: Finding) -> Finding:
@@ -211,6 +213,7 @@ def document(own: Content, notes: str, figures: Mapping[str, Sequence[str]], cel
         cells: Name of the page that has all cells.
     """
     parts = [f"# {TITLE}", *whom(own.chosen, own.tables, bool(own.better), cells)]
+    parts += by_task(own.alone)
     parts += [*_answer(own.found), *figures.get("cost", [])]
     sections = list(dict.fromkeys(j.claim.section for j in own.found))
     for section in sections:
@@ -284,7 +287,7 @@ def _answer(found: Sequence[Judged]) -> list[str]:
     pooled = [j for j in rest if j.finding.pooled is Verdict.SUPPORTED]
     groups = {
         "Supported": [j for j in found if j.finding.verdict is Verdict.SUPPORTED],
-        "True on average over the cells, but not shown in as many as the claim needs": pooled,
+        "Undecided cell by cell, but true on average over the cells": pooled,
         **open_,
         "Refuted": [j for j in found if j.finding.verdict is Verdict.REFUTED],
         "Undecided": [j for j in rest if j not in pooled],

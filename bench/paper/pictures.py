@@ -1,4 +1,4 @@
-"""Pictures beside the claims: how policies are trained, and what teams fly, seen from above.
+"""Pictures beside the claims: how policies are trained, what that costs, and what teams fly.
 
     python -m bench.paper.pictures OUT results/paper
 
@@ -7,6 +7,7 @@ keeps of the trajectories in OUT, a folder that `bench run` wrote to, those that
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -14,9 +15,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from bench.paper.values import GREY_BOX, HYBRID, NAMES
-from bench.report.pictures.cost import STYLE
-from bench.stats.statistics import Entry, entry_of, records
+from bench.paper.figures import LINEAR, STYLE, plain
+from bench.paper.values import GREY_BOX, HYBRID, NAMES, name_of, sizes
+from bench.report.pictures.cost import budgets
+from bench.report.pictures.looks import look_of, ordered
+from bench.stats.scores import PRIMARY, undisturbed
+from bench.stats.statistics import FEWEST_SEEDS, Entry, Values, entry_of, records
 from bench.store.tables import FEW_TRAJECTORIES, Tables
 
 TEAM_SIZE = 5
@@ -83,6 +87,97 @@ def write_pipeline(_: Tables, path: Path) -> bool:
         figure.savefig(path, dpi=110)
         plt.close(figure)
     return True
+
+
+def write_cost(tables: Tables, path: Path) -> bool:
+    """Writes a PNG: settled reward against fleet-minutes, a column a task, a row a team size.
+
+    Of the team sizes at which most methods were run, the smallest and the largest. Points are
+    medians over seeds; bars reach from the worst seed to the best. Nothing is written, and False
+    returned, where no method has two seeds.
+    """
+    rewards = budgets(undisturbed(tables, PRIMARY), FEWEST_SEEDS)
+    bills = budgets(undisturbed(tables, "fleet_minutes"), FEWEST_SEEDS)
+    rewards = {cell: own for cell, own in rewards.items() if own}
+    if not rewards:
+        return False
+    teams, tasks = _fullest(rewards), sorted({cell.task for cell in rewards})
+    entries = ordered({_default(e) for own in rewards.values() for e in own})
+    with plt.rc_context(STYLE):
+        size = (2.5 * len(tasks) + 1.7, 2.5 * len(teams) + 0.3)
+        figure, axes = plt.subplots(len(teams), len(tasks), figsize=size, squeeze=False)
+        drawn: dict[str, Any] = {}
+        for row, n in zip(axes, teams, strict=True):
+            for panel, task in zip(row, tasks, strict=True):
+                for cell in (c for c in rewards if (c.task, c.team_size) == (task, n)):
+                    drawn |= _points(panel, rewards[cell], bills.get(cell, {}), entries)
+                panel.set(title=f"{plain(task)}, N = {n}", xlabel="HF flight [fleet-minutes]")
+                _scale(panel)
+            row[0].set_ylabel("settled reward")
+        names = [name for e in entries if (name := plain(name_of(e))) in drawn]
+        handles = [drawn[name] for name in names]
+        figure.legend(handles, names, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        figure.tight_layout()
+        figure.savefig(path, dpi=110, bbox_inches="tight")
+        plt.close(figure)
+    return True
+
+
+def _fullest(rewards: Values) -> list[int]:
+    """Smallest and largest of the team sizes at which most methods were run."""
+    run = {
+        n: len({_default(e) for cell, own in rewards.items() if cell.team_size == n for e in own})
+        for n in sizes(rewards)
+    }
+    most = [n for n, count in run.items() if count == max(run.values())]
+    return sorted({most[0], most[-1]})
+
+
+def _default(entry: Entry) -> Entry:
+    """The method, whatever its budget."""
+    return entry._replace(variant="")
+
+
+def _points(
+    panel: Axes,
+    rewards: dict[Entry, dict[int, float]],
+    bills: dict[Entry, dict[int, float]],
+    entries: list[Entry],
+) -> dict[str, Any]:
+    """Draws a cell: large markers for defaults, small ones for other budgets, joined by lines.
+
+    Returns:
+        Handles for the legend by name.
+    """
+    drawn = {}
+    for entry in entries:
+        color, marker = look_of(entry, entries)
+        family = [e for e in rewards if _default(e) == entry and e in bills]
+        family.sort(key=lambda e: np.mean([*bills[e].values()]))
+        at = [float(np.mean([*bills[e].values()])) for e in family]
+        seeds = [sorted(rewards[e].values()) for e in family]
+        middle = [float(np.median(own)) for own in seeds]
+        panel.plot(at, middle, color=color, linewidth=0.8, alpha=0.6)
+        for e, x, y, own in zip(family, at, middle, seeds, strict=True):
+            name = "_" if e.variant else plain(name_of(e))
+            bars = panel.errorbar(
+                x, y, yerr=[[y - own[0]], [own[-1] - y]], color=color, marker=marker, label=name,
+                markersize=3 if e.variant else 6, elinewidth=1.0, linestyle="none",
+            )  # fmt: skip
+            drawn |= {} if e.variant else {name: bars}
+    return drawn
+
+
+def _scale(panel: Axes) -> None:
+    """Logarithmic both ways, but near 0; the best on top."""
+    panel.set_yscale("symlog", linthresh=LINEAR)
+    panel.set_ylim(1.5 * min(panel.dataLim.y0, -1.0), max(0.0, panel.dataLim.y1))
+    panel.set_yticks([y for y in (-1000, -100, -10, -1, 0) if y >= panel.get_ylim()[0]])
+    panel.yaxis.set_major_formatter("{x:g}")
+    panel.set_xscale("symlog", linthresh=0.1)
+    panel.set_xlim(-0.05, max(1.0, 3.0 * panel.dataLim.x1))
+    panel.set_xticks([x for x in (0, 1, 10, 100, 1000) if x <= panel.get_xlim()[1]])
+    panel.xaxis.set_major_formatter("{x:g}")
 
 
 def write_top_views(tables: Tables, path: Path, team_size: int = TEAM_SIZE) -> bool:

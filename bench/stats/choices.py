@@ -88,6 +88,12 @@ def choose(tables: Tables, team_size: int, budget: float) -> Choice | None:
     return next(iter(_ladders(tables, (budget,)).get(team_size, [])), None)
 
 
+def on_task(tables: Tables, task: str) -> Tables:
+    """The rows of one task, for who has only that one to fly."""
+    runs = tables.runs
+    return tables.of_runs({*runs["run"][runs["task"] == task]})
+
+
 def _ladders(tables: Tables, budgets: Sequence[float]) -> dict[int, list[Choice]]:
     """A choice for each budget at which anybody is affordable, by team size."""
     scores = _default(_scores(tables))
@@ -168,12 +174,19 @@ def minutes_of(tables: Tables) -> dict[tuple[Entry, int], list[float]]:
 
 
 def _default(values: Values) -> Values:
-    """Default settings, at least two seeds, no reference."""
+    """Default settings, at least two seeds, no reference.
+
+    A residual on top of a method that does without is a setting.
+    """
+    without = {entry.method for own in values.values() for entry in own if not entry.residual}
     return {
         cell: {
             entry: seeds
             for entry, seeds in own.items()
-            if not entry.variant and entry.method != UPPER and len(seeds) >= FEWEST_SEEDS
+            if not entry.variant
+            and entry.method != UPPER
+            and not (entry.residual and entry.method in without)
+            and len(seeds) >= FEWEST_SEEDS
         }
         for cell, own in values.items()
     }

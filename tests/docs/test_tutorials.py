@@ -161,6 +161,11 @@ def test_the_numbers_in_the_text_are_those_of_the_tables(tables):
         ),
         (("--team-size", "3", "--budget", "0"), "N = 3, up to 0 fleet-minutes: lf_baseline."),
         (("--team-size", "6", "--budget", "5"), "runs with these numbers of drones: 3, 5"),
+        (
+            ("--team-size", "12", "--budget", "5000", "--task", "circle"),
+            "N = 12, up to 5000 fleet-minutes: hf_scratch.",
+        ),
+        (("--team-size", "3", "--budget", "5", "--task", "cirle"), "no runs of 'cirle'; its tasks"),
         (("--team-size", "3", "--budget", "-1"), "must be at least 0 fleet-minutes, got -1.0."),
     ],
 )

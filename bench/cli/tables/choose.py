@@ -6,7 +6,7 @@ from bench.cli.checks import check_tables
 from bench.text.errors import UsageError
 
 
-def choose(directory: Path, /, *, team_size: int, budget: float) -> int:
+def choose(directory: Path, /, *, team_size: int, budget: float, task: str = "") -> int:
     """Say which method to choose for a team size and a budget of high-fidelity flight.
 
     Of the methods whose mean bill is at most the budget and that flew every task, the one with the
@@ -20,19 +20,26 @@ def choose(directory: Path, /, *, team_size: int, budget: float) -> int:
         Number of drones.
     budget
         High-fidelity flight that may be spent [fleet-minutes].
+    task
+        The one task to fly; without it, scores are means over all tasks.
     """
     if not budget >= 0.0:
         raise UsageError(f"`--budget` must be at least 0 fleet-minutes, got {budget}.")
     check_tables(directory)
     from rich.console import Console
 
-    from bench.stats.choices import better_settings
+    from bench.stats.choices import better_settings, on_task
     from bench.stats.choices import choose as find
     from bench.store.tables import Tables
     from bench.text.numbers import number, significant
     from bench.text.say import say
 
     tables, console = Tables.load(directory), Console()
+    if task:
+        flown = sorted({*tables.runs["task"]})
+        if task not in flown:
+            raise UsageError(f"{directory} has no runs of '{task}'; its tasks: {', '.join(flown)}.")
+        tables = on_task(tables, task)
     found = find(tables, team_size, budget)
     if found is None:
         sizes = ", ".join(map(str, sorted({*tables.runs["team_size"]})))
@@ -44,7 +51,7 @@ def choose(directory: Path, /, *, team_size: int, budget: float) -> int:
     say(
         console,
         f"It needs {significant(found.minutes)} fleet-minutes. Its mean score is "
-        f"{number(found.score, 3)} on {', '.join(found.tasks)} "
+        f"{number(found.score, 4 if task else 3)} on {', '.join(found.tasks)} "
         "(0: a team that stays at its spawn, 1: the upper reference).",
     )
     for tie in found.tied:

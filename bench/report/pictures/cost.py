@@ -10,23 +10,18 @@ cut short (suite `budget`) are small ones of the same colour, joined in the orde
 """
 
 import re
-from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from bench.report.pictures.looks import Key, legend, look_of, on_page, ordered
+from bench.report.pictures.looks import Key, legend, on_page, ordered
 from bench.report.pictures.svg import Panel, name, plain_ticks, render
 from bench.stats.scores import at_home, recovered, scored, undisturbed
 from bench.stats.statistics import FEWEST_SEEDS, Cell, Entry, Values, estimate, seed_values
 from bench.store.tables import Tables
 from bench.text.numbers import number, significant
 
-STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
-"""Settings of a figure in a file."""
 BUDGET = re.compile(r"flights=\d+|trainer\.share=[\d.]+")
 """Variants that differ from the default in their budget of flight alone."""
 FINEST = 1e-3
@@ -35,8 +30,6 @@ GAP = "gap to the upper reference"
 """What the vertical axis shows where there are scores."""
 LOSS = "settled reward / that at the spawn"
 """What it shows elsewhere."""
-IN_A_ROW = 3
-"""Panels side by side in a file."""
 PAGE_SIZE = (4.8, 3.0)
 """Width and height of a panel on a page [in]."""
 
@@ -53,43 +46,8 @@ class Point(NamedTuple):
     """Root mean square over tasks of the standard deviation over seeds; None with one seed."""
 
 
-Look = Callable[[Entry, Sequence[Entry]], tuple[str, str]]
-"""Colour and marker of an entry among others."""
-
-
-def write_cost(tables: Tables, path: Path, label: Callable[[Entry], str]) -> bool:
-    """Writes a PNG: gap to the upper reference against fleet-minutes, a panel a team size.
-
-    Nothing is written, and False returned, where nothing has a score.
-    """
-    found = points(tables)
-    if not found:
-        return False
-    entries = _entries(found)
-    with plt.rc_context(STYLE):
-        columns = min(len(found), IN_A_ROW)
-        rows = -(-len(found) // columns)
-        size = (2.6 * columns + 1.6, 2.9 * rows + 0.3)
-        figure, axes = plt.subplots(
-            rows, columns, figsize=size, sharex=True, sharey=True, squeeze=False
-        )
-        for (n, own), panel in zip(sorted(found.items()), axes.flat, strict=False):
-            _draw(panel, own, entries, look_of, label)
-            panel.set_title(f"N = {n}")
-        for panel in axes.flat[len(found) :]:
-            panel.set_axis_off()
-        for row in axes:
-            row[0].set_ylabel(GAP)
-        _scale(axes[0][0], found)
-        _legend(figure, axes.flat, [label(entry) for entry in entries])
-        figure.tight_layout()
-        figure.savefig(path, dpi=110, bbox_inches="tight")
-        plt.close(figure)
-    return True
-
-
 def cost_panels(tables: Tables) -> tuple[list[Panel], list[Key]]:
-    """The same for a page, a panel a team size, and who is drawn how.
+    """Gap to the upper reference against fleet-minutes, a panel a team size, and who is drawn how.
 
     Where nothing has a score, the gap is by the reward at the spawn.
     """
@@ -101,7 +59,7 @@ def cost_panels(tables: Tables) -> tuple[list[Panel], list[Key]]:
     for n, own in sorted(found.items()):
 
         def draw(panel: Axes, own: list[Point] = own) -> None:
-            _draw(panel, own, entries, on_page, lambda entry: entry.label)
+            _draw(panel, own, entries)
             panel.set_ylabel(axis)
             _scale(panel, found)
             plain_ticks(panel.xaxis)
@@ -119,8 +77,8 @@ def cost_panels(tables: Tables) -> tuple[list[Panel], list[Key]]:
 def points(tables: Tables, values: Values | None = None) -> dict[int, list[Point]]:
     """What is drawn, by team size: gaps of scores, or of `values`, of which 1 is the best."""
     scores = seed_values(scored(tables), "score") if values is None else values
-    scores = _budgets(at_home(scores, tables))
-    bills = _budgets(undisturbed(tables, "fleet_minutes"), FEWEST_SEEDS if values is None else 1)
+    scores = budgets(at_home(scores, tables))
+    bills = budgets(undisturbed(tables, "fleet_minutes"), FEWEST_SEEDS if values is None else 1)
     found: dict[int, list[Point]] = {}
     for n in sorted({cell.team_size for cell in scores}):
         cells = [cell for cell in scores if cell.team_size == n]
@@ -144,7 +102,7 @@ def _point(entry: Entry, minutes: list[float], own: list[Any]) -> Point:
     return Point(entry, float(np.mean(minutes)), 1.0 - score, spread)
 
 
-def _budgets(values: Values, fewest: int = 1) -> dict[Cell, dict[Entry, dict[int, float]]]:
+def budgets(values: Values, fewest: int = 1) -> dict[Cell, dict[Entry, dict[int, float]]]:
     """Default settings and other budgets, with at least so many seeds in a cell."""
     return {
         cell: {
@@ -156,11 +114,9 @@ def _budgets(values: Values, fewest: int = 1) -> dict[Cell, dict[Entry, dict[int
     }
 
 
-def _draw(
-    panel: Axes, own: list[Point], entries: list[Entry], look: Look, label: Callable[[Entry], str]
-) -> None:
+def _draw(panel: Axes, own: list[Point], entries: list[Entry]) -> None:
     for entry in entries:
-        color, marker = look(entry, entries)
+        color, marker = on_page(entry, entries)
         family = sorted(
             (p for p in own if p.entry._replace(variant="") == entry), key=lambda p: p.minutes
         )
@@ -177,7 +133,7 @@ def _draw(
                 marker=marker,
                 markersize=6 if default else 3,
                 linestyle="none",
-                label=label(entry) if default else "_",
+                label=entry.label if default else "_",
             )
             said = f"{point.entry.label}: {number(point.gap, 4)}, {significant(point.minutes)} min"
             name(drawn.lines[0], said)
@@ -193,19 +149,3 @@ def _scale(panel: Axes, found: dict[int, list[Point]]) -> None:
     panel.set_xscale("symlog", linthresh=0.1)
     largest = max(p.minutes for own in found.values() for p in own)
     panel.set_xlim(-0.05, max(1.0, 3.0 * largest))
-
-
-def _legend(figure: Any, panels: Any, names: list[str]) -> None:
-    """The methods that some panel shows, in the order of `names`, right of the panels."""
-    found: dict[str, Any] = {}
-    for panel in panels:
-        handles, labels = panel.get_legend_handles_labels()
-        found |= dict(zip(labels, handles, strict=True))
-    shown = [name for name in names if name in found]
-    figure.legend(
-        [found[name] for name in shown],
-        shown,
-        loc="center left",
-        bbox_to_anchor=(1.0, 0.5),
-        frameon=False,
-    )

@@ -3,9 +3,16 @@
 import pytest
 from tables_for_tests import SPAWN_SETTLED, Sheet, empty
 
-from bench.paper.choosing import BETTER, better_defaults, in_detail, reward_by_flight, whom
+from bench.paper.choosing import (
+    BETTER,
+    better_defaults,
+    by_task,
+    in_detail,
+    reward_by_flight,
+    whom,
+)
 from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH, name_of
-from bench.stats.choices import BUDGETS, better_settings, choices, minutes_of
+from bench.stats.choices import BUDGETS, better_settings, choices, minutes_of, on_task
 from bench.stats.scores import UPPER
 from bench.stats.statistics import Entry
 from bench.text import markdown
@@ -91,6 +98,19 @@ def test_a_tie_says_how_far_below_a_scattered_method_may_lie():
     assert "though they may be far worse" in page
 
 
+def test_on_one_task_the_best_is_named_with_the_team_sizes_for_which_it_is():
+    sheet = ladder().bound("spread", team_size=12).bound("circle")
+    sheet.give(LF, 0.3, team_size=12).give(SCRATCH, 0.1, 900.0, team_size=12)
+    sheet.give(LF, 0.9, task="circle").give(SCRATCH, 0.1, 900.0, task="circle")
+    alone = {task: choices(on_task(sheet.tables(), task)) for task in ("circle", "spread")}
+    page = "\n".join(by_task(alone))
+    assert "| circle | **LF baseline** | **LF baseline** | **LF baseline** | **LF base" in page
+    assert page.count("**LF baseline** (N = 12)") == 3  # from the smallest budget on it is alone
+    assert "| spread | **LF baseline** | **grey box** (N = 3), **LF baseline** (N = 12) |" in page
+    assert "**HF scratch** (N = 3), **LF baseline** (N = 12) |" in page
+    assert by_task({"spread": alone["spread"]}) == []
+
+
 def test_who_is_shown_to_be_near_the_best_stands_beside_it():
     sheet = Scores().bound("spread").give(HYBRID, 0.9).give(HOTSTART, 0.899, scatter=(0.002, 0, 0))
     (found,) = choices(sheet.tables())
@@ -151,7 +171,7 @@ def test_the_bill_is_the_mean_over_tasks_and_seeds():
     assert chosen(sheet) == [(50.0, "hybrid")]
 
 
-def test_who_misses_a_task_of_that_size_is_notin_detail():
+def test_who_misses_a_task_of_that_size_is_not_in_detail():
     sheet = Scores().bound("spread", "circle").bound("circle", team_size=12)
     sheet.give(LF, 0.2).give(LF, 0.2, task="circle").give(HYBRID, 0.9)
     # At another size there is only the task that it has.
@@ -164,13 +184,13 @@ def test_a_task_without_upper_reference_is_not_missed():
     assert chosen(sheet) == LADDER
 
 
-def test_the_upper_reference_itself_is_neverin_detail():
+def test_the_upper_reference_itself_is_never_in_detail():
     sheet = Scores().give(LF, 0.2).give(Entry(UPPER), 1.0)
     (found,) = choices(sheet.tables())
     assert (found.best, found.tied) == (LF, ())
 
 
-def test_variants_and_other_worlds_are_neverin_detail():
+def test_variants_and_other_worlds_are_never_in_detail():
     sheet = ladder().give(LF._replace(variant="x=1"), 0.99)
     before = len(sheet.results)
     sheet.give(HOTSTART, 0.99).bound("spread")
@@ -179,7 +199,12 @@ def test_variants_and_other_worlds_are_neverin_detail():
     assert chosen(sheet) == LADDER
 
 
-def test_one_seed_is_too_few_to_bein_detail():
+def test_a_residual_on_top_of_a_method_that_does_without_is_a_setting():
+    sheet = ladder().give(Entry("grey_box", "mlp"), 0.9, 0.5)
+    assert chosen(sheet) == LADDER
+
+
+def test_one_seed_is_too_few_to_be_in_detail():
     assert chosen(ladder().give(HOTSTART, 0.99, scatter=(0.0,))) == LADDER
 
 

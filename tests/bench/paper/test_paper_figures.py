@@ -13,12 +13,12 @@ from tables_for_tests import Sheet, empty, typical
 
 from bench.paper.figures import (
     data_uri,
-    write_cost,
     write_flights,
     write_settings,
     write_summary,
     write_worlds,
 )
+from bench.paper.pictures import write_cost
 from bench.paper.values import HYBRID
 from bench.report.pictures.cost import points
 from bench.report.pictures.looks import BUILT_IN, COLORS
@@ -77,8 +77,8 @@ def test_nothing_is_drawn_where_there_is_nothing_to_draw(tmp_path, write):
     assert not list(tmp_path.iterdir())
 
 
-def test_without_the_upper_reference_only_the_scores_are_not_drawn(tmp_path):
-    tables = Sheet().add(rewards=(-50.0, -51.0)).tables()
+def test_single_seeds_have_no_place_beside_their_cost(tmp_path):
+    tables = Sheet().add(rewards=(-50.0,)).tables()
     assert not write_cost(tables, tmp_path / "cost.png")
     assert write_summary(tables, tmp_path / "summary.png")
     assert [path.name for path in tmp_path.iterdir()] == ["summary.png"]
@@ -119,25 +119,21 @@ def test_both_figures_give_a_method_the_same_look(tmp_path, figures):
     assert cost == summary
 
 
-def test_the_cost_figure_puts_gaps_over_minutes_by_team_size(tmp_path, figures):
+def test_the_cost_figure_puts_rewards_over_minutes_by_task_and_team_size(tmp_path, figures):
     sheet = Sheet()
-    for n, minutes in ((3, 40.0), (12, 130.0)):
-        for task in ("spread", "circle"):
-            sheet.add_upper(100.0, task=task, team_size=n)
-        sheet.add("hybrid", "mlp", rewards=(-400.0, -420.0), fleet_minutes=minutes, team_size=n)
-        shared = {"task": "circle", "team_size": n, "fleet_minutes": minutes}
-        sheet.add("hybrid", "mlp", rewards=(-600.0, -620.0), **shared)
+    for n, minutes in ((3, 40.0), (7, 80.0), (12, 130.0)):
+        for task, reward in (("spread", -40.0), ("circle", -60.0)):
+            rewards = (reward, reward - 2.0, reward - 8.0)
+            shared = {"task": task, "team_size": n, "fleet_minutes": minutes}
+            sheet.add("hybrid", "mlp", rewards=rewards, **shared)
     write_cost(sheet.tables(), tmp_path / "cost.png")
-    for panel, title, minutes in zip(
-        figures[0].axes, ("N = 3", "N = 12"), (40.0, 130.0), strict=True
-    ):
-        (bars,) = panel.containers
-        # Gaps over 1000: 0.51 and 0.71, and a standard deviation of 0.02 / sqrt(2) in each task.
-        assert bars.lines[0].get_xydata() == pytest.approx(np.array([[minutes, 0.61]]))
-        (ends,) = bars.lines[2][0].get_segments()
-        assert ends[:, 1] == pytest.approx([0.61 - 0.02 / 2**0.5, 0.61 + 0.02 / 2**0.5])
-        assert panel.get_title() == title
-        assert panel.get_xlim()[1] > 130.0
+    panels = {panel.get_title(): panel for panel in figures[0].axes}
+    assert list(panels) == ["circle, N = 3", "spread, N = 3", "circle, N = 12", "spread, N = 12"]
+    (bars,) = panels["spread, N = 12"].containers
+    assert bars.lines[0].get_xydata() == pytest.approx(np.array([[130.0, -42.0]]))  # the median
+    (ends,) = bars.lines[2][0].get_segments()
+    assert ends[:, 1] == pytest.approx([-48.0, -40.0])  # worst and best seed
+    assert panels["spread, N = 12"].get_xlim()[1] > 130.0
 
 
 def test_the_cost_figure_joins_the_budgets_of_a_method_and_leaves_other_settings_out(
@@ -153,7 +149,7 @@ def test_the_cost_figure_joins_the_budgets_of_a_method_and_leaves_other_settings
     write_cost(tables, tmp_path / "cost.png")
     (panel,) = figures[0].axes
     joined = panel.get_lines()[0].get_xydata()
-    assert joined == pytest.approx(np.array([[0.5, 0.61], [40.0, 0.51]]))
+    assert joined == pytest.approx(np.array([[0.5, -510.0], [40.0, -410.0]]))
     assert [text.get_text() for text in figures[0].legends[0].get_texts()] == ["Hybrid"]
 
 
@@ -276,15 +272,6 @@ def test_variants_and_other_worlds_are_not_drawn(tmp_path, figures):
     assert container.get_label() == "LF baseline"
     drawn = [line for line in figures[1].axes[0].get_lines() if len(line.get_xdata())]
     assert {tuple(line.get_ydata()) for line in drawn} == {(-50.5,)}
-
-
-def test_single_seeds_have_no_error_bars(tmp_path, figures):
-    sheet = Sheet().add(rewards=(-50.0, -51.0)).add_upper()
-    lost = [r for r in sheet.results if r["seed"] == 1 and r["metric"] == "spawn_settled_reward"]
-    sheet.results = [row for row in sheet.results if row not in lost]
-    assert write_cost(sheet.tables(), tmp_path / "cost.png")
-    (container,) = figures[0].axes[0].containers
-    assert not container.has_yerr
 
 
 def test_a_picture_can_stand_in_a_page_that_has_no_files(tmp_path):
