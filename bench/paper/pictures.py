@@ -6,6 +6,7 @@ keeps of the trajectories in OUT, a folder that `bench run` wrote to, those that
 """
 
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,11 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from bench.paper.figures import LINEAR, STYLE, plain
-from bench.paper.values import GREY_BOX, HYBRID, NAMES, name_of, sizes
-from bench.report.pictures.cost import budgets
+from bench.paper.values import GREY_BOX, HYBRID, NAMES, name_of
+from bench.report.pictures.cost import Mark, budgets, draw_marks, up_to
 from bench.report.pictures.looks import look_of, ordered
 from bench.stats.scores import PRIMARY, undisturbed
-from bench.stats.statistics import FEWEST_SEEDS, Entry, Values, entry_of, records
+from bench.stats.statistics import FEWEST_SEEDS, Entry, entry_of, estimate, records
 from bench.store.tables import FEW_TRAJECTORIES, Tables
 
 TEAM_SIZE = 5
@@ -96,88 +97,71 @@ def write_cost(tables: Tables, path: Path) -> bool:
     medians over seeds; bars reach from the worst seed to the best. Nothing is written, and False
     returned, where no method has two seeds.
     """
-    rewards = budgets(undisturbed(tables, PRIMARY), FEWEST_SEEDS)
-    bills = budgets(undisturbed(tables, "fleet_minutes"), FEWEST_SEEDS)
-    rewards = {cell: own for cell, own in rewards.items() if own}
-    if not rewards:
+    rewards, bills = (
+        budgets(undisturbed(tables, metric), FEWEST_SEEDS) for metric in (PRIMARY, "fleet_minutes")
+    )
+    marks: dict[tuple[int, str], list[Mark]] = {}
+    for cell, own in rewards.items():
+        for entry, seeds in own.items():
+            if paid := [*bills.get(cell, {}).get(entry, {}).values()]:
+                mark = _mark(entry, estimate(paid).mean, [*seeds.values()])
+                marks.setdefault((cell.team_size, cell.task), []).append(mark)
+    if not marks:
         return False
-    teams, tasks = _fullest(rewards), sorted({cell.task for cell in rewards})
-    entries = ordered({_default(e) for own in rewards.values() for e in own})
+    teams, tasks = _fullest(marks), sorted({task for _, task in marks})
+    entries = ordered({m.entry._replace(variant="") for own in marks.values() for m in own})
     with plt.rc_context(STYLE):
         size = (2.5 * len(tasks) + 1.7, 2.5 * len(teams) + 0.3)
         figure, axes = plt.subplots(len(teams), len(tasks), figsize=size, squeeze=False)
-        drawn: dict[str, Any] = {}
         for row, n in zip(axes, teams, strict=True):
             for panel, task in zip(row, tasks, strict=True):
-                for cell in (c for c in rewards if (c.task, c.team_size) == (task, n)):
-                    drawn |= _points(panel, rewards[cell], bills.get(cell, {}), entries)
-                panel.set(title=f"{plain(task)}, N = {n}", xlabel="HF flight [fleet-minutes]")
+                own = marks.get((n, task), [])
+                draw_marks(panel, own, entries, look_of, lambda entry: plain(name_of(entry)))
+                panel.set_title(f"{plain(task)}, N = {n}")
                 _scale(panel)
             row[0].set_ylabel("settled reward")
-        names = [name for e in entries if (name := plain(name_of(e))) in drawn]
-        handles = [drawn[name] for name in names]
-        figure.legend(handles, names, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        shown: dict[str, Any] = {}
+        for panel in axes.flat:
+            handles, labels = panel.get_legend_handles_labels()
+            shown |= dict(zip(labels, handles, strict=True))
+        names = [name for e in entries if (name := plain(name_of(e))) in shown]
+        figure.legend(
+            [shown[name] for name in names],
+            names,
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+            frameon=False,
+        )
         figure.tight_layout()
         figure.savefig(path, dpi=110, bbox_inches="tight")
         plt.close(figure)
     return True
 
 
-def _fullest(rewards: Values) -> list[int]:
+def _mark(entry: Entry, minutes: float, rewards: list[float]) -> Mark:
+    """The median over seeds, with bars from the worst to the best."""
+    middle = float(np.median(rewards))
+    return Mark(entry, minutes, middle, [[middle - min(rewards)], [max(rewards) - middle]])
+
+
+def _fullest(marks: Mapping[tuple[int, str], Sequence[Mark]]) -> list[int]:
     """Smallest and largest of the team sizes at which most methods were run."""
-    run = {
-        n: len({_default(e) for cell, own in rewards.items() if cell.team_size == n for e in own})
-        for n in sizes(rewards)
-    }
-    most = [n for n, count in run.items() if count == max(run.values())]
+    run: dict[int, set[Entry]] = {}
+    for (n, _), own in sorted(marks.items()):
+        run.setdefault(n, set()).update(mark.entry._replace(variant="") for mark in own)
+    most = [n for n, entries in run.items() if len(entries) == max(map(len, run.values()))]
     return sorted({most[0], most[-1]})
 
 
-def _default(entry: Entry) -> Entry:
-    """The method, whatever its budget."""
-    return entry._replace(variant="")
-
-
-def _points(
-    panel: Axes,
-    rewards: dict[Entry, dict[int, float]],
-    bills: dict[Entry, dict[int, float]],
-    entries: list[Entry],
-) -> dict[str, Any]:
-    """Draws a cell: large markers for defaults, small ones for other budgets, joined by lines.
-
-    Returns:
-        Handles for the legend by name.
-    """
-    drawn = {}
-    for entry in entries:
-        color, marker = look_of(entry, entries)
-        family = [e for e in rewards if _default(e) == entry and e in bills]
-        family.sort(key=lambda e: np.mean([*bills[e].values()]))
-        at = [float(np.mean([*bills[e].values()])) for e in family]
-        seeds = [sorted(rewards[e].values()) for e in family]
-        middle = [float(np.median(own)) for own in seeds]
-        panel.plot(at, middle, color=color, linewidth=0.8, alpha=0.6)
-        for e, x, y, own in zip(family, at, middle, seeds, strict=True):
-            name = "_" if e.variant else plain(name_of(e))
-            bars = panel.errorbar(
-                x, y, yerr=[[y - own[0]], [own[-1] - y]], color=color, marker=marker, label=name,
-                markersize=3 if e.variant else 6, elinewidth=1.0, linestyle="none",
-            )  # fmt: skip
-            drawn |= {} if e.variant else {name: bars}
-    return drawn
-
-
 def _scale(panel: Axes) -> None:
-    """Logarithmic both ways, but near 0; the best on top."""
+    """Logarithmic, but near 0; the best on top."""
     panel.set_yscale("symlog", linthresh=LINEAR)
     panel.set_ylim(1.5 * min(panel.dataLim.y0, -1.0), max(0.0, panel.dataLim.y1))
     panel.set_yticks([y for y in (-1000, -100, -10, -1, 0) if y >= panel.get_ylim()[0]])
-    panel.yaxis.set_major_formatter("{x:g}")
-    panel.set_xscale("symlog", linthresh=0.1)
-    panel.set_xlim(-0.05, max(1.0, 3.0 * panel.dataLim.x1))
+    up_to(panel, panel.dataLim.x1)
     panel.set_xticks([x for x in (0, 1, 10, 100, 1000) if x <= panel.get_xlim()[1]])
-    panel.xaxis.set_major_formatter("{x:g}")
+    for axis in (panel.xaxis, panel.yaxis):
+        axis.set_major_formatter("{x:g}")
 
 
 def write_top_views(tables: Tables, path: Path, team_size: int = TEAM_SIZE) -> bool:

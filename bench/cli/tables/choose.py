@@ -51,7 +51,7 @@ def choose(directory: Path, /, *, team_size: int, budget: float, task: str = "")
     say(
         console,
         f"It needs {significant(found.minutes)} fleet-minutes. Its mean score is "
-        f"{number(found.score, 4 if task else 3)} on {', '.join(found.tasks)} "
+        f"{number(found.score, 3)} on {', '.join(found.tasks)} "
         "(0: a team that stays at its spawn, 1: the upper reference).",
     )
     for tie in found.tied:

@@ -10,10 +10,12 @@ cut short (suite `budget`) are small ones of the same colour, joined in the orde
 """
 
 import re
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from bench.report.pictures.looks import Key, legend, on_page, ordered
 from bench.report.pictures.svg import Panel, name, plain_ticks, render
@@ -44,6 +46,23 @@ class Point(NamedTuple):
     """Mean over tasks of the mean over seeds."""
     spread: float | None
     """Root mean square over tasks of the standard deviation over seeds; None with one seed."""
+
+
+class Mark(NamedTuple):
+    """A method at a budget, as it is drawn."""
+
+    entry: Entry
+    minutes: float
+    """Its bill [fleet-minutes]."""
+    value: float
+    bars: Any
+    """Error bars as matplotlib takes them; None: without."""
+
+
+Look = Callable[[Entry, Sequence[Entry]], tuple[str, str]]
+"""Colour and marker of an entry among others."""
+Label = Callable[[Entry], str]
+"""What the legend calls an entry."""
 
 
 def cost_panels(tables: Tables) -> tuple[list[Panel], list[Key]]:
@@ -114,31 +133,52 @@ def budgets(values: Values, fewest: int = 1) -> dict[Cell, dict[Entry, dict[int,
     }
 
 
-def _draw(panel: Axes, own: list[Point], entries: list[Entry]) -> None:
+def draw_marks(
+    panel: Axes, marks: Sequence[Mark], entries: list[Entry], look: Look, label: Label
+) -> list[tuple[Mark, Line2D]]:
+    """Draws methods at their budgets: defaults large, others small, joined by rising bill.
+
+    Returns:
+        Each mark with what is drawn of it.
+    """
+    drawn = []
     for entry in entries:
-        color, marker = on_page(entry, entries)
+        color, marker = look(entry, entries)
         family = sorted(
-            (p for p in own if p.entry._replace(variant="") == entry), key=lambda p: p.minutes
+            (m for m in marks if m.entry._replace(variant="") == entry), key=lambda m: m.minutes
         )
         if len(family) > 1:
-            xy = [(p.minutes, p.gap) for p in family]
+            xy = [(m.minutes, m.value) for m in family]
             panel.plot(*zip(*xy, strict=True), color=color, linewidth=0.8, alpha=0.6)
-        for point in family:
-            default = not point.entry.variant
-            drawn = panel.errorbar(
-                point.minutes,
-                point.gap,
-                yerr=point.spread,
+        for mark in family:
+            default = not mark.entry.variant
+            bars = panel.errorbar(
+                mark.minutes,
+                mark.value,
+                yerr=mark.bars,
                 color=color,
                 marker=marker,
                 markersize=6 if default else 3,
                 linestyle="none",
-                label=entry.label if default else "_",
+                label=label(entry) if default else "_",
             )
-            said = f"{point.entry.label}: {number(point.gap, 4)}, {significant(point.minutes)} min"
-            name(drawn.lines[0], said)
-    panel.axhline(0.0, color="#999999", linewidth=0.8, linestyle=":")
+            drawn.append((mark, bars.lines[0]))
     panel.set_xlabel("HF flight [fleet-minutes]")
+    panel.set_xscale("symlog", linthresh=0.1)
+    return drawn
+
+
+def up_to(panel: Axes, largest: float) -> None:
+    """Shows bills from 0 to beyond the largest [fleet-minutes]."""
+    panel.set_xlim(-0.05, max(1.0, 3.0 * largest))
+
+
+def _draw(panel: Axes, own: list[Point], entries: list[Entry]) -> None:
+    marks = [Mark(p.entry, p.minutes, p.gap, p.spread) for p in own]
+    for mark, line in draw_marks(panel, marks, entries, on_page, lambda entry: entry.label):
+        said = f"{mark.entry.label}: {number(mark.value, 4)}, {significant(mark.minutes)} min"
+        name(line, said)
+    panel.axhline(0.0, color="#999999", linewidth=0.8, linestyle=":")
 
 
 def _scale(panel: Axes, found: dict[int, list[Point]]) -> None:
@@ -146,6 +186,4 @@ def _scale(panel: Axes, found: dict[int, list[Point]]) -> None:
     gaps = [p.gap for own in found.values() for p in own]
     panel.set_yscale("symlog", linthresh=FINEST)
     panel.set_ylim(2.0 * max(*gaps, FINEST), min(2.0 * min(gaps), -FINEST))
-    panel.set_xscale("symlog", linthresh=0.1)
-    largest = max(p.minutes for own in found.values() for p in own)
-    panel.set_xlim(-0.05, max(1.0, 3.0 * largest))
+    up_to(panel, max(p.minutes for own in found.values() for p in own))
