@@ -24,6 +24,7 @@ from bench.stats.statistics import (
     entry_of,
     estimate,
     matched,
+    on_top,
     records,
 )
 from bench.store.tables import Tables
@@ -62,10 +63,10 @@ def write_summary(tables: Tables, path: Path) -> bool:
     shown = shown.assign(
         value=shown["value"].where(shown["metric"].ne(CONTACT), 100 * shown["value"])
     )
-    # A residual on top of a method that does without is a setting.
-    plainly = shown.loc[shown["residual"].eq(""), "method"].unique()
-    shown = shown.loc[shown["residual"].eq("") | ~shown["method"].isin(plainly)]
     found = [entry_of(row) for row in records(shown)]
+    settings = on_top(found)
+    shown = shown.loc[[entry not in settings for entry in found]]
+    found = [entry for entry in found if entry not in settings]
     entries = ordered(set(found))
     names = {entry: plain(name_of(entry)) for entry in entries}
     shown = shown.assign(method=[names[e] for e in found], task=shown["task"].map(plain))

@@ -9,7 +9,15 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from bench.stats.scores import UPPER, at_home, scored, undisturbed
-from bench.stats.statistics import FEWEST_SEEDS, Entry, Values, estimate, matched, seed_values
+from bench.stats.statistics import (
+    FEWEST_SEEDS,
+    Entry,
+    Values,
+    estimate,
+    matched,
+    on_top,
+    seed_values,
+)
 from bench.stats.verdicts import Verdict, over_cells
 from bench.store.tables import Tables
 
@@ -174,18 +182,15 @@ def minutes_of(tables: Tables) -> dict[tuple[Entry, int], list[float]]:
 
 
 def _default(values: Values) -> Values:
-    """Default settings, at least two seeds, no reference.
-
-    A residual on top of a method that does without is a setting.
-    """
-    without = {entry.method for own in values.values() for entry in own if not entry.residual}
+    """Default settings, at least two seeds, no reference."""
+    settings = on_top(entry for own in values.values() for entry in own)
     return {
         cell: {
             entry: seeds
             for entry, seeds in own.items()
             if not entry.variant
             and entry.method != UPPER
-            and not (entry.residual and entry.method in without)
+            and entry not in settings
             and len(seeds) >= FEWEST_SEEDS
         }
         for cell, own in values.items()

@@ -57,6 +57,13 @@ class Entry(NamedTuple):
         return ", ".join(filter(None, [name, shortened(self.variant)]))
 
 
+def on_top(entries: Iterable[Entry]) -> set[Entry]:
+    """Entries with a residual on top of a method that does without: a setting, not a method."""
+    found = {*entries}
+    without = {entry.method for entry in found if not entry.residual}
+    return {entry for entry in found if entry.residual and entry.method in without}
+
+
 class Cell(NamedTuple):
     """Where entries compete: same task, team size and world, so the same initial states."""
 

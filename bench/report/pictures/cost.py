@@ -20,7 +20,15 @@ from matplotlib.lines import Line2D
 from bench.report.pictures.looks import Key, legend, on_page, ordered
 from bench.report.pictures.svg import Panel, name, plain_ticks, render
 from bench.stats.scores import at_home, recovered, scored, undisturbed
-from bench.stats.statistics import FEWEST_SEEDS, Cell, Entry, Values, estimate, seed_values
+from bench.stats.statistics import (
+    FEWEST_SEEDS,
+    Cell,
+    Entry,
+    Values,
+    estimate,
+    on_top,
+    seed_values,
+)
 from bench.store.tables import Tables
 from bench.text.numbers import number, significant
 
@@ -123,11 +131,14 @@ def _point(entry: Entry, minutes: list[float], own: list[Any]) -> Point:
 
 def budgets(values: Values, fewest: int = 1) -> dict[Cell, dict[Entry, dict[int, float]]]:
     """Default settings and other budgets, with at least so many seeds in a cell."""
+    settings = on_top(entry for own in values.values() for entry in own)
     return {
         cell: {
             entry: seeds
             for entry, seeds in own.items()
-            if len(seeds) >= fewest and (not entry.variant or BUDGET.fullmatch(entry.variant))
+            if len(seeds) >= fewest
+            and entry not in settings
+            and (not entry.variant or BUDGET.fullmatch(entry.variant))
         }
         for cell, own in values.items()
     }
