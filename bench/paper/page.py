@@ -1,10 +1,12 @@
-"""The page that puts the paper's claims beside ours, and a second one, cell by cell.
+"""The page that puts the paper's claims beside ours, and those that it links to.
 
 The first gives answers: which method to choose, what holds, one line a claim. The second has the
-tables that they rest on. Both are written as Markdown and as HTML.
+tables that they rest on, cell by cell. The third, of notes that are given, says why. All are
+written as Markdown and as HTML.
 """
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +23,7 @@ from bench.paper.figures import (
 from bench.paper.pictures import write_cost, write_pipeline, write_top_views
 from bench.paper.rule import Finding
 from bench.paper.values import varied
-from bench.report.leaderboard import made_by_text
+from bench.report.leaderboard import made_by
 from bench.report.page import write_page
 from bench.stats.choices import Better, Choice, better_settings, choices, on_task
 from bench.stats.scores import PRIMARY
@@ -36,6 +38,10 @@ from bench.text.pages import read_notes, refuse_folder, write_text
 TITLE = "How to train a drone team: the paper's claims beside ours"
 CELLS = "The paper's claims, cell by cell"
 """Title of the second page."""
+WHY = "Why: experiments behind the answers"
+"""Title of the third page."""
+SOURCE = "Where the rows come from"
+"""Heading of the table of commits and machines."""
 COST = (
     "Settled reward against high-fidelity flight, a panel for each task and team size; up and to "
     "the left is better. Points are medians over seeds, bars reach from the worst to the best "
@@ -155,19 +161,23 @@ def _whole(claim: Claim, found: Finding) -> Finding:
     return dataclasses.replace(found, ours=partial, verdict=verdict, pooled=Verdict.UNTESTED)
 
 
-def cells_of(path_md: Path) -> Path:
-    """Where the page of cells of a page of answers is."""
-    return path_md.with_name(f"{path_md.stem}_cells.md")
+def beside(path_md: Path, part: str) -> Path:
+    """Where another page stands beside that of answers: its `cells`, or `why`."""
+    return path_md.with_name(f"{path_md.stem}_{part}.md")
 
 
-def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> None:
-    """Writes the page of answers and the page of cells as Markdown, and as HTML beside them.
+def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> list[Path]:
+    """Writes the page of answers and those beside it, as Markdown and as HTML.
 
     Args:
         tables: What the sweep found.
-        path_md: Where to write the answers; the cells get `_cells.md`, the HTML the suffix `.html`,
-            the figures `_cost.png`, `_summary.png`, and so on (`FIGURES`).
-        notes: A Markdown file to append, e.g. why a claim fails.
+        path_md: Where to write the answers; the cells get `_cells.md`, the notes `_why.md`, the
+            HTML the suffix `.html`, the figures `_cost.png`, `_summary.png`, and so on (`FIGURES`).
+        notes: A Markdown file that says why, e.g. why a claim fails; the answers list its headings
+            of the second level.
+
+    Returns:
+        The Markdown files: answers, cells and, if there are notes, why.
 
     Raises:
         UsageError: The notes cannot be read, `path_md` names the HTML, or a folder is in the way.
@@ -175,7 +185,8 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
     path = Path(path_md)
     if path.suffix == ".html":
         raise UsageError(f"Markdown is written to {path} and HTML beside it: name the former.")
-    for place in (path, cells_of(path)):
+    cells, why = beside(path, "cells"), beside(path, "why")
+    for place in (path, cells, why):
         refuse_folder(place)
     notes_text = "" if notes is None else read_notes(notes).strip()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -189,11 +200,14 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
         name: [f"![{title}]({picture.name})", f"*{title}.*"]
         for name, (title, picture) in drawn.items()
     }
-    own, cells = content_of(tables), cells_of(path)
+    own = content_of(tables)
+    reasons = _reasons(notes_text, why.name)
     texts = {
-        path: (TITLE, document(own, notes_text, figures, cells.name)),
+        path: (TITLE, document(own, reasons, figures, cells.name)),
         cells: (CELLS, cells_document(own, figures, path.name)),
     }
+    if notes_text:
+        texts[why] = (WHY, f"# {WHY}\n\n[The answers]({path.name}).\n\n{notes_text}\n")
     links = {picture.name: data_uri(picture) for _, picture in drawn.values()}
     links |= {place.name: place.with_suffix(".html").name for place in texts}
     for place, (title, text) in texts.items():
@@ -201,20 +215,30 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> No
         for name, link in links.items():
             text = text.replace(f"]({name}", f"]({link}")
         write_page(text, place.with_suffix(".html"), title)
+    return list(texts)
 
 
-def document(own: Content, notes: str, figures: Mapping[str, Sequence[str]], cells: str) -> str:
+def _reasons(notes: str, why: str) -> list[str]:
+    """The section that lists the headings of the notes, each a link to the page `why`."""
+    titles = re.findall(r"^## (.+)$", notes, re.MULTILINE)
+    lines = [f"- [{title}]({why}#{markdown.anchor(title)})" for title in titles]
+    return ["## Why", "\n".join(lines)] if lines else []
+
+
+def document(
+    own: Content, reasons: Sequence[str], figures: Mapping[str, Sequence[str]], cells: str
+) -> str:
     """The page of answers as Markdown.
 
     Args:
         own: What it says.
-        notes: Markdown that is appended.
+        reasons: Paragraphs that link to why.
         figures: Paragraphs of each figure, by its name in `FIGURES`.
         cells: Name of the page that has all cells.
     """
     parts = [f"# {TITLE}", *whom(own.chosen, own.tables, bool(own.better), cells)]
     parts += by_task(own.alone)
-    parts += [*_answer(own.found), *figures.get("cost", [])]
+    parts += [*_answer(own.found), *figures.get("cost", []), *reasons]
     sections = list(dict.fromkeys(j.claim.section for j in own.found))
     for section in sections:
         claims = [j for j in own.found if j.claim.section == section]
@@ -239,9 +263,9 @@ def document(own: Content, notes: str, figures: Mapping[str, Sequence[str]], cel
         headings = ("claim", theirs, "ours, settled reward", "verdict", whole)
         parts += [markdown.table(headings, lines, range(5))]
         parts += figures.get(SHOWN.get(section, ""), [])
-    made = f"{_ended(own.tables)} {markdown.escape(made_by_text(own.tables))}".strip()
-    parts += ["## Where the rows come from", made]
-    return "\n\n".join([*parts, notes] if notes else parts) + "\n"
+    more = f" [Commits and machines]({cells}#{markdown.anchor(SOURCE)})."
+    parts += [_ended(own.tables) + (more if made_by(own.tables) else "")]
+    return "\n\n".join(parts) + "\n"
 
 
 def cells_document(own: Content, figures: Mapping[str, Sequence[str]], answers: str) -> str:
@@ -257,6 +281,10 @@ def cells_document(own: Content, figures: Mapping[str, Sequence[str]], answers: 
     if lines:
         parts += ["## Settings that differ from the default", *figures.get("settings", [])]
         parts += [markdown.table(headings, lines, (0, 1))]
+    if made := made_by(own.tables):
+        lines = [(commit, markdown.escape(machine), f"{n:,}") for commit, machine, n in made]
+        parts += [f"## {SOURCE}", _ended(own.tables)]
+        parts += [markdown.table(("commit", "machine", "rows"), lines, (0, 1))]
     return "\n\n".join(parts) + "\n"
 
 

@@ -111,13 +111,19 @@ def write_leaderboard(tables: Tables, path: Path) -> None:
     write_text(Path(path), "\n\n".join(parts) + "\n")
 
 
+def made_by(tables: Tables) -> list[tuple[str, str, int]]:
+    """Commit, machine and number of the rows that were made there; without rows that do not say."""
+    runs = tables.runs.loc[tables.runs["commit"].ne("")]
+    return [
+        (f"{commit[:10]}{' with changes' if dirty else ''}", machine, len(own))
+        for (commit, dirty, machine), own in runs.groupby(["commit", "dirty", "machine"])
+    ]
+
+
 def made_by_text(tables: Tables) -> str:
     """Which programs made how many rows, and where, in one sentence; empty if no row says so."""
-    runs = tables.runs.loc[tables.runs["commit"].ne("")]
-    parts = []
-    for (commit, dirty, machine), own in runs.groupby(["commit", "dirty", "machine"]):
-        changed = " with changes" if dirty else ""
-        parts.append(f"{len(own)} of {len(tables.runs)} at {commit[:10]}{changed} on {machine}")
+    made, total = made_by(tables), len(tables.runs)
+    parts = [f"{n} of {total} at {commit} on {machine}" for commit, machine, n in made]
     return f"Rows made: {'; '.join(parts)}." if parts else ""
 
 

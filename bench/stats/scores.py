@@ -32,7 +32,7 @@ UPPER = "upper_reference"
 """The method that defines a score of 1; it competes with nobody."""
 STEADY = "trainer.decay=0.99"
 """Variant of the upper reference. Where the default diverged, this variant says what a score of 1
-is; `reports/paper_notes.md` says why it does not diverge."""
+is; `reports/paper_why.md` says why it does not diverge."""
 NOT_IN_RETURN = ("n_drones", "n_neighbors", "observe_attitude")
 """Settings of a task that say what a policy sees, not what it is paid for, and the team size."""
 PRIMARY = "settled_reward"

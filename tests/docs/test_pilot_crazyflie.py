@@ -19,9 +19,9 @@ CHANGE = Mass(e=0.12)
 
 
 def write_logs(name):
-    """The cards of both days: six flights, and four with the change."""
+    """The cards of both days: six flights, and five with the change."""
     simulator = registry.load("simulator", name)()
-    for folder, n, effects in (("before", 6, [ALWAYS]), ("after", 4, [ALWAYS, CHANGE])):
+    for folder, n, effects in (("before", 6, [ALWAYS]), ("after", 5, [ALWAYS, CHANGE])):
         Path(folder).mkdir()
         flights = fly(with_effects(simulator, effects), n, seconds=6.0, seed=n, rows=2)
         for flight in flights:

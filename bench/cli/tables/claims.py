@@ -8,7 +8,10 @@ import cyclopts
 
 from bench.cli.checks import check_files, check_tables
 
-NOTES = "Markdown file to append, such as reports/paper_notes.md."
+NOTES = (
+    "Markdown file that says why, such as reports/paper_notes.md: it becomes the page NAME_why.md, "
+    "and the answers list its headings."
+)
 """Help of `--notes`: a docstring has no parameter of that name, only a section."""
 
 
@@ -19,7 +22,7 @@ def claims(
     out: Path | None = None,
     notes: Annotated[Path | None, cyclopts.Parameter(help=NOTES)] = None,
 ) -> int:
-    """Judge the paper's claims by the tables of suites; write two pages as Markdown and HTML.
+    """Judge the paper's claims by the tables of suites; write pages as Markdown and HTML.
 
     Parameters
     ----------
@@ -33,7 +36,7 @@ def claims(
     for directory in directories:
         check_tables(directory)
     check_files([notes] if notes else [])
-    from bench.paper.page import cells_of, write_claims
+    from bench.paper.page import write_claims
     from bench.store.tables import Tables
     from bench.text.pages import documents_of
 
@@ -42,7 +45,7 @@ def claims(
     default = first / "claims.md" if documents == first else documents.with_suffix(".md")
     path = out or default
     tables = functools.reduce(Tables.merged, map(Tables.load, directories))
-    write_claims(tables, path, notes)
-    print(f"Claims: {path}")  # noqa: T201
-    print(f"Cell by cell: {cells_of(path)}")  # noqa: T201
+    names = ("Claims", "Cell by cell", "Why")
+    for name, written in zip(names, write_claims(tables, path, notes), strict=False):
+        print(f"{name}: {written}")  # noqa: T201
     return 0

@@ -16,7 +16,7 @@ def full_tables():
 def full(tmp_path_factory, full_tables):
     """The folder in which the page of all 24 cells was written, notes included."""
     folder = tmp_path_factory.mktemp("page")
-    (folder / "notes.md").write_text("## Why\n\nBecause of *lag*.\n", encoding="utf-8")
+    (folder / "notes.md").write_text("## Lags\n\nBecause of *lag*.\n", encoding="utf-8")
     write_claims(full_tables, folder / "out" / "paper.md", folder / "notes.md")
     return folder / "out"
 

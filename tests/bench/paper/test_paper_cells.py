@@ -8,7 +8,7 @@ from tables_for_tests import Sheet
 
 from bench.paper.choosing import BETTER, CHOSEN
 from bench.paper.claims import CLAIMS
-from bench.paper.page import variants
+from bench.paper.page import SOURCE, variants
 
 
 def test_cells_follow_the_order_of_the_claims(cells):
@@ -20,6 +20,7 @@ def test_cells_follow_the_order_of_the_claims(cells):
         *shown,
         "Reward against flight",
         "Settings that differ from the default",
+        SOURCE,
     ]
     assert len(shown) == len(CLAIMS) - 4  # Those of one number have no table.
 

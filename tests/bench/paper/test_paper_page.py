@@ -17,7 +17,9 @@ from bench.paper.claims import CLAIMS
 from bench.paper.page import (
     CELLS,
     HOW,
+    SOURCE,
     TITLE,
+    WHY,
     cells_document,
     content_of,
     document,
@@ -38,10 +40,10 @@ HOSTILE = "<script>alert(1)</script>|x` $\\bad$ ![](http://example.org/x.png)"
 def written(tables):
     """The Markdown of both pages, whose figures nobody draws."""
     own = content_of(tables)
-    return document(own, "", {}, "cells.md") + cells_document(own, {}, "answers.md")
+    return document(own, [], {}, "cells.md") + cells_document(own, {}, "answers.md")
 
 
-@pytest.mark.parametrize("name", ["page.md", "page_cells.md"])
+@pytest.mark.parametrize("name", ["page.md", "page_cells.md", "page_why.md"])
 def test_a_folder_in_the_place_of_a_page_is_refused_before_anything_is_written(tmp_path, name):
     (tmp_path / name).mkdir()
     with pytest.raises(UsageError, match="is a folder, so no file can be written there"):
@@ -59,6 +61,8 @@ def test_markdown_html_and_all_figures_are_written(full):
         "paper_flights.png",
         "paper_pipeline.png",
         "paper_summary.png",
+        "paper_why.html",
+        "paper_why.md",
         "paper_worlds.png",
     ]
 
@@ -67,12 +71,11 @@ def test_sections_come_in_order(text):
     assert [line.removeprefix("## ") for line in lines_of(text, "## ")] == [
         "Which method to choose",
         "What holds",
+        "Why",
         claims.PAPER,
         claims.BUDGET,
         claims.OFF_SPEC,
         claims.OWN,
-        "Where the rows come from",
-        "Why",
     ]
 
 
@@ -96,16 +99,20 @@ def test_figures_stand_in_the_markdown_by_name_and_in_the_html_whole(text, html)
     assert "paper_cost.png" not in html
 
 
-def test_notes_come_last(text, html):
-    assert text.endswith("## Why\n\nBecause of *lag*.\n")
-    assert "<em>lag</em>" in html
+def test_notes_are_a_page_whose_headings_the_answers_list(text, html, full):
+    assert "## Why\n\n- [Lags](paper_why.md#lags)\n\n" in text
+    assert "*lag*" not in text
+    assert 'href="paper_why.html#lags"' in html
+    why = (full / "paper_why.md").read_text(encoding="utf-8")
+    assert why == f"# {WHY}\n\n[The answers](paper.md).\n\n## Lags\n\nBecause of *lag*.\n"
+    assert "<em>lag</em>" in (full / "paper_why.html").read_text(encoding="utf-8")
 
 
-def test_programs_that_made_the_rows_are_named(text, full_tables):
+def test_programs_that_made_the_rows_are_named(text, cells, full_tables):
     n = len(full_tables.runs)
-    _, source = text.split("## Where the rows come from\n\n")
-    made = f"Rows made: {n} of {n} at 0123abcd on a processor.\n"
-    assert source.startswith(f"{n} runs: {n} ok. {made}")
+    link = f"[Commits and machines](paper_cells.md#{markdown.anchor(SOURCE)})"
+    assert text.endswith(f"{n} runs: {n} ok. {link}.\n")
+    assert f"| 0123abcd | a processor | {n:,} |\n" in cells.split(f"## {SOURCE}\n\n")[1]
 
 
 def test_whom_to_choose_is_told_by_team_size_and_budget(text, html, cells, full):
@@ -212,7 +219,7 @@ def test_sections_without_anything_tested_are_left_out():
     assert [line.removeprefix("## ") for line in lines_of(found, "## ")] == [
         "What holds",
         claims.PAPER,
-        "Where the rows come from",
+        SOURCE,
     ]
     assert "- **Not tested** (" in found
 
@@ -223,7 +230,7 @@ def test_a_page_of_no_rows_is_complete_and_has_no_figure_of_rows(tmp_path):
     assert found.startswith(f"# {TITLE}\n\n## What holds\n\n- **Not tested** (")
     cells = (tmp_path / "page_cells.md").read_text(encoding="utf-8")
     assert cells == f"# {CELLS}\n\n[What follows from these tables](page.md).\n"
-    assert found.endswith("## Where the rows come from\n\n0 runs.\n")
+    assert found.endswith("\n\n0 runs.\n")
     n_paper = sum(claim.section == claims.PAPER for claim in CLAIMS)
     assert found.count("| - | not tested | not tested |") == n_paper
     assert sorted(path.name for path in tmp_path.iterdir()) == [
@@ -317,6 +324,6 @@ def test_the_committed_page_is_that_of_the_committed_tables(tmp_path, monkeypatc
     suites = [Tables.load(ROOT / "results" / name) for name in claimed.split()]
     tables, reports = functools.reduce(Tables.merged, suites), ROOT / "reports"
     write_claims(tables, tmp_path / "paper.md", reports / "paper_notes.md")
-    for name in ("paper.md", "paper_cells.md"):
+    for name in ("paper.md", "paper_cells.md", "paper_why.md"):
         own = (tmp_path / name).read_text(encoding="utf-8")
         assert own == (reports / name).read_text(encoding="utf-8")
