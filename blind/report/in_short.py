@@ -59,7 +59,8 @@ def _flown(tables: Tables) -> str:
 def _share(tables: Tables, score: str, cases: str) -> str:
     for row in records(tables.proportions):
         if (row["who"], row["score"], row["cases"]) == (OURS, score, cases) and row["n"]:
-            return f"{row['hits']} of {row['n']}"
+            share = f" ({percent(row['hits'] / row['n'])})" if score == INTERVALS else ""
+            return f"{row['hits']} of {row['n']}{share}"
     return MISSING
 
 
@@ -69,9 +70,9 @@ def _injected(runs: Sequence[InjectedTables]) -> str:
         faulty = tables.cases.loc[tables.cases["fault"] != NOTHING]
         right = int((faulty["named"].astype(bool) | faulty["refused"].astype(bool)).sum())
         counted = {row["score"]: row for row in records(shares(tables.cases, tables.numbers))}
+        few = int(faulty["verdict"].eq("too_few").sum())
         others = (f"{counted[score]['hits']} of {counted[score]['n']}" for score in COUNTED)
-        name = markdown.escape(tables.run["injected"])
-        rows.append((name, f"{right} of {len(faulty)}", *others))
-    return markdown.table(
-        ("flights", "faults named, or logs refused with the reason", *COUNTED), rows
-    )
+        name, n = markdown.escape(tables.run["injected"]), len(faulty)
+        rows.append((name, f"{right} of {n}", f"{few} of {n}", *others))
+    answers = ("faults named, or logs refused with the reason", "too few flights to tell")
+    return markdown.table(("flights", *answers, *COUNTED), rows)

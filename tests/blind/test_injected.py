@@ -322,7 +322,7 @@ def test_scores_count_aliases_refusals_and_wrong_effects():
     run |= {"flights": 4, "started": "", "sha256": "", "described": ["delay", "thrust_gain"]}
     found = InjectedTables(table, numbers, run)
     assert in_short([], [found])[1] == INJECTED
-    assert "| &lt;b&gt; | 4 of 6 | 1 of 6 | 2 of 2 | 1 of 2 |" in in_short([], [found])[-1]
+    assert "| &lt;b&gt; | 4 of 6 | 0 of 6 | 1 of 6 | 2 of 2 | 1 of 2 |" in in_short([], [found])[-1]
     text = "\n".join(section(found))
     assert "<b>" not in text
     assert "| delay | small (0.02) | 2 | 2/2 (16 to 100 %) | 1/2 (1 to 99 %) | 1 | 0 |" in text
