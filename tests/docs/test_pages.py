@@ -180,6 +180,15 @@ def test_the_python_of_the_pages_runs(monkeypatch, capsys):
     assert "effect ['mass']" in capsys.readouterr().out
 
 
+def test_the_page_on_diagnosis_says_which_flight_shows_an_effect():
+    text = (HOUSE / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    cards = {name: registry.load("effect", name).card for name in registry.names("effect")}
+    for name, flight in ((name, card.flight) for name, card in cards.items() if card.flight):
+        (row,) = (row for row in rows if len(row) == 4 and f"`{name}`" in row[1])
+        assert flight in row[2]
+
+
 def test_the_architecture_counts_the_effects():
     text = (HOUSE / "docs" / "architecture.md").read_text(encoding="utf-8")
     assert f"({len(entry_points(group='bench.effects'))} physical effects" in text

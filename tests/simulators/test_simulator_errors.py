@@ -1,6 +1,9 @@
 """Errors say what was received and what is allowed."""
 
 import importlib.metadata
+import os
+import subprocess
+import sys
 
 import jax.numpy as jnp
 import pytest
@@ -100,3 +103,16 @@ def test_a_plugin_that_ends_the_program_is_broken_and_ends_nobody(tmp_path, monk
 
 def test_built_in_plugins_come_from_this_package():
     assert registry.distribution("simulator", "crazyflow").startswith("fidelity-bench ")
+
+
+@pytest.mark.parametrize("first", ["scipy", "bench.stats.statistics"])
+def test_scipy_before_us_is_refused_with_what_to_do(first):
+    load = "from simulators import registry; registry.load('simulator', 'crazyflow')"
+    free = {name: value for name, value in os.environ.items() if name != "SCIPY_ARRAY_API"}
+    done = subprocess.run(
+        [sys.executable, "-c", f"import {first}; {load}"], capture_output=True, text=True, env=free
+    )
+    if first == "scipy":
+        assert "set SCIPY_ARRAY_API" in done.stderr
+    else:
+        assert done.returncode == 0
