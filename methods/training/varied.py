@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from simulators.contract import AbstractSimulator, with_effects
-from simulators.effects.contract import AbstractEffect
+from simulators.effects.contract import AbstractEffect, Parameter
 from simulators.effects.delay import Delay
 from simulators.effects.wind import Wind
 from simulators.flight import Flight
@@ -109,6 +109,9 @@ def vary_around(
     Times stay within a factor exp(+-`spread`) of what they are. Commands are up to `delay` [s]
     later than that, and a steady push of up to `push` [m/s^2] acts along each axis of the world.
     All stay within the bounds of their parameters: no delay outlasts its buffer.
+
+    Raises:
+        ValueError: A number that is to be drawn lies outside of these bounds.
     """
     added = {Delay: (0.0, delay), Wind: (-push, push)}
     present = {type(effect) for effect in simulator.effects}
@@ -117,11 +120,23 @@ def vary_around(
     factor, ranges = jnp.exp(jnp.asarray([-spread, spread])), []
     for effect, name in _varied(simulator, push > 0.0):
         parameter, value = effect.parameters[name], getattr(effect, name)
+        _check_within(parameter, float(value), type(effect).__name__, name)
         ends = value * factor if parameter.unit in TIMES else jnp.broadcast_to(value, 2)
         ends = ends + jnp.asarray(added.get(type(effect), (0.0, 0.0)))
         low, high = jnp.clip(ends, parameter.low, parameter.high)
         ranges.append((float(low), float(high)))
     return vary(simulator, _times_and_pushes if push else _times, ranges)
+
+
+def _check_within(parameter: Parameter, value: float, effect: str, name: str) -> None:
+    """Refuses a value that the bounds would move: of what is switched off at infinity, for one."""
+    rounding = 1e-5 * max(abs(parameter.low), abs(parameter.high))
+    if not parameter.low - rounding <= value <= parameter.high + rounding:
+        raise ValueError(
+            f"`{name}` of {effect} must lie in [{parameter.low:g}, {parameter.high:g}] "
+            f"{parameter.unit} to be drawn anew in every episode, got {value:g}. Leave the effect "
+            "out if it does nothing."
+        )
 
 
 def _times(simulator: AbstractSimulator) -> list[Any]:

@@ -22,6 +22,7 @@ from methods.calibration.identification import (
     logged,
     standing,
 )
+from simulators import registry
 from simulators.algebra.rotation import quat_to_rpy
 from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
@@ -161,3 +162,18 @@ def _fit(chi2):
 )
 def test_of_equally_likely_sets_the_better_fit_is_taken(monkeypatch, sets, expected):
     assert chosen(monkeypatch, *sets) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "acts"),
+    [
+        ("attitude_loop", {"natural_freq": 20.0, "damping": 1.0}, True),
+        ("attitude_loop", {"natural_freq": 3e7, "damping": 1.97}, False),
+        ("attitude_loop", {"natural_freq": float("inf"), "damping": 0.3}, False),
+        ("drag", {"c": 0.0}, False),
+        ("drag", {"c": 0.1}, True),
+    ],
+)
+def test_what_does_nothing_is_not_trained_with(name, values, acts):
+    library = types.SimpleNamespace(effects=registry.load_all("effect"))
+    assert identification._acts(library, name, values) is acts

@@ -115,6 +115,15 @@ def test_times_are_drawn_within_a_factor_and_nothing_else_is():
     np.testing.assert_allclose(np.exp(np.log(found).mean(axis=0)), center, rtol=0.02)
 
 
+def test_what_is_switched_off_beyond_its_bounds_is_not_drawn_within_them():
+    """It would be switched on: a loop at 5e8 rad/s became one at 100 rad/s."""
+    for loop in (AttitudeLoop(natural_freq=5e8, damping=1.5), AttitudeLoop()):
+        with pytest.raises(
+            ValueError, match=r"`natural_freq` of AttitudeLoop must lie in \[5, 100\]"
+        ):
+            vary_around(with_effects(NOMINAL, [loop]), 0.5)
+
+
 def test_without_a_spread_it_is_the_simulator():
     same = vary_around(DISTURBED, 0.0)
     np.testing.assert_allclose(drawn(same, KEYS[:3]), [list(TIMES.values())] * 3, rtol=1e-6)
