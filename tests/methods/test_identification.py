@@ -12,6 +12,7 @@ from diagnosis.fit import search
 from diagnosis.fit.fit import Fit
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.windows import Normal
+from diagnosis.replay.library import make_library
 from methods.calibration import identification
 from methods.calibration.identification import (
     DITHER,
@@ -22,7 +23,6 @@ from methods.calibration.identification import (
     logged,
     standing,
 )
-from simulators import registry
 from simulators.algebra.rotation import quat_to_rpy
 from simulators.crazyflow import Crazyflow
 from simulators.point_mass import PointMass
@@ -175,5 +175,5 @@ def test_of_equally_likely_sets_the_better_fit_is_taken(monkeypatch, sets, expec
     ],
 )
 def test_what_does_nothing_is_not_trained_with(name, values, acts):
-    library = types.SimpleNamespace(effects=registry.load_all("effect"))
+    library = make_library(PointMass())
     assert identification._acts(library, name, values) is acts
