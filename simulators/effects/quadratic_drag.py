@@ -1,4 +1,4 @@
-"""Quadratic drag, isotropic: f = -k m |v| v, in the world frame."""
+"""Quadratic drag, isotropic: f = -k m |v| v, in the world frame; for k < 0, |v| <= `FASTEST`."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -12,6 +12,13 @@ from simulators.effects.card import EffectCard, Shown
 from simulators.effects.contract import BrakingEffect, Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
+
+FASTEST = 20.0
+"""Speed up to which a coefficient below 0 takes drag away in proportion to the speed squared [m/s].
+
+Faster than any flight here. Beyond it, the linear law: the square would push a drone to infinity
+within the episode, and a fresh policy of which one episode does that is never updated.
+"""
 
 
 class QuadraticDrag(WrenchEffect, BrakingEffect):
@@ -49,6 +56,7 @@ class QuadraticDrag(WrenchEffect, BrakingEffect):
         square = jnp.sum(flight.vel**2, axis=-1, keepdims=True)
         moving = square > 0.0  # the root has no derivative where a drone stands still
         speed = jnp.where(moving, jnp.sqrt(jnp.where(moving, square, 1.0)), 0.0)
+        speed = jnp.where(self.k < 0.0, jnp.minimum(speed, FASTEST), speed)
         force = -self.k * vehicle.believed_mass * speed * flight.vel
         return None, force, jnp.zeros_like(flight.vel)
 
