@@ -62,7 +62,7 @@ CLAIMED := paper off_spec budget ablations
 reports: $(READY)
 	@echo "Writing the pages in reports/ from the tables in results/."
 	@$(BIN)/bench claims $(addprefix results/,$(CLAIMED)) --notes reports/paper_notes.md
-	@for suite in $(CLAIMED) floor scale transfer field_parts contact worlds paper_rotorpy; do \
+	@for suite in $(CLAIMED) floor scale transfer field_parts field contact worlds paper_rotorpy; do \
 		$(BIN)/bench leaderboard results/$$suite > /dev/null && $(BIN)/bench report results/$$suite \
 			|| exit 1; \
 	done

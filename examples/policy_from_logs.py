@@ -71,7 +71,7 @@ def main() -> None:
         print(f"\r{stage} {epoch} of {epochs}", end="", flush=True)  # noqa: T201
 
     setup = Setup(task, nominal=model, reality=model, context=Context(shown))
-    method = LFBaseline(trainer=BPTT(epochs=given.epochs))
+    method = LFBaseline(trainer=BPTT(epochs=given.epochs, decay=0.99))  # as `grey_box` trains
     trained = method.train(setup, jax.random.key(given.seed))
     for name, world in worlds.items():
         flown = evaluate(task, world, PolicyController(task, trained.policy), given.seed)
