@@ -11,6 +11,7 @@ The file holds, as NumPy arrays, the weights of its network and the scales of it
 """
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,8 @@ import diagnosis
 from bench.plan.realities import parse_reality
 from bench.text.errors import UsageError
 from methods.contract import Setup
+from methods.grey_box import GreyBox
 from methods.lf_baseline import LFBaseline
-from methods.training.bptt import BPTT
 from methods.training.context import Context
 from methods.training.evaluate import evaluate
 from methods.training.policy import AbstractPolicy, PolicyController, is_written_out
@@ -57,10 +58,13 @@ def main() -> None:
     parser.add_argument("--reality", help='also flown there: such as "crazyflow+mass(e=0.2)"')
     parser.add_argument("--out", type=Path, default=Path("policy.npz"))
     given = parser.parse_args()
-
+    place = given.out.with_suffix(".npz")
+    if not place.absolute().parent.is_dir():
+        parser.error(f"--out: there is no folder {place.absolute().parent}.")
     try:
         model = diagnosis.corrected(given.diagnosis, likeliest=given.likeliest)
         task = registry.load("task", given.task)(n_drones=given.team_size)
+        method = LFBaseline(trainer=dataclasses.replace(GreyBox().trainer, epochs=given.epochs))
         worlds = {"the corrected point mass": model}
         if given.reality:
             worlds[given.reality] = parse_reality(given.reality)
@@ -71,13 +75,12 @@ def main() -> None:
         print(f"\r{stage} {epoch} of {epochs}", end="", flush=True)  # noqa: T201
 
     setup = Setup(task, nominal=model, reality=model, context=Context(shown))
-    method = LFBaseline(trainer=BPTT(epochs=given.epochs, decay=0.99))  # as `grey_box` trains
     trained = method.train(setup, jax.random.key(given.seed))
     for name, world in worlds.items():
         flown = evaluate(task, world, PolicyController(task, trained.policy), given.seed)
         print(f"\nSettled reward in {name}: {flown.settled_reward:.1f}", end="")  # noqa: T201
-    np.savez(given.out, **weights(trained.policy), **scales(model))
-    print(f"\nWritten: {given.out} (training: {trained.status})")  # noqa: T201
+    np.savez(place, **weights(trained.policy), **scales(model))
+    print(f"\nWritten: {place} (training: {trained.status})")  # noqa: T201
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from bench.conformance.flights import hovering
 from bench.plan.realities import parse_reality
 from bench.text.errors import UsageError
 from diagnosis.logs.flights import DroneLog, FlightLog, VehicleFile, write_flights
@@ -25,26 +26,25 @@ from simulators.contract import AbstractSimulator
 from simulators.flight import Flight
 from simulators.registry import UnknownPluginError
 from simulators.tracking import PDTracker
-from simulators.vehicle import CONTROL_DT, GRAVITY
+from simulators.vehicle import CONTROL_DT
 
 NOISE = {"pos": 1e-3, "vel": 1e-2, "attitude": 3e-3}
-"""Standard deviations of what is logged [m, m/s, rad]: those of motion capture; a guess."""
+"""Standard deviations of the noise on position, velocity and attitude [m, m/s, rad]: a guess at
+what motion capture has."""
 STEP, STEP_S = np.asarray([0.5, 0.5, 0.25]), 1.5
 """Largest step of the target [m], and how long it stays [s]."""
 DITHER, DITHER_S = np.asarray([0.12, 0.12, 0.0, 0.03]), 0.2
 """Largest signal on the commands [rad, rad, rad, N], and how long it stays [s]."""
 
 
-def fly(
-    reality: AbstractSimulator, flights: int, seconds: float, mass: float, seed: int
-) -> list[FlightLog]:
-    """Logs of `flights` flights of one drone, whose controller believes in `mass` [kg]."""
+def fly(reality: AbstractSimulator, flights: int, seconds: float, seed: int) -> list[FlightLog]:
+    """Logs of so many flights of one drone, each of `seconds` [s]."""
     rng, steps = np.random.default_rng(seed), round(seconds / CONTROL_DT)
     hold = functools.partial(_held, rng, steps)
     logs = []
     for i in range(flights):
         target = np.asarray([0.0, 0.0, 1.5]) + hold(STEP, STEP_S)
-        flown, cmd = _flown(reality, mass, jnp.asarray(target), jnp.asarray(hold(DITHER, DITHER_S)))
+        flown, cmd = _flown(reality, jnp.asarray(target), jnp.asarray(hold(DITHER, DITHER_S)))
         rpy = np.asarray(quat_to_rpy(flown.quat))[:, 0]
         noise = {name: size * rng.standard_normal((steps, 3)) for name, size in NOISE.items()}
         drone = DroneLog(
@@ -75,23 +75,12 @@ def _held(
 @eqx.filter_jit
 def _flown(
     reality: AbstractSimulator,
-    mass: float,
     target: Float[Array, "time 3"],
     dither: Float[Array, "time 4"],
 ) -> tuple[Flight, Float[Array, "time 1 4"]]:
     """The flight before each command, and the commands."""
-    hover = jnp.asarray([[0.0, 0.0, 0.0, mass * GRAVITY]])
-    at_rest = Flight(
-        t=jnp.zeros(()),
-        pos=target[:1],
-        vel=jnp.zeros((1, 3)),
-        quat=jnp.asarray([[0.0, 0.0, 0.0, 1.0]]),
-        ang_vel=jnp.zeros((1, 3)),
-        thrust=hover[:, 3],
-        torque=jnp.zeros((1, 3)),
-    )
-    state = reality.restore(at_rest, jnp.repeat(hover[None], 10, axis=0), jax.random.key(0))
-    tracker, still = PDTracker(mass=mass), jnp.zeros((1, 3))
+    state = hovering(reality, target[:1])
+    tracker, still = PDTracker(mass=reality.spec.mass), jnp.zeros((1, 3))
 
     def step(state: object, inputs: tuple[Array, Array]) -> tuple[object, tuple[Flight, Array]]:
         target, dither = inputs
@@ -111,11 +100,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0, help="length of each (default: 6)")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
+    if given.flights < 1 or given.seconds < 1.0:
+        parser.error("--flights and --seconds must be at least 1.")
     try:
         reality = parse_reality(given.reality)
-        mass = reality.spec.mass
-        logs = fly(reality, given.flights, given.seconds, mass, given.seed)
-        write_flights(given.folder, VehicleFile("simulated", "cf21B_500", mass), logs)
+        logs = fly(reality, given.flights, given.seconds, given.seed)
+        vehicle = VehicleFile("simulated", "cf21B_500", reality.spec.mass)
+        write_flights(given.folder, vehicle, logs)
     except (OSError, UsageError, UnknownPluginError) as error:
         parser.error(str(error))
     print(f"Written: {given.folder}")  # noqa: T201

@@ -162,7 +162,7 @@ def _whole(claim: Claim, found: Finding) -> Finding:
 
 
 def beside(path_md: Path, part: str) -> Path:
-    """Where another page stands beside that of answers: its `cells`, or `why`."""
+    """Path of a page that belongs to the page of answers; `part` is `cells` or `why`."""
     return path_md.with_name(f"{path_md.stem}_{part}.md")
 
 

@@ -163,8 +163,8 @@ def _no_candidates() -> list[str]:
 def _acts(library: Library, name: str, values: Mapping[str, float]) -> bool:
     """Whether an effect does anything at these values.
 
-    One that is neutral at infinity does not beyond its bounds. A fit can end there, and a training
-    that draws the value anew within the bounds would put an effect in that no flight showed.
+    An effect whose neutral value is infinite does nothing beyond its bounds. A fit can end there.
+    A training draws the value anew within the bounds, and would add an effect that nothing showed.
     """
     parameters = library.effects[name].parameters
     if endless := [p for p, info in parameters.items() if np.isinf(info.neutral)]:

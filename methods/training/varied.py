@@ -129,7 +129,7 @@ def vary_around(
 
 
 def _check_within(parameter: Parameter, value: float, effect: str, name: str) -> None:
-    """Refuses a value that the bounds would move: of what is switched off at infinity, for one."""
+    """Refuses a value beyond the bounds, such as that of an effect that infinity switches off."""
     rounding = 1e-5 * max(abs(parameter.low), abs(parameter.high))
     if not parameter.low - rounding <= value <= parameter.high + rounding:
         raise ValueError(

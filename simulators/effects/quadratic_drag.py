@@ -16,8 +16,9 @@ from simulators.vehicle import Vehicle
 FASTEST = 20.0
 """Speed up to which a coefficient below 0 takes drag away in proportion to the speed squared [m/s].
 
-Faster than any flight here. Beyond it, the linear law: the square would push a drone to infinity
-within the episode, and a fresh policy of which one episode does that is never updated.
+Flights here are slower. Beyond it the push grows in proportion to the speed: with the square, a
+drone would be at infinity within an episode. A policy with one such episode is never updated,
+because the gradient of the mean is not finite.
 """
 
 

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bench.conformance.flights import hovering
 from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile, load_flights
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.replay import make_replay
 from simulators import registry
 from simulators.algebra.rotation import quat_to_rpy
 from simulators.contract import with_effects
-from simulators.flight import Flight
 from simulators.point_mass import PointMass
 from simulators.tracking import PDTracker
-from simulators.vehicle import CONTROL_DT, GRAVITY
+from simulators.vehicle import CONTROL_DT
 
 REAL = Path(__file__).parents[2].parent / "shared" / "flights"
 
@@ -84,18 +84,8 @@ def rotor_speeds(thrust, spec):
 @eqx.filter_jit
 def _flown(simulator, target, dither, rows):
     """A program for each kind of simulator and effects; their numbers are its arguments."""
-    hover = jnp.asarray([[0.0, 0.0, 0.0, simulator.spec.mass * GRAVITY]])
-    flight = Flight(
-        t=jnp.zeros(()),
-        pos=target[:1],
-        vel=jnp.zeros((1, 3)),
-        quat=jnp.asarray([[0.0, 0.0, 0.0, 1.0]]),
-        ang_vel=jnp.zeros((1, 3)),
-        thrust=hover[:, 3],
-        torque=jnp.zeros((1, 3)),
-    )
     tracker = PDTracker(mass=simulator.spec.mass)
-    state = simulator.restore(flight, jnp.repeat(hover[None], 10, axis=0), jax.random.key(0))
+    state = hovering(simulator, target[:1])
 
     def step(state, inputs):
         target, dither = inputs

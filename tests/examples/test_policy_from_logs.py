@@ -40,14 +40,20 @@ def test_simulated_logs_are_those_of_the_vehicle_that_was_asked_for(tmp_path, mo
 
 
 @pytest.mark.parametrize(
-    ("reality", "said"),
-    [("point_mass+mas(e=0.2)", "Did you mean 'mass'"), ("point_mass+mass", "is no effect")],
+    ("asked", "said"),
+    [
+        (["point_mass+mas(e=0.2)"], "Did you mean 'mass'"),
+        (["point_mass+mass"], "is no effect"),
+        (["point_mass", "--flights", "0"], "must be at least 1"),
+        (["point_mass", "--seconds", "0.01"], "must be at least 1"),
+    ],
 )
-def test_a_reality_that_is_not_understood_is_answered_in_a_line(
-    reality, said, tmp_path, monkeypatch, capsys
+def test_flights_that_cannot_be_simulated_are_answered_in_a_line(
+    asked, said, tmp_path, monkeypatch, capsys
 ):
+    reality, *options = asked
     with pytest.raises(SystemExit):
-        script("simulated_flights.py", monkeypatch, reality, str(tmp_path / "new"))
+        script("simulated_flights.py", monkeypatch, reality, str(tmp_path / "new"), *options)
     assert said in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
@@ -65,10 +71,27 @@ def test_a_policy_is_trained_on_a_diagnosis_and_flown(tmp_path, monkeypatch, cap
     assert np.load("policy.npz")["w2"].shape == (3, 128)
 
 
-def test_a_diagnosis_that_is_not_there_is_answered_in_a_line(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (["nowhere.json"], "No such file"),
+        (["diagnosis.json", "--epochs", "0"], "`epochs` must be at least 1"),
+        (["diagnosis.json", "--team-size", "1"], "`n_drones` must be at least 2"),
+        (["diagnosis.json", "--out", "nowhere/policy.npz"], "there is no folder"),
+        (["unexplained.json"], "no effect is confirmed"),
+    ],
+)
+def test_what_cannot_be_trained_is_answered_in_a_line(asked, said, tmp_path, monkeypatch, capsys):
+    made = {
+        "diagnosis": diagnoses_for_tests.effect(),
+        "unexplained": diagnoses_for_tests.unexplained(),
+    }
+    for name, content in made.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(content), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit):
-        script("policy_from_logs.py", monkeypatch, str(tmp_path / "diagnosis.json"))
-    assert "No such file" in capsys.readouterr().err
+        script("policy_from_logs.py", monkeypatch, *asked)
+    assert said in capsys.readouterr().err
 
 
 def test_the_code_of_the_page_commands_what_the_policy_does(tmp_path, monkeypatch, key):

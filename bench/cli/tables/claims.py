@@ -22,7 +22,7 @@ def claims(
     out: Path | None = None,
     notes: Annotated[Path | None, cyclopts.Parameter(help=NOTES)] = None,
 ) -> int:
-    """Judge the paper's claims by the tables of suites; write pages as Markdown and HTML.
+    """Judge the paper's claims by the tables of suites; write answers and what they rest on.
 
     Parameters
     ----------
