@@ -110,7 +110,7 @@ def document(
         parts += [f"![{GAPS}]({picture})", f"*{GAPS}.*"]
     parts += ["## Scores"]
     parts += [
-        f"{made.scale}; mean over {cells}, which every method here flew in every world, with the "
+        "Means over the cells named above, which every method here flew in every world, with the "
         "95 % interval over seeds where there are at least two. Bold methods are Pareto-optimal: "
         "no other has a higher score in its worst world without flying more. Flight is the mean "
         "over worlds. *As it is* marks a policy that flew in crazyflow alone, in training or for "

@@ -93,8 +93,6 @@ def section(tables: InjectedTables) -> list[str]:
     return [
         f"## Injected into: {markdown.escape(tables.run['injected'])}",
         *_facts(tables),
-        "### Power against size",
-        _power(tables),
         "### False alarms and intervals",
         _shares(tables),
         "### Cases that were not answered rightly",
@@ -102,9 +100,18 @@ def section(tables: InjectedTables) -> list[str]:
     ]
 
 
+def by_size(runs: Sequence[InjectedTables]) -> list[str]:
+    """How often faults were found and named, by size."""
+    parts = []
+    for tables in runs:
+        heading = f"## Faults injected into {markdown.escape(tables.run['injected'])}, by size"
+        parts += [heading, _power(tables)]
+    return parts
+
+
 def write_injected(tables: InjectedTables, path: Path) -> Path:
     """The Markdown file that was written; HTML stands beside it."""
-    text = "\n\n".join([f"# {TITLE}", *report([tables])]) + "\n"
+    text = "\n\n".join([f"# {TITLE}", *report([tables]), *by_size([tables])]) + "\n"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     write_page(text, path.with_suffix(".html"), TITLE)

@@ -1,5 +1,10 @@
-"""The blind report as Markdown and HTML, from tables alone."""
+"""The blind report as Markdown and HTML, from tables alone, on two pages.
 
+The first says what was right, how it was counted and what went wrong; the second has the numbers by
+effect, the baselines, and how small effects may be.
+"""
+
+import dataclasses
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -16,6 +21,10 @@ from blind.report.injected_section import InjectedTables
 from blind.report.pictures import write_pictures
 from blind.report.tables import Tables
 
+TITLE = "Diagnosis of effects that were withheld"
+DETAILS = "Diagnosis of withheld effects, by effect"
+Link = Callable[[Path], str]
+"""What a page writes for a picture."""
 INTRODUCTION = (
     "Flights were simulated, most of them with an effect, and the diagnosis was not told which. "
     "Every diagnosis ran in a process "
@@ -46,67 +55,102 @@ def write_report(
     notes: Path | None = None,
     injected: Sequence[InjectedTables] = (),
 ) -> Path:
-    """The Markdown file that was written; HTML and pictures stand beside it.
+    """The Markdown file that was written; its details, HTML and pictures stand beside it.
 
     Args:
         found: Tables of one run a reality.
-        path: Markdown file to write.
+        path: Markdown file to write; the details go to a file of the same name with `_details`.
         notes: Hand-written Markdown. What stands under a heading that is a case's name becomes the
             remark on that failure; the rest is appended.
         injected: Tables of faults that were injected into logs, a run a flight set.
     """
     remarks, rest = _notes(notes)
     pictures = {id(tables): write_pictures(tables, path.with_name(path.stem)) for tables in found}
+    details = path.with_name(f"{path.stem}_details.md")
 
-    def text(link: Callable[[Path], str]) -> str:
-        parts = ["# Diagnosis of effects that were withheld", *in_short(found, injected)]
+    def figures(tables: Tables, link: Link) -> _Figures:
+        shown = {p.stem: (link(p), caption) for p, caption in pictures[id(tables)]}
+        return _Figures(tables.run["reality"], shown)
+
+    def answers(link: Link) -> list[str]:
+        more = f"By effect and size, and beside baselines: [{DETAILS}]({details.name})."
+        parts = [*in_short(found, injected), more]
         parts += ["## How it was done", INTRODUCTION, DECIDABLE]
         for tables in found:
-            figures = {p.stem: (link(p), caption) for p, caption in pictures[id(tables)]}
-            parts += _reality(tables, figures, remarks)
+            parts += _answers(tables, figures(tables, link), remarks)
         if injected:
             parts += [f"## {injected_section.TITLE}", *injected_section.report(injected)]
-        return "\n\n".join([*parts, *rest]) + "\n"
+        return [*parts, *rest]
 
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text(lambda p: f"{path.stem}/{p.name}"), encoding="utf-8")
-    write_page(text(data_uri), path.with_suffix(".html"), "Diagnosis of effects that were withheld")
+    def by_effect(link: Link) -> list[str]:
+        parts = [f"The [answers]({path.name}) say how the cases were made and counted."]
+        for tables in found:
+            parts += _by_effect(tables, figures(tables, link))
+        return [*parts, *injected_section.by_size(injected)]
+
+    _write(path, TITLE, answers)
+    _write(details, DETAILS, by_effect)
     return path
 
 
-def _reality(
-    tables: Tables, figures: Mapping[str, tuple[str, str]], remarks: Mapping[str, str]
-) -> list[str]:
-    """Everything about one reality."""
-    name = tables.run["reality"]
+@dataclasses.dataclass(frozen=True)
+class _Figures:
+    """Pictures of one reality."""
 
-    def picture(kind: str) -> list[str]:
-        if f"{name}_{kind}" not in figures:
+    reality: str
+    shown: Mapping[str, tuple[str, str]]
+    """Link and caption by file name."""
+
+    def of(self, kind: str) -> list[str]:
+        """A picture with its caption, where there is one."""
+        if f"{self.reality}_{kind}" not in self.shown:
             return []
-        link, caption = figures[f"{name}_{kind}"]
+        link, caption = self.shown[f"{self.reality}_{kind}"]
         return [f"![{caption}]({link})", f"*{caption}.*"]
 
+
+def _write(path: Path, title: str, made: Callable[[Link], list[str]]) -> None:
+    """A page as Markdown, which links its pictures, and as HTML, which holds them."""
+
+    def text(link: Link) -> str:
+        return "\n\n".join([f"# {title}", *made(link)]) + "\n"
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    folder = path.stem.removesuffix("_details")
+    path.write_text(text(lambda p: f"{folder}/{p.name}"), encoding="utf-8")
+    write_page(text(data_uri), path.with_suffix(".html"), title)
+
+
+def _answers(tables: Tables, figures: _Figures, remarks: Mapping[str, str]) -> list[str]:
+    """How many answers are right in one reality, and which are not."""
     return [
-        f"## Reality: {markdown.escape(name)}",
+        f"## Reality: {markdown.escape(tables.run['reality'])}",
         *sections.facts(tables),
         "### Aims and what was measured",
         *sections.aims(tables),
-        *picture("aims"),
+        *figures.of("aims"),
+        "### Failures, one by one",
+        *failures.failures(tables, remarks),
+    ]
+
+
+def _by_effect(tables: Tables, figures: _Figures) -> list[str]:
+    """Numbers by effect of one reality."""
+    return [
+        f"## Reality: {markdown.escape(tables.run['reality'])}",
         "### Beside simple baselines",
         *sections.baselines(tables),
         "### Which effects",
-        *picture("confusion"),
+        *figures.of("confusion"),
         *sections.by_effect(tables),
         "### How large",
         *sections.parameters(tables),
-        *picture("errors"),
+        *figures.of("errors"),
         "### How sure",
         *sections.reliability(tables),
-        *picture("reliability"),
-        *limits.section(tables, picture("limits")),
-        *next_flight.section(tables, picture("next_flight")),
-        "### Failures, one by one",
-        *failures.failures(tables, remarks),
+        *figures.of("reliability"),
+        *limits.section(tables, figures.of("limits")),
+        *next_flight.section(tables, figures.of("next_flight")),
     ]
 
 

@@ -109,7 +109,9 @@ def test_a_run_prints_the_hash_scores_and_reports(tmp_path, stub, no_measuring, 
     assert sha256 in text
     assert f"#### {GAIN.id}" in text
     assert f"#### {MASS.id}" not in text
-    assert "data:image/png" in (out / "blind.html").read_text()
+    for page in ("blind", "blind_details"):
+        assert "data:image/png" in (out / f"{page}.html").read_text()
+        assert f"]({page.removesuffix('_details')}/crazyflow_" in (out / f"{page}.md").read_text()
     assert (out / "labels.json").read_bytes() == folders.labels.read_bytes()
 
 
