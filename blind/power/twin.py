@@ -5,8 +5,9 @@
 Flights are split at random into a reference and a target. Undisturbed targets count false alarms;
 targets with a fault in their commands count how often it is named, or stands among the aliases of
 what is named, and how often its interval holds its true size. "Drift falls by" is how much of the
-drift that the fault makes goes with what is named, where something is. A second table counts
-targets with a turned path, which the check of the interface names. Splits of one set share flights,
+drift that the fault makes goes with what is named, where something is. A second table has targets
+with two faults at once (`TOGETHER`), a third counts those with a turned path, which the check of
+the interface names. Splits of one set share flights,
 so that Clopper-Pearson intervals, which stand for independent splits, are too narrow.
 """
 
@@ -70,11 +71,20 @@ STUDIED: Mapping[str, Studied] = {
     "frame": Studied("tilt_turned_in_yaw", "angle", "rad", float(np.deg2rad(5.0))),
 }
 """What is studied, by name, with the sizes that the twin aims at."""
+TOGETHER: tuple["Case", ...] = (
+    (("thrust", -0.07), ("pitch offset", float(np.deg2rad(3.0)))),
+    (("thrust", -0.2), ("roll offset", float(np.deg2rad(1.5)))),
+    (("thrust", 0.05), ("frame", float(np.deg2rad(5.0)))),
+    (("attitude gain", 0.1), ("roll offset", float(np.deg2rad(1.5)))),
+    (("delay", 0.03), ("pitch offset", float(np.deg2rad(2.0)))),
+    (("delay", 0.04), ("thrust", -0.1)),
+)
+"""Two faults at once, as of a cut blade, a payload beside the centre, a new frame or a new link."""
 TURNS = (0.0, 2.5, 5.0, 10.0)
 """Turns of the path in yaw that are studied [deg]."""
-Case = tuple[str, float]
-"""A fault's name and size; the empty name stands for undisturbed flights."""
-CLEAN: Case = ("", 0.0)
+Case = tuple[tuple[str, float], ...]
+"""Faults with their sizes; none in undisturbed flights."""
+CLEAN: Case = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,20 +105,42 @@ class Tally:
         return sum(a.change not in ("none", "too_few") for a in self.answers)
 
     @property
+    def truths(self) -> set[str]:
+        """Effects that describe the faults."""
+        return {STUDIED[name].effect for name, _ in self.case}
+
+    @property
     def named(self) -> int:
-        """Answers that name the fault or hold it in their class."""
-        effect = STUDIED[self.case[0]].effect
-        return sum(effect in (*a.effects, *a.aliases) for a in self.answers)
+        """Answers that name every fault or hold it in the class of what they name."""
+        return sum(self.truths <= {n for alike in _classes(a) for n in alike} for a in self.answers)
 
     @property
     def first(self) -> int:
-        """Answers that name the fault first."""
-        effect = STUDIED[self.case[0]].effect
-        return sum(bool(a.effects) and a.effects[0] == effect for a in self.answers)
+        """Answers that name a fault first."""
+        return sum(bool(a.effects) and a.effects[0] in self.truths for a in self.answers)
+
+    @property
+    def misled(self) -> int:
+        """Answers that name an effect without a fault in its class."""
+        return sum(any(not self.truths & alike for alike in _classes(a)) for a in self.answers)
+
+    @property
+    def misfit_left(self) -> float:
+        """Misfit with the named effects over that without, mean over answers that name some."""
+        misfits = [a.misfit for a in self.answers if a.effects]
+        return float(np.mean([after / before for before, after in misfits])) if misfits else np.nan
+
+    @property
+    def drift_taken(self) -> str:
+        """How much of the drift that the faults make goes with what is named."""
+        named = [f for a, f in zip(self.answers, self.falls, strict=True) if a.effects]
+        falls = np.asarray(named)
+        return f"{100 * falls[:, 0].sum() / falls[:, 1].sum():.0f} %" if named else ""
 
     def estimates(self) -> list[ChangedParameter]:
-        """The fault's parameter as each split estimates it, whether it was named or not."""
-        fault = STUDIED[self.case[0]]
+        """The only fault's parameter as each split estimates it, whether it was named or not."""
+        ((name, _),) = self.case
+        fault = STUDIED[name]
         return [
             p
             for a in self.answers
@@ -117,6 +149,11 @@ class Tally:
             for p in c.parameters
             if p.parameter == fault.parameter
         ]
+
+
+def _classes(answer: TwinAnswer) -> list[set[str]]:
+    """Each named effect with those that look like it."""
+    return [{effect, *alike} for effect, alike in answer.aliases.items()]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,19 +180,23 @@ def fly(
 ) -> tuple[Mapping[Case, Flown], Callable[[Sequence[Channels]], Twin]]:
     """Every case as it flies, and what makes a twin of some flights."""
     replay = twin_replay(flights, choose_inputs(flights), "crazyflow")
-    cases = [CLEAN]
-    for name in told(flights, replay):
-        cases += [(name, STUDIED[name].aim * scale) for scale in scales]
+    cases, known = [CLEAN], told(flights, replay)
+    for name in known:
+        cases += [((name, STUDIED[name].aim * scale),) for scale in scales]
+    cases += [case for case in TOGETHER if {name for name, _ in case} <= {*known}]
     made = {}
-    for name, size in cases:
-        logs = choose_inputs(STUDIED[name].apply(flights, size) if name else flights).flights
+    for case in cases:
+        changed = flights
+        for name, size in case:
+            changed = STUDIED[name].apply(changed, size)
+        logs = choose_inputs(changed).flights
 
         def again(names: Collection[str], logs: Sequence[FlightLog] = logs) -> Fly:
             return flight_of(replay, [log for log in logs if log.name in names])
 
         channels = flight_of(replay, logs)(replay.library.neutral)
-        made[name, size] = Flown(channels, again)
-        sys.stderr.write(f"flown: {name or 'undisturbed'} {size:g}\n")
+        made[case] = Flown(channels, again)
+        sys.stderr.write(f"flown: {_written(case) or 'undisturbed'}\n")
 
     def twin_of(chosen: Sequence[Channels]) -> Twin:
         return make_twin(chosen, replay.library, seen(replay))
@@ -170,8 +211,12 @@ def measure(
     fault_splits: int,
     sizes: tuple[int, int],
     seed: int,
+    once: bool = False,
 ) -> list[Tally]:
-    """The answers to every case over random splits; faults in the first `fault_splits` of them."""
+    """The answers to every case over random splits; faults in the first `fault_splits` of them.
+
+    With `once`, flights are not flown again at what is found, as a diagnosis does.
+    """
     clean = flown[CLEAN].channels
     rng, names = np.random.default_rng(seed), [c.name for c in clean]
     found: dict[Case, list[tuple[TwinAnswer, tuple[float, float]]]] = {c: [] for c in flown}
@@ -182,7 +227,7 @@ def measure(
         for case, flights in flown.items():
             if case == CLEAN or k < fault_splits:
                 chosen = [c for c in flights.channels if c.name in after]
-                again = flights.again(after) if flights.again else None
+                again = flights.again(after) if flights.again and not once else None
                 answer, scored = answer_change(twin, chosen, Decision(), again)
                 found[case].append((answer, _falls(twin, scored, clean)))
     return [
@@ -229,21 +274,35 @@ def turns_named(
 
 
 def write_table(tallies: Sequence[Tally]) -> str:
-    """The table of all cases, in Markdown."""
+    """The table of undisturbed flights and of single faults, in Markdown."""
     lines = [
         "| fault | named or alias | named first | mean estimate | coverage | limit | misfit left "
         "| drift falls by |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for tally in tallies:
-        n = len(tally.answers)
         if tally.case == CLEAN:
             aside = np.mean([len(a.set_aside) for a in tally.answers])
-            alarms = proportion(tally.alarms, n).text()
+            alarms = proportion(tally.alarms, len(tally.answers)).text()
             lines.append(f"| none: alarms | {alarms} | | | | | {aside:.2f} aside | |")
-            continue
-        (name, size), fault = tally.case, STUDIED[tally.case[0]]
-        lines.append(_line(tally, name, size, fault, n))
+        elif len(tally.case) == 1:
+            lines.append(_line(tally))
+    return "\n".join(lines)
+
+
+def write_together(tallies: Sequence[Tally]) -> str:
+    """The table of two faults at once, in Markdown."""
+    lines = [
+        "| faults | both named or alias | wrong effect | misfit left | drift falls by |",
+        "|---|---|---|---|---|",
+    ]
+    for tally in tallies:
+        if len(tally.case) > 1:
+            n = len(tally.answers)
+            lines.append(
+                f"| {_written(tally.case)} | {proportion(tally.named, n).text()} | "
+                f"{tally.misled}/{n} | {tally.misfit_left:.2f} | {tally.drift_taken} |"
+            )
     return "\n".join(lines)
 
 
@@ -253,20 +312,24 @@ def write_turns(named: Mapping[float, int], splits: int) -> str:
     return "\n".join(["| path turned in yaw [deg] | named |", "|---|---|", *lines])
 
 
-def _line(tally: Tally, name: str, size: float, fault: Studied, n: int) -> str:
-    shown = tally.estimates()
+def _line(tally: Tally) -> str:
+    shown, n, ((_, size),) = tally.estimates(), len(tally.answers), tally.case
     held = sum(p.low <= size <= p.high for p in shown)
-    misfits = [a.misfit for a in tally.answers if a.effects]
-    left = np.mean([after / before for before, after in misfits]) if misfits else np.nan
     mean = np.mean([p.value for p in shown]) if shown else np.nan
     limit = np.median([p.limit for p in shown]) if shown else np.nan
-    falls = np.asarray([f for a, f in zip(tally.answers, tally.falls, strict=True) if a.effects])
-    drift = f"{100 * falls[:, 0].sum() / falls[:, 1].sum():.0f} %" if len(falls) else ""
-    unit = "" if fault.unit == "-" else f" {fault.unit}"
     return (
-        f"| {name} {size:+.4g}{unit} | {proportion(tally.named, n).text()} | {tally.first}/{n} | "
-        f"{mean:+.4f} | {held}/{len(shown)} | {limit:.4f} | {left:.2f} | "
-        f"{drift} |"
+        f"| {_written(tally.case)} | {proportion(tally.named, n).text()} | {tally.first}/{n} | "
+        f"{mean:+.4f} | {held}/{len(shown)} | {limit:.4f} | {tally.misfit_left:.2f} | "
+        f"{tally.drift_taken} |"
+    )
+
+
+def _written(case: Case) -> str:
+    """Faults with their sizes and units."""
+    units = [STUDIED[name].unit for name, _ in case]
+    return ", ".join(
+        f"{name} {size:+.4g}" + (f" {unit}" if unit != "-" else "")
+        for (name, size), unit in zip(case, units, strict=True)
     )
 
 
@@ -282,12 +345,17 @@ def main() -> None:
         "--scales", type=float, nargs="*", default=[1.0, -1.0], help="sizes over those aimed at"
     )
     parser.add_argument("--seed", type=int, default=0, help="of the splits")
+    parser.add_argument(
+        "--once", action="store_true", help="do not fly again at what is found, which is faster"
+    )
     given = parser.parse_args()
     flights, sizes = load_flights(given.flights), (given.reference, given.target)
     flown, twin_of = fly(flights, given.scales)
-    tallies = measure(flown, twin_of, given.splits, given.fault_splits, sizes, given.seed)
+    counts = given.splits, given.fault_splits
+    tallies = measure(flown, twin_of, *counts, sizes, given.seed, given.once)
     turned = turns_named(flights, given.splits, sizes, given.seed)
-    sys.stdout.write(f"{write_table(tallies)}\n\n{write_turns(turned, given.splits)}\n")
+    tables = write_table(tallies), write_together(tallies), write_turns(turned, given.splits)
+    sys.stdout.write("\n\n".join(tables) + "\n")
 
 
 if __name__ == "__main__":

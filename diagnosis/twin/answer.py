@@ -1,6 +1,7 @@
 """What a twin says of changed flights, as frozen records; renderers decide nothing."""
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -65,8 +66,8 @@ class Naming:
     """The verdict."""
     effects: tuple[str, ...]
     """Named effects; empty unless the change is `effect` or `partly`."""
-    aliases: tuple[str, ...]
-    """Effects that these flights cannot tell from the first of them."""
+    aliases: Mapping[str, tuple[str, ...]]
+    """Effects that these flights cannot tell from each of them."""
     probability: float
     """Probability that the first named effect or one of its aliases is true, among candidates."""
     parameters: tuple[ChangedParameter, ...]

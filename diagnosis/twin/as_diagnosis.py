@@ -180,7 +180,7 @@ def _effects(study: ChangeStudy, verdict: str, decision: Decision) -> tuple[Effe
                 name=name,
                 blamed=True,
                 probability=sure if i == 0 else min(sure, 1.0 - decision.alarm_chance),
-                aliases=found.aliases if i == 0 else (),
+                aliases=found.aliases[name],
                 parameters=_parameters(found.parameters, name, verdict),
             )
             for i, name in enumerate(found.effects)

@@ -15,7 +15,7 @@ C from the scatter of the reference flights (as in `units.py`). With T^2 the lea
     log evidence = -(nu + K) / 2 log(1 + T^2 / nu / b) - Occam,
     Occam = 1/2 log det(1 + s^2 M' C^-1 M),     s = PRIOR,
 
-b = 1 unless the best effect leaves more than chance (`Evidence.scaled`).
+b = 1 unless the best effects leave more than chance (`Hypothesis.ratio`).
 """
 
 import dataclasses
@@ -53,15 +53,19 @@ class Evidence:
     basis: Float[np.ndarray, "params K"]
     """The directions."""
     scale: float = 1.0
-    """What T^2 is divided by (`scaled`)."""
+    """What T^2 is divided by (`Hypothesis.scaled`)."""
 
     def left(self, columns: Sequence[int]) -> float:
         """T^2 that the best values of some parameters within their range leave."""
+        return self.beyond(self.delta, columns)
+
+    def beyond(self, shift: Float[np.ndarray, " K"], columns: Sequence[int]) -> float:
+        """Square of what the best values of some parameters within their range leave of a shift."""
         at = list(columns)
         if not at:
-            return float(self.delta @ self.delta)
+            return float(shift @ shift)
         bounds = (-np.ones(len(at)), np.ones(len(at)))
-        return float(2.0 * lsq_linear(self.M[:, at], self.delta, bounds).cost)
+        return float(2.0 * lsq_linear(self.M[:, at], shift, bounds).cost)
 
     def log_evidence(self, columns: Sequence[int]) -> float:
         """Log evidence of a set of parameters against no change [nats]."""
@@ -72,15 +76,6 @@ class Evidence:
         m = self.M[:, list(columns)]
         occam = 0.5 * np.linalg.slogdet(np.eye(m.shape[1]) + PRIOR**2 * m.T @ m)[1]
         return float(fit - occam)
-
-    def scaled(self, left: float, n_parameters: int) -> "Evidence":
-        """The same where the best set of so many parameters leaves T^2 = `left`.
-
-        What it leaves beyond chance may as well hide what speaks for its rivals, so that all T^2
-        are divided by it (Birge's ratio, squared).
-        """
-        free = max(len(self.delta) - n_parameters, 1)
-        return dataclasses.replace(self, scale=max(1.0, left / free))
 
     def p(self, columns: Sequence[int]) -> float:
         """Probability of what some parameters leave, if nothing else changed."""

@@ -54,6 +54,19 @@ class Hypothesis:
         """Probability of what the effects leave, if nothing else changed."""
         return self.evidence.p(self.columns)
 
+    @property
+    def ratio(self) -> float:
+        """Birge's ratio, squared: T^2 that the effects leave, over what chance does."""
+        free = max(len(self.evidence.delta) - len(self.columns), 1)
+        return max(1.0, self.evidence.left(self.columns) / free)
+
+    def scaled(self, ratio: float) -> "Hypothesis":
+        """The same with all T^2 divided by a ratio.
+
+        What even the best effects leave beyond chance may as well hide what speaks for rivals.
+        """
+        return dataclasses.replace(self, evidence=dataclasses.replace(self.evidence, scale=ratio))
+
     def of(self, library: Library, effects: Sequence[str]) -> "Hypothesis":
         """Other effects, with the same scores."""
         columns = tuple(i for e in effects for i in library.indices[e])

@@ -34,7 +34,7 @@ class Named(Naming):
             self,
             change="unexplained",
             effects=(),
-            aliases=(),
+            aliases={},
             probability=0.0,
             parameters=(),
             at=self.nothing,
@@ -61,10 +61,13 @@ def name_change(
     seen = [e for e in effects if _shows(alone[e].estimate, decision)]
     # Effects that look alike fail and pass together: there are as many tests as directions.
     p_none, n = nothing.p_left, max(min(len(seen), len(nothing.evidence.delta)), 1)
-    alone = _scaled(_settled(library, alone, seen, every, refly, decision), seen)
-    candidates = _candidates(library, [alone[e] for e in seen], n, decision)
+    alone = _settled(library, alone, seen, every, refly, decision)
+    several = _several(library, nothing, alone, seen, p_none, n, decision)
+    scale = alone[several[0]].of(library, several).ratio if several else 1.0
+    nothing, alone = nothing.scaled(scale), {e: one.scaled(scale) for e, one in alone.items()}
+    candidates = _candidates(library, nothing, alone, seen, several, n, decision)
     sure = _sure(candidates, p_none, n, decision)
-    share, alike = _class_of(sure, candidates, decision)
+    share, alike = _class_of(sure, candidates, library, alone, decision)
     rest = {
         "candidates": candidates,
         "unseen": tuple(sorted(set(library.candidates) - set(seen))),
@@ -73,26 +76,34 @@ def name_change(
     if (
         len(reference) < FEWEST_REFERENCES
     ):  # nobody knows how flights of an unchanged vehicle differ
-        return Named("too_few", (), (), 0.0, (), at=nothing, **rest)
+        return Named("too_few", (), {}, 0.0, (), at=nothing, **rest)
     if not sure or share < decision.least_chance:
         other = p_none < decision.alarm_chance or _elsewhere(reference, target, decision)
         change: VerdictKind = "unexplained" if sure or other else "none"
         if change == "none" and min(len(reference), len(target)) < decision.few_flights:
             change = "too_few"
-        return Named(change, (), (), share, (), at=nothing, **rest)
-    first, *aliases = alike
+        return Named(change, (), {}, share, (), at=nothing, **rest)
+    first, *others = alike
+    aliases = {first: tuple(others)}
+    named = _further(library, alone[first], seen, aliases, n, decision)
+    if first not in _clear(library, alone[first].of(library, named), n, decision):
+        # Another effect does what it seemed to do, and more.
+        first, others = named[1], [*aliases[named[1]], first]
+        aliases = {first: tuple(others)}
+        named = _further(library, alone[first], seen, aliases, n, decision)
     at = alone[first]
-    named = _further(library, at, sure, aliases, n, decision)
     while named != at.effects:
         tried = settle(at.of(library, named), library, every, refly)
-        named = _clear(library, tried, n, decision)
+        clear = _clear(library, tried, n, decision)
+        named = (first, *(e for e in clear if e != first))
         at = tried if named == tried.effects else alone[first].of(library, named)
 
-    def with_first(at: Hypothesis, aliases: tuple[str, ...], instead: tuple[Named, ...]) -> Named:
+    def with_first(at: Hypothesis, alike: Sequence[str], instead: tuple[Named, ...]) -> Named:
+        first, *further = at.effects
         return Named(
             change="partly" if at.p_left < decision.alarm_chance else "effect",
             effects=at.effects,
-            aliases=aliases,
+            aliases={first: tuple(alike), **{e: aliases[e] for e in further}},
             probability=share,
             parameters=changed(library, at.effects, at.estimate, n, decision),
             at=at,
@@ -102,10 +113,10 @@ def name_change(
 
     instead = tuple(
         with_first(alone[e], tuple(x for x in alike if x != e), ())
-        for e in aliases
+        for e in others
         if any(p.clear for p in changed(library, (e,), alone[e].estimate, n, decision))
     )
-    return with_first(at, tuple(aliases), instead)
+    return with_first(at, others, instead)
 
 
 def _elsewhere(reference: Group, target: Group, decision: Decision) -> bool:
@@ -152,23 +163,32 @@ def _settled(
     return {**alone, **again}
 
 
-def _scaled(alone: Mapping[str, Hypothesis], seen: Sequence[str]) -> dict[str, Hypothesis]:
-    """Single effects, with the evidence scaled by what the best of them leaves."""
+def _several(
+    library: Library,
+    nothing: Hypothesis,
+    alone: Mapping[str, Hypothesis],
+    seen: Sequence[str],
+    p_none: float,
+    n_candidates: int,
+    decision: Decision,
+) -> tuple[str, ...]:
+    """The best single effect, with those that the flights show beside it if it is sure.
+
+    Two changes at once leave much where either is alone, and then little would speak for either.
+    """
     if not seen:
-        return dict(alone)
-    best = max((alone[e] for e in seen), key=lambda one: one.log_evidence)
-    left, n = best.evidence.left(best.columns), len(best.columns)
-    return {
-        e: dataclasses.replace(one, evidence=one.evidence.scaled(left, n))
-        for e, one in alone.items()
-    }
+        return ()
+    candidates = _candidates(library, nothing, alone, seen, (), n_candidates, decision)
+    sure = _sure(candidates, p_none, n_candidates, decision)
+    best = (sure or candidates)[0].effect
+    return _further(library, alone[best], seen, {}, n_candidates, decision) if sure else (best,)
 
 
 def _clear(library: Library, at: Hypothesis, n: int, decision: Decision) -> tuple[str, ...]:
-    """The first effect, with those others of which some parameter is not zero by its interval."""
+    """Effects of which some parameter is not zero by its interval; if none is, the first."""
     sizes = changed(library, at.effects, at.estimate, n, decision)
     clear = {x.effect for x in sizes if x.clear}
-    return tuple(e for e in at.effects if e == at.effects[0] or e in clear)
+    return tuple(e for e in at.effects if e in clear) or at.effects[:1]
 
 
 def changed(
@@ -203,21 +223,37 @@ def changed(
 
 
 def _candidates(
-    library: Library, alone: Sequence[Hypothesis], n: int, decision: Decision
+    library: Library,
+    nothing: Hypothesis,
+    alone: Mapping[str, Hypothesis],
+    seen: Sequence[str],
+    several: Sequence[str],
+    n: int,
+    decision: Decision,
 ) -> tuple[Candidate, ...]:
-    odds = np.asarray([0.0, *(one.log_evidence - decision.effect_cost for one in alone)])
-    shares = np.exp(odds - odds.max()) / np.exp(odds - odds.max()).sum()
-    made = [
-        Candidate(
-            effect=one.effects[0],
-            p=one.estimate.p(),
-            log_evidence=one.log_evidence,
-            share=float(share),
-            parameters=changed(library, one.effects, one.estimate, n, decision),
+    """What speaks for each effect: in the place of the first of `several`, or beside it."""
+    made, best = [], several[0] if several else ""
+    for effect in seen:
+        others = tuple(e for e in several if e != effect)
+        others = others if effect in several else others[1:]
+        rest = (alone[best] if best in others else nothing).of(library, others)
+        joint = (rest if best in others else alone[effect]).of(library, (effect, *others))
+        sizes = changed(library, joint.effects, joint.estimate, n, decision)
+        made.append(
+            Candidate(
+                effect=effect,
+                p=joint.estimate.p(range(len(library.indices[effect]))),
+                log_evidence=joint.log_evidence - rest.log_evidence,
+                share=0.0,
+                parameters=tuple(x for x in sizes if x.effect == effect),
+            )
         )
-        for one, share in zip(alone, shares[1:], strict=True)
-    ]
-    return tuple(sorted(made, key=lambda c: -c.log_evidence))
+    odds = np.asarray([0.0, *(one.log_evidence - decision.effect_cost for one in made)])
+    shares = np.exp(odds - odds.max()) / np.exp(odds - odds.max()).sum()
+    shown = (
+        dataclasses.replace(one, share=float(x)) for one, x in zip(made, shares[1:], strict=True)
+    )
+    return tuple(sorted(shown, key=lambda c: -c.log_evidence))
 
 
 def _sure(
@@ -237,7 +273,11 @@ def _sure(
 
 
 def _class_of(
-    sure: Sequence[Candidate], candidates: Sequence[Candidate], decision: Decision
+    sure: Sequence[Candidate],
+    candidates: Sequence[Candidate],
+    library: Library,
+    alone: Mapping[str, Hypothesis],
+    decision: Decision,
 ) -> tuple[float, tuple[str, ...]]:
     """The share of the best sure candidate with its aliases, and their names, to be named first.
 
@@ -250,7 +290,9 @@ def _class_of(
     near = [
         c
         for c in candidates
-        if c is not best and best.log_evidence - c.log_evidence < decision.twin_alias_nats
+        if c is not best
+        and best.log_evidence - c.log_evidence < decision.twin_alias_nats
+        and _looks_alike(library, alone[best.effect], c.effect, decision)
     ]
     possible = [c for c in (best, *near) if c in sure and c.possible]
     first = possible[0] if possible else best
@@ -261,26 +303,50 @@ def _class_of(
 def _further(
     library: Library,
     at: Hypothesis,
-    sure: Sequence[Candidate],
-    aliases: Sequence[str],
+    seen: Sequence[str],
+    aliases: dict[str, tuple[str, ...]],
     n_candidates: int,
     decision: Decision,
 ) -> tuple[str, ...]:
-    """The named effects with those that the flights show beside them, one after another."""
+    """The named effects with those that the flights show beside them, one after another.
+
+    What flights cannot tell from a further effect joins `aliases`; no alias is named beside the
+    effect that it looks like.
+    """
     named = at.effects
     while len(named) < decision.largest_set:
         so_far = at.of(library, named)
-        gains = []
-        for other in (c.effect for c in sure if c.effect not in (*named, *aliases)):
+        passed = {*named, *(alias for alike in aliases.values() for alias in alike)}
+        gains, sure = {}, []
+        for other in (e for e in seen if e not in passed):
             more = at.of(library, (*named, other))
-            gain = more.log_evidence - so_far.log_evidence - decision.effect_cost
+            gains[other] = more.log_evidence - so_far.log_evidence - decision.effect_cost
             estimate = more.estimate
             p = estimate.p(range(len(so_far.columns), len(more.columns)))
             sizes = changed(library, more.effects, estimate, n_candidates, decision)
             clear = any(x.clear for x in sizes if x.effect == other)
-            if clear and gain > 0.0 and p < decision.alarm_chance / n_candidates:
-                gains.append((gain, other))
-        if not gains:
+            if clear and gains[other] > 0.0 and p < decision.alarm_chance / n_candidates:
+                sure.append(other)
+        if not sure:
             break
-        named = (*named, max(gains)[1])
+        best = max(sure, key=lambda e: gains[e])
+        more = at.of(library, (*named, best))
+        aliases[best] = tuple(
+            e
+            for e in sorted(gains, key=lambda e: -gains[e])
+            if e != best
+            and gains[e] > gains[best] - decision.twin_alias_nats
+            and _looks_alike(library, more, e, decision)
+        )
+        named = (*named, best)
     return named
+
+
+def _looks_alike(library: Library, at: Hypothesis, other: str, decision: Decision) -> bool:
+    """Whether another effect does most of what the last effect of `at` does beside the others."""
+    *rest, last = at.effects
+    without, instead = at.of(library, rest), at.of(library, (*rest, other))
+    columns = list(library.indices[last])
+    does = at.evidence.M[:, columns] @ at.estimate.value[-len(columns) :]
+    nothing, left = (at.evidence.beyond(does, one.columns) for one in (without, instead))
+    return left <= decision.most_left * nothing

@@ -20,7 +20,7 @@ from blind.draw.folders import Folders
 from blind.draw.injected import NOTHING, Injected, draw_injected, read_injected_labels
 from blind.fly import log_faults
 from blind.report.in_short import INJECTED, in_short
-from blind.report.injected_section import InjectedTables, section
+from blind.report.injected_section import InjectedTables, by_size, section
 from blind.run import answering
 from blind.run.answering import STATUS
 from blind.run.injecting import run_injected
@@ -323,7 +323,7 @@ def test_scores_count_aliases_refusals_and_wrong_effects():
     found = InjectedTables(table, numbers, run)
     assert in_short([], [found])[1] == INJECTED
     assert "| &lt;b&gt; | 4 of 6 | 0 of 6 | 1 of 6 | 2 of 2 | 1 of 2 |" in in_short([], [found])[-1]
-    text = "\n".join(section(found))
+    text = "\n".join([*section(found), *by_size([found])])
     assert "<b>" not in text
     assert "| delay | small (0.02) | 2 | 2/2 (16 to 100 %) | 1/2 (1 to 99 %) | 1 | 0 |" in text
 

@@ -1,5 +1,7 @@
 """Faults whose sizes the twin's power is studied by, and the table of how often they are found."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from flights_for_tests import flight_set, made_log, point_mass_set
@@ -13,6 +15,7 @@ from blind.power.twin import (
     told,
     turns_named,
     write_table,
+    write_together,
     write_turns,
 )
 from diagnosis.logs.flights import FlightLog
@@ -83,8 +86,8 @@ def test_a_turned_path_is_counted_where_it_is_named():
 
 
 def test_the_drift_that_a_named_fault_makes_falls_as_without_the_fault():
-    case = ("attitude gain", 0.06)
-    change = [(column("attitude_gain", "g"), case[1])]
+    case = (("attitude gain", 0.06),)
+    change = [(column("attitude_gain", "g"), 0.06)]
     flown = {
         CLEAN: Flown(tuple(flight(i) for i in range(12))),
         case: Flown(tuple(flight(i, change) for i in range(12))),
@@ -96,3 +99,19 @@ def test_the_drift_that_a_named_fault_makes_falls_as_without_the_fault():
         assert without > 0.0
         assert named == pytest.approx(without, rel=0.2)
     assert write_table([clean, found]).splitlines()[-1].endswith(" % |")
+
+
+def test_two_faults_at_once_count_where_both_are_named_and_where_something_else_is():
+    case = (("attitude gain", 0.06), ("thrust", 0.05))
+    change = [(column("attitude_gain", "g"), 0.06), (column("thrust_gain", "e"), 0.05)]
+    flown = {
+        CLEAN: Flown(tuple(flight(i) for i in range(12))),
+        case: Flown(tuple(flight(i, change) for i in range(12))),
+    }
+    _, found = measure(flown, lambda chosen: make_twin(chosen, LIBRARY, EVERY), 1, 1, (6, 6), 0)
+    assert (found.named, found.misled) == (1, 0)
+    text = write_together([found]).splitlines()[-1]
+    assert text.startswith("| attitude gain +0.06, thrust +0.05 | 1/1 (3 to 100 %) | 0/1 |")
+    other = dataclasses.replace(found, case=(("attitude gain", 0.06), ("delay", 0.02)))
+    assert (other.named, other.misled) == (0, 1)
+    assert len(write_table([found]).splitlines()) == 2
