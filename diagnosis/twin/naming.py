@@ -61,13 +61,20 @@ def name_change(
     seen = [e for e in effects if _shows(alone[e].estimate, decision)]
     # Effects that look alike fail and pass together: there are as many tests as directions.
     p_none, n = nothing.p_left, max(min(len(seen), len(nothing.evidence.delta)), 1)
-    alone = _settled(library, alone, seen, every, refly, decision)
-    several = _several(library, nothing, alone, seen, p_none, n, decision)
-    scale = alone[several[0]].of(library, several).ratio if several else 1.0
-    nothing, alone = nothing.scaled(scale), {e: one.scaled(scale) for e, one in alone.items()}
-    candidates = _candidates(library, nothing, alone, seen, several, n, decision)
+    aliases: dict[str, tuple[str, ...]] = {}
+    alone = _settled(library, {e: alone[e] for e in seen}, every, refly, decision)
+    several = _several(library, nothing, alone, aliases, p_none, n, decision)
+    tried = _beside(library, nothing, alone, several, every, refly, decision)
+    scale = max((tried[e] for e in seen), key=lambda one: one.log_evidence).ratio if seen else 1.0
+    nothing, tried = nothing.scaled(scale), {e: one.scaled(scale) for e, one in tried.items()}
+    if len(several) > 1:  # what looks alike, by the scaled evidence
+        scaled: dict[str, tuple[str, ...]] = {}
+        _further(library, alone[several[0]].scaled(scale), seen, scaled, n, decision)
+        aliases |= scaled
+    candidates = _candidates(library, nothing, tried, n, decision)
     sure = _sure(candidates, p_none, n, decision)
-    share, alike = _class_of(sure, candidates, library, alone, decision)
+    leading = [c for c in sure if c.effect not in several[1:]] or sure
+    share, alike = _class_of(leading, candidates, library, tried, decision)
     rest = {
         "candidates": candidates,
         "unseen": tuple(sorted(set(library.candidates) - set(seen))),
@@ -84,26 +91,14 @@ def name_change(
             change = "too_few"
         return Named(change, (), {}, share, (), at=nothing, **rest)
     first, *others = alike
-    aliases = {first: tuple(others)}
-    named = _further(library, alone[first], seen, aliases, n, decision)
-    if first not in _clear(library, alone[first].of(library, named), n, decision):
-        # Another effect does what it seemed to do, and more.
-        first, others = named[1], [*aliases[named[1]], first]
-        aliases = {first: tuple(others)}
-        named = _further(library, alone[first], seen, aliases, n, decision)
-    at = alone[first]
-    while named != at.effects:
-        tried = settle(at.of(library, named), library, every, refly)
-        clear = _clear(library, tried, n, decision)
-        named = (first, *(e for e in clear if e != first))
-        at = tried if named == tried.effects else alone[first].of(library, named)
+    at = _together(library, nothing, tried[first], seen, aliases, n, every, refly, decision)
 
     def with_first(at: Hypothesis, alike: Sequence[str], instead: tuple[Named, ...]) -> Named:
         first, *further = at.effects
         return Named(
             change="partly" if at.p_left < decision.alarm_chance else "effect",
             effects=at.effects,
-            aliases={first: tuple(alike), **{e: aliases[e] for e in further}},
+            aliases={first: tuple(alike), **{e: aliases.get(e, ()) for e in further}},
             probability=share,
             parameters=changed(library, at.effects, at.estimate, n, decision),
             at=at,
@@ -112,11 +107,11 @@ def name_change(
         )
 
     instead = tuple(
-        with_first(alone[e], tuple(x for x in alike if x != e), ())
+        with_first(tried[e], tuple(x for x in alike if x != e), ())
         for e in others
-        if any(p.clear for p in changed(library, (e,), alone[e].estimate, n, decision))
+        if e in _clear(library, tried[e], n, decision)
     )
-    return with_first(at, others, instead)
+    return with_first(at, [e for e in alike if e != at.effects[0]], instead)
 
 
 def _elsewhere(reference: Group, target: Group, decision: Decision) -> bool:
@@ -148,40 +143,84 @@ def _limit(dof: float, n_candidates: int, decision: Decision) -> float:
 
 def _settled(
     library: Library,
-    alone: Mapping[str, Hypothesis],
-    seen: Sequence[str],
+    tried: Mapping[str, Hypothesis],
     every: Sequence[int],
     refly: Refly | None,
     decision: Decision,
 ) -> dict[str, Hypothesis]:
-    """Single effects, the best of them linearised where they fit."""
-    log = {e: alone[e].log_evidence for e in seen}
-    near = [e for e in seen if log[e] > max(log.values()) - decision.near_nats]
+    """What was tried, the best of it linearised where it fits."""
+    log = {e: one.log_evidence for e, one in tried.items()}
+    near = [e for e in tried if log[e] > max(log.values()) - decision.near_nats]
     near.sort(key=lambda e: -log[e])
-    shown = [e for e in near if alone[e].estimate.p() < decision.alarm_chance]
-    again = {e: settle(alone[e], library, every, refly) for e in shown[: decision.refits]}
-    return {**alone, **again}
+    shown = [e for e in near if tried[e].estimate.p() < decision.alarm_chance]
+    again = {e: settle(tried[e], library, every, refly) for e in shown[: decision.refits]}
+    return {**tried, **again}
 
 
 def _several(
     library: Library,
     nothing: Hypothesis,
     alone: Mapping[str, Hypothesis],
-    seen: Sequence[str],
+    aliases: dict[str, tuple[str, ...]],
     p_none: float,
     n_candidates: int,
     decision: Decision,
 ) -> tuple[str, ...]:
-    """The best single effect, with those that the flights show beside it if it is sure.
-
-    Two changes at once leave much where either is alone, and then little would speak for either.
-    """
-    if not seen:
-        return ()
-    candidates = _candidates(library, nothing, alone, seen, (), n_candidates, decision)
+    """The best single effect and, if it is sure, those that the flights show beside it."""
+    candidates = _candidates(library, nothing, alone, n_candidates, decision)
     sure = _sure(candidates, p_none, n_candidates, decision)
-    best = (sure or candidates)[0].effect
-    return _further(library, alone[best], seen, {}, n_candidates, decision) if sure else (best,)
+    if not sure:
+        return tuple(c.effect for c in candidates[:1])
+    best = alone[sure[0].effect]
+    return _further(library, best, [*alone], aliases, n_candidates, decision)
+
+
+def _beside(
+    library: Library,
+    nothing: Hypothesis,
+    alone: Mapping[str, Hypothesis],
+    several: Sequence[str],
+    every: Sequence[int],
+    refly: Refly | None,
+    decision: Decision,
+) -> dict[str, Hypothesis]:
+    """Each effect in the place of the first of `several`, or with the others of them.
+
+    Two changes at once leave much where either is taken alone, and then little would speak for
+    either.
+    """
+    if len(several) < 2:
+        return dict(alone)
+    tried = {}
+    for effect in alone:
+        others = several if effect in several else several[1:]
+        tried[effect] = nothing.of(library, (effect, *(e for e in others if e != effect)))
+    return _settled(library, tried, every, refly, decision)
+
+
+def _together(
+    library: Library,
+    nothing: Hypothesis,
+    at: Hypothesis,
+    seen: Sequence[str],
+    aliases: dict[str, tuple[str, ...]],
+    n_candidates: int,
+    every: Sequence[int],
+    refly: Refly | None,
+    decision: Decision,
+) -> Hypothesis:
+    """Effects that were tried together, with others that the flights show, where they all fit.
+
+    Those whose intervals hold zero there are left out.
+    """
+    named = _further(library, at, seen, aliases, n_candidates, decision)
+    while True:
+        if named != at.effects:
+            more = set(named) > set(at.effects)
+            at = settle((at if more else nothing).of(library, named), library, every, refly)
+        named = _clear(library, at, n_candidates, decision)
+        if named == at.effects:
+            return at
 
 
 def _clear(library: Library, at: Hypothesis, n: int, decision: Decision) -> tuple[str, ...]:
@@ -225,19 +264,14 @@ def changed(
 def _candidates(
     library: Library,
     nothing: Hypothesis,
-    alone: Mapping[str, Hypothesis],
-    seen: Sequence[str],
-    several: Sequence[str],
+    tried: Mapping[str, Hypothesis],
     n: int,
     decision: Decision,
 ) -> tuple[Candidate, ...]:
-    """What speaks for each effect: in the place of the first of `several`, or beside it."""
-    made, best = [], several[0] if several else ""
-    for effect in seen:
-        others = tuple(e for e in several if e != effect)
-        others = others if effect in several else others[1:]
-        rest = (alone[best] if best in others else nothing).of(library, others)
-        joint = (rest if best in others else alone[effect]).of(library, (effect, *others))
+    """What speaks for each effect beside the others that it was tried with."""
+    made = []
+    for effect, joint in tried.items():
+        rest = nothing.of(library, joint.effects[1:])
         sizes = changed(library, joint.effects, joint.estimate, n, decision)
         made.append(
             Candidate(
@@ -273,10 +307,10 @@ def _sure(
 
 
 def _class_of(
-    sure: Sequence[Candidate],
+    leading: Sequence[Candidate],
     candidates: Sequence[Candidate],
     library: Library,
-    alone: Mapping[str, Hypothesis],
+    tried: Mapping[str, Hypothesis],
     decision: Decision,
 ) -> tuple[float, tuple[str, ...]]:
     """The share of the best sure candidate with its aliases, and their names, to be named first.
@@ -284,17 +318,17 @@ def _class_of(
     Of effects that flights cannot tell apart, one whose size is possible goes before one whose size
     lies beyond its range: a battery that fades by 300 % a minute stands for a weak rotor.
     """
-    if not sure:
+    if not leading:
         return 0.0, ()
-    best = sure[0]
+    best = leading[0]
     near = [
         c
         for c in candidates
         if c is not best
         and best.log_evidence - c.log_evidence < decision.twin_alias_nats
-        and _looks_alike(library, alone[best.effect], c.effect, decision)
+        and _looks_alike(library, tried[best.effect], best.effect, c.effect, decision)
     ]
-    possible = [c for c in (best, *near) if c in sure and c.possible]
+    possible = [c for c in (best, *near) if c in leading and c.possible]
     first = possible[0] if possible else best
     alike = (first, *(c for c in (best, *near) if c is not first))
     return best.share + sum(c.share for c in near), tuple(c.effect for c in alike)
@@ -336,17 +370,22 @@ def _further(
             for e in sorted(gains, key=lambda e: -gains[e])
             if e != best
             and gains[e] > gains[best] - decision.twin_alias_nats
-            and _looks_alike(library, more, e, decision)
+            and _looks_alike(library, more, best, e, decision)
         )
         named = (*named, best)
     return named
 
 
-def _looks_alike(library: Library, at: Hypothesis, other: str, decision: Decision) -> bool:
-    """Whether another effect does most of what the last effect of `at` does beside the others."""
-    *rest, last = at.effects
+def _looks_alike(
+    library: Library, at: Hypothesis, effect: str, other: str, decision: Decision
+) -> bool:
+    """Whether another effect does most of what one effect of `at` does beside the others."""
+    rest = tuple(e for e in at.effects if e != effect)
+    if other in rest:
+        return False
     without, instead = at.of(library, rest), at.of(library, (*rest, other))
-    columns = list(library.indices[last])
-    does = at.evidence.M[:, columns] @ at.estimate.value[-len(columns) :]
+    own = at.of(library, (effect, *rest))
+    columns = list(library.indices[effect])
+    does = at.evidence.M[:, columns] @ own.estimate.value[: len(columns)]
     nothing, left = (at.evidence.beyond(does, one.columns) for one in (without, instead))
     return left <= decision.most_left * nothing
