@@ -1,8 +1,8 @@
 """The twin of reference flights: what its memory learns, and what it says of changed flights."""
 
 import dataclasses
-import itertools
 import functools
+import itertools
 
 import numpy as np
 import pytest
