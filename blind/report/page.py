@@ -88,8 +88,8 @@ def write_report(
             parts += _by_effect(tables, figures(tables, link))
         return [*parts, *injected_section.by_size(injected)]
 
-    _write(path, TITLE, answers)
-    _write(details, DETAILS, by_effect)
+    _write(path, path.stem, TITLE, answers)
+    _write(details, path.stem, DETAILS, by_effect)
     return path
 
 
@@ -109,15 +109,14 @@ class _Figures:
         return [f"![{caption}]({link})", f"*{caption}.*"]
 
 
-def _write(path: Path, title: str, made: Callable[[Link], list[str]]) -> None:
-    """A page as Markdown, which links its pictures, and as HTML, which holds them."""
+def _write(path: Path, pictures: str, title: str, made: Callable[[Link], list[str]]) -> None:
+    """A page as Markdown, which links the folder `pictures`, and as HTML, which holds them."""
 
     def text(link: Link) -> str:
         return "\n\n".join([f"# {title}", *made(link)]) + "\n"
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    folder = path.stem.removesuffix("_details")
-    path.write_text(text(lambda p: f"{folder}/{p.name}"), encoding="utf-8")
+    path.write_text(text(lambda p: f"{pictures}/{p.name}"), encoding="utf-8")
     write_page(text(data_uri), path.with_suffix(".html"), title)
 
 

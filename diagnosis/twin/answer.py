@@ -74,6 +74,8 @@ class Naming:
     """Parameters of the named effects, estimated together."""
     candidates: tuple[Candidate, ...]
     """Every candidate that these flights show, the most probable first."""
+    beside: tuple[str, ...]
+    """Effects that the flights show beside the best; all others were tried with them."""
     unseen: tuple[str, ...]
     """Effects of which these flights say too little to be candidates."""
 

@@ -268,16 +268,18 @@ def _remainder(study: ChangeStudy, verdict: str, decision: Decision) -> Remainde
 
 
 def _candidates(study: ChangeStudy) -> tuple[Candidate, ...]:
+    """Every effect with those that it was tried with; the latter are no rivals of it."""
     found = study.answer
+    rivals = [one for one in found.candidates if one.effect not in found.beside]
     return tuple(
         Candidate(
-            effects=(one.effect,),
+            effects=(one.effect, *found.beside),
             posterior=one.share,
             evidence=None,
             shrink_percent=None,
-            named=found.effects == (one.effect,),
+            named=set(found.effects) == {one.effect, *found.beside},
         )
-        for one in found.candidates[:MOST_CANDIDATES]
+        for one in rivals[:MOST_CANDIDATES]
     )
 
 

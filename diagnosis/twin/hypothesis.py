@@ -6,11 +6,12 @@ by less than a tenth of its standard error or follows them no better.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
+from diagnosis.decision import Decision
 from diagnosis.replay.library import Library
 from diagnosis.twin.evidence import Evidence, weigh_at
 from diagnosis.twin.units import Comparison, Estimate, Group, compare
@@ -67,6 +68,30 @@ class Hypothesis:
         """
         return dataclasses.replace(self, evidence=dataclasses.replace(self.evidence, scale=ratio))
 
+    def alike(
+        self, library: Library, effect: str, among: Sequence[str], decision: Decision
+    ) -> tuple[str, ...]:
+        """Effects that flights cannot tell from one of these effects beside the others."""
+        rest = tuple(e for e in self.effects if e != effect)
+        log = {e: self.of(library, (*rest, e)).log_evidence for e in among if e not in self.effects}
+        return tuple(
+            e
+            for e in sorted(log, key=lambda e: -log[e])
+            if log[e] > self.log_evidence - decision.twin_alias_nats
+            and self.looks_alike(library, effect, e, decision)
+        )
+
+    def looks_alike(self, library: Library, effect: str, other: str, decision: Decision) -> bool:
+        """Whether another effect does most of what one of these does beside the others."""
+        rest = tuple(e for e in self.effects if e != effect)
+        own, columns = self.of(library, (effect, *rest)), list(library.indices[effect])
+        does = self.evidence.M[:, columns] @ own.estimate.value[: len(columns)]
+        nothing, left = (
+            self.evidence.beyond(does, self.of(library, effects).columns)
+            for effects in (rest, (*rest, other))
+        )
+        return left <= decision.most_left * nothing
+
     def of(self, library: Library, effects: Sequence[str]) -> "Hypothesis":
         """Other effects, with the same scores."""
         columns = tuple(i for e in effects for i in library.indices[e])
@@ -106,3 +131,19 @@ def settle(
             change=change,
         )
     return at
+
+
+def settle_best(
+    library: Library,
+    tried: Mapping[str, Hypothesis],
+    every: Sequence[int],
+    refly: Refly | None,
+    decision: Decision,
+) -> dict[str, Hypothesis]:
+    """What was tried, by effect, the best of it settled."""
+    log = {e: one.log_evidence for e, one in tried.items()}
+    near = [e for e in tried if log[e] > max(log.values()) - decision.near_nats]
+    near.sort(key=lambda e: -log[e])
+    shown = [e for e in near if tried[e].estimate.p() < decision.alarm_chance]
+    again = {e: settle(tried[e], library, every, refly) for e in shown[: decision.refits]}
+    return {**tried, **again}

@@ -1,4 +1,4 @@
-"""Which effects changed: every candidate alone, the best class of aliases, then further ones."""
+"""Which effects changed: each alone, then beside the others that the flights show, with aliases."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from diagnosis.replay.library import Library
 from diagnosis.result import VerdictKind
 from diagnosis.twin.answer import Candidate, ChangedParameter, Naming
 from diagnosis.twin.evidence import weigh
-from diagnosis.twin.hypothesis import Hypothesis, Refly, settle
+from diagnosis.twin.hypothesis import Hypothesis, Refly, settle, settle_best
 from diagnosis.twin.twin import FEWEST_REFERENCES
 from diagnosis.twin.units import Estimate, Group, compare
 
@@ -58,47 +58,52 @@ def name_change(
     comparison = compare(reference, target, every)
     nothing = Hypothesis((), (), comparison, weigh(comparison, every), np.zeros(len(library.slots)))
     alone = {e: nothing.of(library, (e,)) for e in effects}
-    seen = [e for e in effects if _shows(alone[e].estimate, decision)]
+    alone = {e: one for e, one in alone.items() if _shows(one.estimate, decision)}
     # Effects that look alike fail and pass together: there are as many tests as directions.
-    p_none, n = nothing.p_left, max(min(len(seen), len(nothing.evidence.delta)), 1)
-    aliases: dict[str, tuple[str, ...]] = {}
-    alone = _settled(library, {e: alone[e] for e in seen}, every, refly, decision)
-    several = _several(library, nothing, alone, aliases, p_none, n, decision)
+    p_none, n = nothing.p_left, max(min(len(alone), len(nothing.evidence.delta)), 1)
+    alone = settle_best(library, alone, every, refly, decision)
+    several = _several(library, nothing, alone, p_none, n, decision)
     tried = _beside(library, nothing, alone, several, every, refly, decision)
-    scale = max((tried[e] for e in seen), key=lambda one: one.log_evidence).ratio if seen else 1.0
-    nothing, tried = nothing.scaled(scale), {e: one.scaled(scale) for e, one in tried.items()}
-    if len(several) > 1:  # what looks alike, by the scaled evidence
-        scaled: dict[str, tuple[str, ...]] = {}
-        _further(library, alone[several[0]].scaled(scale), seen, scaled, n, decision)
-        aliases |= scaled
-    candidates = _candidates(library, nothing, tried, n, decision)
+    scale = max(tried.values(), key=lambda one: one.log_evidence).ratio if tried else 1.0
+    nothing, alone, tried = (
+        nothing.scaled(scale),
+        *({e: one.scaled(scale) for e, one in each.items()} for each in (alone, tried)),
+    )
+    candidates = _candidates(library, nothing, tried, several[1:], n, decision)
     sure = _sure(candidates, p_none, n, decision)
-    leading = [c for c in sure if c.effect not in several[1:]] or sure
-    share, alike = _class_of(leading, candidates, library, tried, decision)
+    rivals = [c for c in candidates if c.effect not in several[1:]]
+    leading = [c for c in sure if c in rivals]
+    share, alike = _class_of(leading, rivals, library, tried, decision)
     rest = {
         "candidates": candidates,
-        "unseen": tuple(sorted(set(library.candidates) - set(seen))),
+        "beside": several[1:],
+        "unseen": tuple(sorted(set(library.candidates) - set(alone))),
         "nothing": nothing,
     }
     if (
         len(reference) < FEWEST_REFERENCES
     ):  # nobody knows how flights of an unchanged vehicle differ
         return Named("too_few", (), {}, 0.0, (), at=nothing, **rest)
-    if not sure or share < decision.least_chance:
+    if not leading or share < decision.least_chance:
         other = p_none < decision.alarm_chance or _elsewhere(reference, target, decision)
         change: VerdictKind = "unexplained" if sure or other else "none"
         if change == "none" and min(len(reference), len(target)) < decision.few_flights:
             change = "too_few"
         return Named(change, (), {}, share, (), at=nothing, **rest)
     first, *others = alike
-    at = _together(library, nothing, tried[first], seen, aliases, n, every, refly, decision)
+    together = alone[several[0]].of(library, several)
+    known = {e: together.alike(library, e, [*alone], decision) for e in several[1:]}
+    known = {first: tuple(others), **known}
+    at, known = _together(
+        library, nothing, tried[first], known, [*alone], n, every, refly, decision
+    )
 
-    def with_first(at: Hypothesis, alike: Sequence[str], instead: tuple[Named, ...]) -> Named:
+    def as_named(at: Hypothesis, alike: Sequence[str], instead: tuple[Named, ...]) -> Named:
         first, *further = at.effects
         return Named(
             change="partly" if at.p_left < decision.alarm_chance else "effect",
             effects=at.effects,
-            aliases={first: tuple(alike), **{e: aliases.get(e, ()) for e in further}},
+            aliases={first: tuple(alike), **{e: known[e] for e in further}},
             probability=share,
             parameters=changed(library, at.effects, at.estimate, n, decision),
             at=at,
@@ -107,11 +112,11 @@ def name_change(
         )
 
     instead = tuple(
-        with_first(tried[e], tuple(x for x in alike if x != e), ())
+        as_named(tried[e], tuple(x for x in alike if x != e), ())
         for e in others
         if e in _clear(library, tried[e], n, decision)
     )
-    return with_first(at, [e for e in alike if e != at.effects[0]], instead)
+    return as_named(at, others, instead)
 
 
 def _elsewhere(reference: Group, target: Group, decision: Decision) -> bool:
@@ -141,38 +146,25 @@ def _limit(dof: float, n_candidates: int, decision: Decision) -> float:
     return float(named + student.ppf(decision.limit_power, dof))
 
 
-def _settled(
-    library: Library,
-    tried: Mapping[str, Hypothesis],
-    every: Sequence[int],
-    refly: Refly | None,
-    decision: Decision,
-) -> dict[str, Hypothesis]:
-    """What was tried, the best of it linearised where it fits."""
-    log = {e: one.log_evidence for e, one in tried.items()}
-    near = [e for e in tried if log[e] > max(log.values()) - decision.near_nats]
-    near.sort(key=lambda e: -log[e])
-    shown = [e for e in near if tried[e].estimate.p() < decision.alarm_chance]
-    again = {e: settle(tried[e], library, every, refly) for e in shown[: decision.refits]}
-    return {**tried, **again}
-
-
 def _several(
     library: Library,
     nothing: Hypothesis,
     alone: Mapping[str, Hypothesis],
-    aliases: dict[str, tuple[str, ...]],
     p_none: float,
     n_candidates: int,
     decision: Decision,
 ) -> tuple[str, ...]:
-    """The best single effect and, if it is sure, those that the flights show beside it."""
-    candidates = _candidates(library, nothing, alone, n_candidates, decision)
+    """The best single effect and, if it is sure, those that the flights show beside it.
+
+    If these do what it seemed to do, so that its interval then holds zero, it is left out.
+    """
+    candidates = _candidates(library, nothing, alone, (), n_candidates, decision)
     sure = _sure(candidates, p_none, n_candidates, decision)
     if not sure:
         return tuple(c.effect for c in candidates[:1])
     best = alone[sure[0].effect]
-    return _further(library, best, [*alone], aliases, n_candidates, decision)
+    named = tuple(_further(library, best, {sure[0].effect: ()}, [*alone], n_candidates, decision))
+    return _clear(library, best.of(library, named), n_candidates, decision) or named
 
 
 def _beside(
@@ -195,39 +187,44 @@ def _beside(
     for effect in alone:
         others = several if effect in several else several[1:]
         tried[effect] = nothing.of(library, (effect, *(e for e in others if e != effect)))
-    return _settled(library, tried, every, refly, decision)
+    return settle_best(library, tried, every, refly, decision)
 
 
 def _together(
     library: Library,
     nothing: Hypothesis,
     at: Hypothesis,
+    known: Mapping[str, tuple[str, ...]],
     seen: Sequence[str],
-    aliases: dict[str, tuple[str, ...]],
     n_candidates: int,
     every: Sequence[int],
     refly: Refly | None,
     decision: Decision,
-) -> Hypothesis:
-    """Effects that were tried together, with others that the flights show, where they all fit.
+) -> tuple[Hypothesis, Mapping[str, tuple[str, ...]]]:
+    """Effects that were tried together, with others that the flights show, and all their aliases.
 
-    Those whose intervals hold zero there are left out.
+    Others are not added if the first of them is then not clear.
     """
-    named = _further(library, at, seen, aliases, n_candidates, decision)
-    while True:
-        if named != at.effects:
-            more = set(named) > set(at.effects)
-            at = settle((at if more else nothing).of(library, named), library, every, refly)
-        named = _clear(library, at, n_candidates, decision)
-        if named == at.effects:
-            return at
+    for more in (seen, ()):
+        aliases = _further(library, at, known, more, n_candidates, decision)
+        named, found = tuple(aliases), at
+        while True:
+            if named != found.effects:
+                start = found if set(named) > set(found.effects) else nothing
+                found = settle(start.of(library, named), library, every, refly)
+            named = _clear(library, found, n_candidates, decision)
+            if not named or named == found.effects:
+                break
+        if at.effects[0] in named:
+            return found, aliases
+    return at, known
 
 
 def _clear(library: Library, at: Hypothesis, n: int, decision: Decision) -> tuple[str, ...]:
-    """Effects of which some parameter is not zero by its interval; if none is, the first."""
+    """Effects of which some parameter is not zero by its interval."""
     sizes = changed(library, at.effects, at.estimate, n, decision)
     clear = {x.effect for x in sizes if x.clear}
-    return tuple(e for e in at.effects if e in clear) or at.effects[:1]
+    return tuple(e for e in at.effects if e in clear)
 
 
 def changed(
@@ -265,10 +262,14 @@ def _candidates(
     library: Library,
     nothing: Hypothesis,
     tried: Mapping[str, Hypothesis],
+    beside: Sequence[str],
     n: int,
     decision: Decision,
 ) -> tuple[Candidate, ...]:
-    """What speaks for each effect beside the others that it was tried with."""
+    """What speaks for each effect with the others that it was tried with.
+
+    Shares are those among no effect and all that are not `beside`, which all others are tried with.
+    """
     made = []
     for effect, joint in tried.items():
         rest = nothing.of(library, joint.effects[1:])
@@ -282,12 +283,15 @@ def _candidates(
                 parameters=tuple(x for x in sizes if x.effect == effect),
             )
         )
-    odds = np.asarray([0.0, *(one.log_evidence - decision.effect_cost for one in made)])
-    shares = np.exp(odds - odds.max()) / np.exp(odds - odds.max()).sum()
-    shown = (
-        dataclasses.replace(one, share=float(x)) for one, x in zip(made, shares[1:], strict=True)
-    )
-    return tuple(sorted(shown, key=lambda c: -c.log_evidence))
+    odds = {c.effect: c.log_evidence - decision.effect_cost for c in made}
+    rivals = [0.0, *(x for e, x in odds.items() if e not in beside)]
+
+    def share(effect: str) -> float:
+        others = [0.0, odds[effect]] if effect in beside else rivals
+        return float(np.exp(odds[effect] - np.logaddexp.reduce(others)))
+
+    shown = (dataclasses.replace(c, share=share(c.effect)) for c in made)
+    return tuple(sorted(shown, key=lambda c: (c.effect in beside, -c.log_evidence)))
 
 
 def _sure(
@@ -326,7 +330,7 @@ def _class_of(
         for c in candidates
         if c is not best
         and best.log_evidence - c.log_evidence < decision.twin_alias_nats
-        and _looks_alike(library, tried[best.effect], best.effect, c.effect, decision)
+        and tried[best.effect].looks_alike(library, best.effect, c.effect, decision)
     ]
     possible = [c for c in (best, *near) if c in leading and c.possible]
     first = possible[0] if possible else best
@@ -337,55 +341,31 @@ def _class_of(
 def _further(
     library: Library,
     at: Hypothesis,
+    known: Mapping[str, tuple[str, ...]],
     seen: Sequence[str],
-    aliases: dict[str, tuple[str, ...]],
     n_candidates: int,
     decision: Decision,
-) -> tuple[str, ...]:
-    """The named effects with those that the flights show beside them, one after another.
+) -> dict[str, tuple[str, ...]]:
+    """The effects of `at` with others that the flights show beside them, one after another.
 
-    What flights cannot tell from a further effect joins `aliases`; no alias is named beside the
-    effect that it looks like.
+    Each has its aliases, those of `at` the `known` ones; none is named beside its alias.
     """
-    named = at.effects
-    while len(named) < decision.largest_set:
-        so_far = at.of(library, named)
-        passed = {*named, *(alias for alike in aliases.values() for alias in alike)}
-        gains, sure = {}, []
+    aliases = dict(known)
+    while len(aliases) < decision.largest_set:
+        so_far = at.of(library, tuple(aliases))
+        passed = {*aliases, *(alias for alike in aliases.values() for alias in alike)}
+        sure = {}
         for other in (e for e in seen if e not in passed):
-            more = at.of(library, (*named, other))
-            gains[other] = more.log_evidence - so_far.log_evidence - decision.effect_cost
+            more = at.of(library, (*aliases, other))
+            gain = more.log_evidence - so_far.log_evidence - decision.effect_cost
             estimate = more.estimate
             p = estimate.p(range(len(so_far.columns), len(more.columns)))
-            sizes = changed(library, more.effects, estimate, n_candidates, decision)
-            clear = any(x.clear for x in sizes if x.effect == other)
-            if clear and gains[other] > 0.0 and p < decision.alarm_chance / n_candidates:
-                sure.append(other)
+            clear = other in _clear(library, more, n_candidates, decision)
+            if clear and gain > 0.0 and p < decision.alarm_chance / n_candidates:
+                sure[other] = gain
         if not sure:
             break
-        best = max(sure, key=lambda e: gains[e])
-        more = at.of(library, (*named, best))
-        aliases[best] = tuple(
-            e
-            for e in sorted(gains, key=lambda e: -gains[e])
-            if e != best
-            and gains[e] > gains[best] - decision.twin_alias_nats
-            and _looks_alike(library, more, best, e, decision)
-        )
-        named = (*named, best)
-    return named
-
-
-def _looks_alike(
-    library: Library, at: Hypothesis, effect: str, other: str, decision: Decision
-) -> bool:
-    """Whether another effect does most of what one effect of `at` does beside the others."""
-    rest = tuple(e for e in at.effects if e != effect)
-    if other in rest:
-        return False
-    without, instead = at.of(library, rest), at.of(library, (*rest, other))
-    own = at.of(library, (effect, *rest))
-    columns = list(library.indices[effect])
-    does = at.evidence.M[:, columns] @ own.estimate.value[: len(columns)]
-    nothing, left = (at.evidence.beyond(does, one.columns) for one in (without, instead))
-    return left <= decision.most_left * nothing
+        best = max(sure, key=lambda e: sure[e])
+        more = at.of(library, (*aliases, best))
+        aliases[best] = more.alike(library, best, [e for e in seen if e not in passed], decision)
+    return aliases

@@ -129,7 +129,7 @@ def vary_around(
 
 
 def _check_within(parameter: Parameter, value: float, effect: str, name: str) -> None:
-    """Refuses a value beyond the bounds, such as that of an effect that infinity switches off."""
+    """Raises if a value lies beyond its bounds, as does the infinity that switches effects off."""
     rounding = 1e-5 * max(abs(parameter.low), abs(parameter.high))
     if not parameter.low - rounding <= value <= parameter.high + rounding:
         raise ValueError(

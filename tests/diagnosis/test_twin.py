@@ -284,6 +284,10 @@ def test_two_large_changes_at_once_are_both_named():
     for pair in itertools.combinations(sizes, 2):
         change = [changes[name] for name in pair]
         found, _ = answer_change(twin, [flight(100 + i, change) for i in range(8)])
+        assert not {*found.effects} & {x for alike in found.aliases.values() for x in alike}
+        assert {found.effects[0], *found.beside} == {*found.effects}
+        shares = {c.effect: c.share for c in found.candidates}
+        assert all(shares[e] > 0.5 for e in found.effects), "true effects do not compete"
         for name in pair:
             assert any(name in (e, *alike) for e, alike in found.aliases.items()), (pair, found)
             true = [p for p in found.parameters if p.parameter == sizes[name][0]]
