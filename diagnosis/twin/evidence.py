@@ -83,9 +83,9 @@ class Evidence:
         return hotelling(self.left(columns), k, self.dof)
 
 
-def weigh(comparison: Comparison, columns: Sequence[int]) -> Evidence:
-    """The evidence of two groups, with directions among the parameters at `columns`."""
-    found = _along(comparison, _basis(comparison, columns))
+def weigh(comparison: Comparison) -> Evidence:
+    """The evidence of two groups, with directions among the parameters that are compared."""
+    found = _along(comparison, _basis(comparison))
     return dataclasses.replace(found, unchanged=float(found.delta @ found.delta))
 
 
@@ -98,9 +98,9 @@ def weigh_at(evidence: Evidence, comparison: Comparison) -> Evidence:
     return dataclasses.replace(found, unchanged=evidence.unchanged)
 
 
-def _basis(comparison: Comparison, columns: Sequence[int]) -> Float[np.ndarray, "params K"]:
+def _basis(comparison: Comparison) -> Float[np.ndarray, "params K"]:
     """The directions in which two groups say most."""
-    reference, target = comparison.reference, comparison.target
+    reference, target, columns = comparison.reference, comparison.target, comparison.columns
     mean = np.concatenate([reference.H, target.H]).mean(axis=0)
     n = 1.0 / (1.0 / len(reference) + 1.0 / len(target))
     at = [i for i in columns if mean[i, i] * n > VISIBLE * comparison.phi] or list(columns)

@@ -6,7 +6,7 @@ by less than a tenth of its standard error or follows them no better.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -29,16 +29,25 @@ Refly = Callable[[Float[np.ndarray, " params"]], Group]
 class Hypothesis:
     """Effects that may have changed."""
 
+    library: Library
+    """All effects."""
     effects: tuple[str, ...]
-    """Their names; none for no change."""
-    columns: tuple[int, ...]
-    """Their parameters."""
+    """The names of those that may have changed; none for no change."""
     comparison: Comparison
     """Both groups, the changed flights' scores continued to no change from where they are taken."""
     evidence: Evidence
     """What is left there."""
     change: Float[np.ndarray, " params"]
     """Where the scores are taken, in units of the ranges."""
+
+    def of(self, *effects: str) -> "Hypothesis":
+        """Other effects, with the same scores."""
+        return dataclasses.replace(self, effects=effects)
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """The parameters of the effects."""
+        return tuple(i for e in self.effects for i in self.library.indices[e])
 
     @property
     def estimate(self) -> Estimate:
@@ -68,82 +77,61 @@ class Hypothesis:
         """
         return dataclasses.replace(self, evidence=dataclasses.replace(self.evidence, scale=ratio))
 
-    def alike(
-        self, library: Library, effect: str, among: Sequence[str], decision: Decision
-    ) -> tuple[str, ...]:
+    def alike(self, effect: str, among: Sequence[str], decision: Decision) -> tuple[str, ...]:
         """Effects that flights cannot tell from one of these effects beside the others."""
         rest = tuple(e for e in self.effects if e != effect)
-        log = {e: self.of(library, (*rest, e)).log_evidence for e in among if e not in self.effects}
+        log = {e: self.of(*rest, e).log_evidence for e in among if e not in self.effects}
         return tuple(
             e
             for e in sorted(log, key=lambda e: -log[e])
             if log[e] > self.log_evidence - decision.twin_alias_nats
-            and self.looks_alike(library, effect, e, decision)
+            and self.looks_alike(effect, e, decision)
         )
 
-    def looks_alike(self, library: Library, effect: str, other: str, decision: Decision) -> bool:
+    def looks_alike(self, effect: str, other: str, decision: Decision) -> bool:
         """Whether another effect does most of what one of these does beside the others."""
         rest = tuple(e for e in self.effects if e != effect)
-        own, columns = self.of(library, (effect, *rest)), list(library.indices[effect])
+        own, columns = self.of(effect, *rest), list(self.library.indices[effect])
         does = self.evidence.M[:, columns] @ own.estimate.value[: len(columns)]
         nothing, left = (
-            self.evidence.beyond(does, self.of(library, effects).columns)
+            self.evidence.beyond(does, self.of(*effects).columns)
             for effects in (rest, (*rest, other))
         )
         return left <= decision.most_left * nothing
 
-    def of(self, library: Library, effects: Sequence[str]) -> "Hypothesis":
-        """Other effects, with the same scores."""
-        columns = tuple(i for e in effects for i in library.indices[e])
-        return dataclasses.replace(self, effects=tuple(effects), columns=columns)
+    def settled(self, refly: Refly | None) -> "Hypothesis":
+        """The same with scores that are taken where the effects fit the changed flights.
 
-
-def settle(
-    start: Hypothesis, library: Library, every: Sequence[int], refly: Refly | None
-) -> Hypothesis:
-    """`start` with scores that are taken where its effects fit the changed flights.
-
-    Without `refly`, it stays where it is.
-    """
-    width, columns = library.high - library.low, list(start.columns)
-    low, high = ((end - library.neutral) / width for end in (library.low, library.high))
-    at, misfit = start, float(np.mean(start.comparison.target.misfit))
-    for _ in range(MOST_REFLIGHTS if refly else 0):
-        assert refly is not None
-        estimate = at.estimate
-        change = np.zeros(len(width))
-        change[columns] = np.clip(estimate.value, low[columns], high[columns])
-        if np.all(np.abs(change - at.change)[columns] < STILL * estimate.error):
-            break
-        target = refly(change)
-        if np.mean(target.misfit) > misfit:  # half as far, once
-            change = 0.5 * (change + at.change)
+        Without `refly`, it stays where it is.
+        """
+        library, columns = self.library, list(self.columns)
+        width = library.high - library.low
+        low, high = ((end - library.neutral) / width for end in (library.low, library.high))
+        at, misfit = self, float(np.mean(self.comparison.target.misfit))
+        for _ in range(MOST_REFLIGHTS if refly else 0):
+            assert refly is not None
+            estimate = at.estimate
+            change = np.zeros(len(width))
+            change[columns] = np.clip(estimate.value, low[columns], high[columns])
+            if np.all(np.abs(change - at.change)[columns] < STILL * estimate.error):
+                break
             target = refly(change)
-        if np.mean(target.misfit) > misfit:
-            break
-        misfit = float(np.mean(target.misfit))
+            if np.mean(target.misfit) > misfit:  # half as far, once
+                change = 0.5 * (change + at.change)
+                target = refly(change)
+            if np.mean(target.misfit) > misfit:
+                break
+            misfit = float(np.mean(target.misfit))
+            at = at._at(change, target)
+        return at
+
+    def _at(self, change: Float[np.ndarray, " params"], target: Group) -> "Hypothesis":
+        """The same with the changed flights' scores as they are at a change."""
+        reference, every = self.comparison.reference, self.comparison.columns
         continued = dataclasses.replace(target, h=target.h + target.H @ change)
-        reference = start.comparison.reference
-        at = dataclasses.replace(
-            at,
+        return dataclasses.replace(
+            self,
             comparison=compare(reference, continued, every),
-            evidence=weigh_at(start.evidence, compare(reference, target, every)),
+            evidence=weigh_at(self.evidence, compare(reference, target, every)),
             change=change,
         )
-    return at
-
-
-def settle_best(
-    library: Library,
-    tried: Mapping[str, Hypothesis],
-    every: Sequence[int],
-    refly: Refly | None,
-    decision: Decision,
-) -> dict[str, Hypothesis]:
-    """What was tried, by effect, the best of it settled."""
-    log = {e: one.log_evidence for e, one in tried.items()}
-    near = [e for e in tried if log[e] > max(log.values()) - decision.near_nats]
-    near.sort(key=lambda e: -log[e])
-    shown = [e for e in near if tried[e].estimate.p() < decision.alarm_chance]
-    again = {e: settle(tried[e], library, every, refly) for e in shown[: decision.refits]}
-    return {**tried, **again}

@@ -12,9 +12,12 @@ from diagnosis.replay.library import Library
 from diagnosis.result import VerdictKind
 from diagnosis.twin.answer import Candidate, ChangedParameter, Naming
 from diagnosis.twin.evidence import weigh
-from diagnosis.twin.hypothesis import Hypothesis, Refly, settle, settle_best
+from diagnosis.twin.hypothesis import Hypothesis, Refly
 from diagnosis.twin.twin import FEWEST_REFERENCES
 from diagnosis.twin.units import Estimate, Group, compare
+
+Aliases = Mapping[str, tuple[str, ...]]
+"""Effects that flights cannot tell from each of some effects."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,49 +57,44 @@ def name_change(
     With `refly`, candidates that may be named are taken to where they fit.
     """
     effects = [e for e in library.candidates if _free(library, e)]
-    every = [i for e in effects for i in library.indices[e]]
-    comparison = compare(reference, target, every)
-    nothing = Hypothesis((), (), comparison, weigh(comparison, every), np.zeros(len(library.slots)))
-    alone = {e: nothing.of(library, (e,)) for e in effects}
+    comparison = compare(reference, target, [i for e in effects for i in library.indices[e]])
+    no_change = np.zeros(len(library.slots))
+    nothing = Hypothesis(library, (), comparison, weigh(comparison), no_change)
+    alone = {e: nothing.of(e) for e in effects}
     alone = {e: one for e, one in alone.items() if _shows(one.estimate, decision)}
-    # Effects that look alike fail and pass together: there are as many tests as directions.
-    p_none, n = nothing.p_left, max(min(len(alone), len(nothing.evidence.delta)), 1)
-    alone = settle_best(library, alone, every, refly, decision)
-    several = _several(library, nothing, alone, p_none, n, decision)
-    tried = _beside(library, nothing, alone, several, every, refly, decision)
+    search = _Search(nothing, tuple(alone), refly, decision)
+    alone = search.settle_best(alone)
+    several = search.several(alone)
+    tried = search.beside(alone, several)
     scale = max(tried.values(), key=lambda one: one.log_evidence).ratio if tried else 1.0
-    nothing, alone, tried = (
-        nothing.scaled(scale),
-        *({e: one.scaled(scale) for e, one in each.items()} for each in (alone, tried)),
-    )
-    candidates = _candidates(library, nothing, tried, several[1:], n, decision)
-    sure = _sure(candidates, p_none, n, decision)
+    search = dataclasses.replace(search, nothing=nothing.scaled(scale))
+    alone, tried = ({e: x.scaled(scale) for e, x in each.items()} for each in (alone, tried))
+    candidates = search.candidates(tried, several[1:])
+    sure = search.sure(candidates)
     rivals = [c for c in candidates if c.effect not in several[1:]]
     leading = [c for c in sure if c in rivals]
-    share, alike = _class_of(leading, rivals, library, tried, decision)
+    share, alike = search.class_of(leading, rivals, tried)
     rest = {
         "candidates": candidates,
         "beside": several[1:],
         "unseen": tuple(sorted(set(library.candidates) - set(alone))),
-        "nothing": nothing,
+        "nothing": search.nothing,
     }
-    if (
-        len(reference) < FEWEST_REFERENCES
-    ):  # nobody knows how flights of an unchanged vehicle differ
-        return Named("too_few", (), {}, 0.0, (), at=nothing, **rest)
+
+    def unnamed(change: VerdictKind, share: float) -> Named:
+        return Named(change, (), {}, share, (), at=search.nothing, **rest)
+
+    if len(reference) < FEWEST_REFERENCES:  # nobody knows how flights of one vehicle differ
+        return unnamed("too_few", 0.0)
     if not leading or share < decision.least_chance:
-        other = p_none < decision.alarm_chance or _elsewhere(reference, target, decision)
-        change: VerdictKind = "unexplained" if sure or other else "none"
-        if change == "none" and min(len(reference), len(target)) < decision.few_flights:
-            change = "too_few"
-        return Named(change, (), {}, share, (), at=nothing, **rest)
+        if sure or search.p_none < decision.alarm_chance or _elsewhere(reference, target, decision):
+            return unnamed("unexplained", share)
+        few = min(len(reference), len(target)) < decision.few_flights
+        return unnamed("too_few" if few else "none", share)
     first, *others = alike
-    together = alone[several[0]].of(library, several)
-    known = {e: together.alike(library, e, [*alone], decision) for e in several[1:]}
-    known = {first: tuple(others), **known}
-    at, known = _together(
-        library, nothing, tried[first], known, [*alone], n, every, refly, decision
-    )
+    together = alone[several[0]].of(*several)
+    known = {e: together.alike(e, search.effects, decision) for e in several[1:]}
+    at, known = search.together(tried[first], {first: tuple(others), **known})
 
     def as_named(at: Hypothesis, alike: Sequence[str], instead: tuple[Named, ...]) -> Named:
         first, *further = at.effects
@@ -105,7 +103,7 @@ def name_change(
             effects=at.effects,
             aliases={first: tuple(alike), **{e: known[e] for e in further}},
             probability=share,
-            parameters=changed(library, at.effects, at.estimate, n, decision),
+            parameters=search.sizes(at),
             at=at,
             instead=instead,
             **rest,
@@ -114,7 +112,7 @@ def name_change(
     instead = tuple(
         as_named(tried[e], tuple(x for x in alike if x != e), ())
         for e in others
-        if e in _clear(library, tried[e], n, decision)
+        if e in search.clear(tried[e])
     )
     return as_named(at, others, instead)
 
@@ -140,232 +138,213 @@ def _shows(estimate: Estimate, decision: Decision) -> bool:
     return bool(np.any(estimate.error * _limit(estimate.dof, 1, decision) < 1.0))
 
 
-def _limit(dof: float, n_candidates: int, decision: Decision) -> float:
+def _limit(dof: float, n_tests: int, decision: Decision) -> float:
     """Standard errors of the smallest change that is named with the probability `limit_power`."""
-    named = student.isf(decision.alarm_chance / n_candidates / 2.0, dof)
+    named = student.isf(decision.alarm_chance / n_tests / 2.0, dof)
     return float(named + student.ppf(decision.limit_power, dof))
 
 
-def _several(
-    library: Library,
-    nothing: Hypothesis,
-    alone: Mapping[str, Hypothesis],
-    p_none: float,
-    n_candidates: int,
-    decision: Decision,
-) -> tuple[str, ...]:
-    """The best single effect and, if it is sure, those that the flights show beside it.
+@dataclasses.dataclass(frozen=True)
+class _Search:
+    """A search for the effects that changed."""
 
-    If these do what it seemed to do, so that its interval then holds zero, it is left out.
-    """
-    candidates = _candidates(library, nothing, alone, (), n_candidates, decision)
-    sure = _sure(candidates, p_none, n_candidates, decision)
-    if not sure:
-        return tuple(c.effect for c in candidates[:1])
-    best = alone[sure[0].effect]
-    named = tuple(_further(library, best, {sure[0].effect: ()}, [*alone], n_candidates, decision))
-    return _clear(library, best.of(library, named), n_candidates, decision) or named
+    nothing: Hypothesis
+    """No change."""
+    effects: tuple[str, ...]
+    """Those of which the flights would show a change."""
+    refly: Refly | None
+    """The changed flights elsewhere."""
+    decision: Decision
+    """What decides."""
 
+    @property
+    def p_none(self) -> float:
+        """Probability of all that the flights show, if nothing changed."""
+        return self.nothing.p_left
 
-def _beside(
-    library: Library,
-    nothing: Hypothesis,
-    alone: Mapping[str, Hypothesis],
-    several: Sequence[str],
-    every: Sequence[int],
-    refly: Refly | None,
-    decision: Decision,
-) -> dict[str, Hypothesis]:
-    """Each effect in the place of the first of `several`, or with the others of them.
+    @property
+    def n_tests(self) -> int:
+        """Tests: as many as directions, since effects that look alike fail and pass together."""
+        return max(min(len(self.effects), len(self.nothing.evidence.delta)), 1)
 
-    Two changes at once leave much where either is taken alone, and then little would speak for
-    either.
-    """
-    if len(several) < 2:
-        return dict(alone)
-    tried = {}
-    for effect in alone:
-        others = several if effect in several else several[1:]
-        tried[effect] = nothing.of(library, (effect, *(e for e in others if e != effect)))
-    return settle_best(library, tried, every, refly, decision)
-
-
-def _together(
-    library: Library,
-    nothing: Hypothesis,
-    at: Hypothesis,
-    known: Mapping[str, tuple[str, ...]],
-    seen: Sequence[str],
-    n_candidates: int,
-    every: Sequence[int],
-    refly: Refly | None,
-    decision: Decision,
-) -> tuple[Hypothesis, Mapping[str, tuple[str, ...]]]:
-    """Effects that were tried together, with others that the flights show, and all their aliases.
-
-    Others are not added if the first of them is then not clear.
-    """
-    for more in (seen, ()):
-        aliases = _further(library, at, known, more, n_candidates, decision)
-        named, found = tuple(aliases), at
-        while True:
-            if named != found.effects:
-                start = found if set(named) > set(found.effects) else nothing
-                found = settle(start.of(library, named), library, every, refly)
-            named = _clear(library, found, n_candidates, decision)
-            if not named or named == found.effects:
-                break
-        if at.effects[0] in named:
-            return found, aliases
-    return at, known
-
-
-def _clear(library: Library, at: Hypothesis, n: int, decision: Decision) -> tuple[str, ...]:
-    """Effects of which some parameter is not zero by its interval."""
-    sizes = changed(library, at.effects, at.estimate, n, decision)
-    clear = {x.effect for x in sizes if x.clear}
-    return tuple(e for e in at.effects if e in clear)
-
-
-def changed(
-    library: Library,
-    effects: Sequence[str],
-    estimate: Estimate,
-    n_candidates: int,
-    decision: Decision = Decision(),
-) -> tuple[ChangedParameter, ...]:
-    """The parameters of `effects` in their units, with intervals and limits."""
-    width: Float[np.ndarray, " params"] = library.high - library.low
-    columns = [i for e in effects for i in library.indices[e]]
-    half = float(student.ppf(0.975, estimate.dof))
-    limit = _limit(estimate.dof, n_candidates, decision)
-    made = []
-    for i, value, error in zip(columns, estimate.value, estimate.error, strict=True):
-        slot, w = library.slots[i], float(width[i])
-        x = slot.neutral + float(value) * w
-        made.append(
-            ChangedParameter(
-                effect=slot.effect,
-                parameter=slot.parameter,
-                unit=slot.unit,
-                value=float(value) * w,
-                low=float(value - half * error) * w,
-                high=float(value + half * error) * w,
-                limit=limit * float(error) * w,
-                beyond="low" if x < slot.low else "high" if x > slot.high else "no",
+    def sizes(self, at: Hypothesis) -> tuple[ChangedParameter, ...]:
+        """The parameters of the effects in their units, with intervals and limits."""
+        library, estimate = at.library, at.estimate
+        width: Float[np.ndarray, " params"] = library.high - library.low
+        half = float(student.ppf(0.975, estimate.dof))
+        limit = _limit(estimate.dof, self.n_tests, self.decision)
+        made = []
+        for i, value, error in zip(at.columns, estimate.value, estimate.error, strict=True):
+            slot, w = library.slots[i], float(width[i])
+            x = slot.neutral + float(value) * w
+            made.append(
+                ChangedParameter(
+                    effect=slot.effect,
+                    parameter=slot.parameter,
+                    unit=slot.unit,
+                    value=float(value) * w,
+                    low=float(value - half * error) * w,
+                    high=float(value + half * error) * w,
+                    limit=limit * float(error) * w,
+                    beyond="low" if x < slot.low else "high" if x > slot.high else "no",
+                )
             )
-        )
-    return tuple(made)
+        return tuple(made)
 
+    def clear(self, at: Hypothesis) -> tuple[str, ...]:
+        """Effects of which some parameter is not zero by its interval."""
+        clear = {x.effect for x in self.sizes(at) if x.clear}
+        return tuple(e for e in at.effects if e in clear)
 
-def _candidates(
-    library: Library,
-    nothing: Hypothesis,
-    tried: Mapping[str, Hypothesis],
-    beside: Sequence[str],
-    n: int,
-    decision: Decision,
-) -> tuple[Candidate, ...]:
-    """What speaks for each effect with the others that it was tried with.
+    def settle_best(self, tried: Mapping[str, Hypothesis]) -> dict[str, Hypothesis]:
+        """What was tried, by effect, the best of it settled."""
+        log = {e: one.log_evidence for e, one in tried.items()}
+        near = [e for e in tried if log[e] > max(log.values()) - self.decision.near_nats]
+        near.sort(key=lambda e: -log[e])
+        shown = [e for e in near if tried[e].estimate.p() < self.decision.alarm_chance]
+        again = {e: tried[e].settled(self.refly) for e in shown[: self.decision.refits]}
+        return {**tried, **again}
 
-    Shares are those among no effect and all that are not `beside`, which all others are tried with.
-    """
-    made = []
-    for effect, joint in tried.items():
-        rest = nothing.of(library, joint.effects[1:])
-        sizes = changed(library, joint.effects, joint.estimate, n, decision)
-        made.append(
-            Candidate(
-                effect=effect,
-                p=joint.estimate.p(range(len(library.indices[effect]))),
-                log_evidence=joint.log_evidence - rest.log_evidence,
-                share=0.0,
-                parameters=tuple(x for x in sizes if x.effect == effect),
-            )
-        )
-    odds = {c.effect: c.log_evidence - decision.effect_cost for c in made}
-    rivals = [0.0, *(x for e, x in odds.items() if e not in beside)]
+    def several(self, alone: Mapping[str, Hypothesis]) -> tuple[str, ...]:
+        """The best single effect and, if it is sure, those that the flights show beside it.
 
-    def share(effect: str) -> float:
-        others = [0.0, odds[effect]] if effect in beside else rivals
-        return float(np.exp(odds[effect] - np.logaddexp.reduce(others)))
-
-    shown = (dataclasses.replace(c, share=share(c.effect)) for c in made)
-    return tuple(sorted(shown, key=lambda c: (c.effect in beside, -c.log_evidence)))
-
-
-def _sure(
-    candidates: Sequence[Candidate], p_none: float, n: int, decision: Decision
-) -> tuple[Candidate, ...]:
-    """Candidates that undisturbed flights show too rarely, and whose size is not zero.
-
-    Each may raise its part of the false alarms. Where all directions together say that something
-    changed, each may raise all of them: with few flights, effects that look alike fail one by one.
-    So may a likelier effect than one that is sure.
-    """
-    chance = decision.alarm_chance
-    clear = [c for c in candidates if c.p < chance and any(p.clear for p in c.parameters)]
-    sure = [c for c in clear if c.p < (chance if p_none < chance else chance / n)]
-    most = max((c.log_evidence for c in sure), default=np.inf)
-    return tuple(c for c in clear if c in sure or c.log_evidence > most)
-
-
-def _class_of(
-    leading: Sequence[Candidate],
-    candidates: Sequence[Candidate],
-    library: Library,
-    tried: Mapping[str, Hypothesis],
-    decision: Decision,
-) -> tuple[float, tuple[str, ...]]:
-    """The share of the best sure candidate with its aliases, and their names, to be named first.
-
-    Of effects that flights cannot tell apart, one whose size is possible goes before one whose size
-    lies beyond its range: a battery that fades by 300 % a minute stands for a weak rotor.
-    """
-    if not leading:
-        return 0.0, ()
-    best = leading[0]
-    near = [
-        c
-        for c in candidates
-        if c is not best
-        and best.log_evidence - c.log_evidence < decision.twin_alias_nats
-        and tried[best.effect].looks_alike(library, best.effect, c.effect, decision)
-    ]
-    possible = [c for c in (best, *near) if c in leading and c.possible]
-    first = possible[0] if possible else best
-    alike = (first, *(c for c in (best, *near) if c is not first))
-    return best.share + sum(c.share for c in near), tuple(c.effect for c in alike)
-
-
-def _further(
-    library: Library,
-    at: Hypothesis,
-    known: Mapping[str, tuple[str, ...]],
-    seen: Sequence[str],
-    n_candidates: int,
-    decision: Decision,
-) -> dict[str, tuple[str, ...]]:
-    """The effects of `at` with others that the flights show beside them, one after another.
-
-    Each has its aliases, those of `at` the `known` ones; none is named beside its alias.
-    """
-    aliases = dict(known)
-    while len(aliases) < decision.largest_set:
-        so_far = at.of(library, tuple(aliases))
-        passed = {*aliases, *(alias for alike in aliases.values() for alias in alike)}
-        sure = {}
-        for other in (e for e in seen if e not in passed):
-            more = at.of(library, (*aliases, other))
-            gain = more.log_evidence - so_far.log_evidence - decision.effect_cost
-            estimate = more.estimate
-            p = estimate.p(range(len(so_far.columns), len(more.columns)))
-            clear = other in _clear(library, more, n_candidates, decision)
-            if clear and gain > 0.0 and p < decision.alarm_chance / n_candidates:
-                sure[other] = gain
+        If these do what it seemed to do, so that its interval then holds zero, it is left out.
+        """
+        candidates = self.candidates(alone, ())
+        sure = self.sure(candidates)
         if not sure:
-            break
-        best = max(sure, key=lambda e: sure[e])
-        more = at.of(library, (*aliases, best))
-        aliases[best] = more.alike(library, best, [e for e in seen if e not in passed], decision)
-    return aliases
+            return tuple(c.effect for c in candidates[:1])
+        best = alone[sure[0].effect]
+        named = tuple(self.further(best, {sure[0].effect: ()}, self.effects))
+        return self.clear(best.of(*named)) or named
+
+    def beside(
+        self, alone: Mapping[str, Hypothesis], several: Sequence[str]
+    ) -> dict[str, Hypothesis]:
+        """Each effect in the place of the first of `several`, or with the others of them.
+
+        Two changes at once leave much where either is taken alone, and then little would speak for
+        either.
+        """
+        if len(several) < 2:
+            return dict(alone)
+        tried = {}
+        for effect in alone:
+            others = several if effect in several else several[1:]
+            tried[effect] = self.nothing.of(effect, *(e for e in others if e != effect))
+        return self.settle_best(tried)
+
+    def together(self, at: Hypothesis, known: Aliases) -> tuple[Hypothesis, Aliases]:
+        """Effects that were tried together, with others that the flights show, and all aliases.
+
+        Others are not added if the first of them is then not clear.
+        """
+        for more in (self.effects, ()):
+            aliases = self.further(at, known, more)
+            named, found = tuple(aliases), at
+            while True:
+                if named != found.effects:
+                    start = found if set(named) > set(found.effects) else self.nothing
+                    found = start.of(*named).settled(self.refly)
+                named = self.clear(found)
+                if not named or named == found.effects:
+                    break
+            if at.effects[0] in named:
+                return found, aliases
+        return at, known
+
+    def further(
+        self, at: Hypothesis, known: Aliases, among: Sequence[str]
+    ) -> dict[str, tuple[str, ...]]:
+        """The effects of `at` with others that the flights show beside them, one after another.
+
+        Each has its aliases, those of `at` the `known` ones; none is named beside its alias.
+        """
+        aliases, decision = dict(known), self.decision
+        while len(aliases) < decision.largest_set:
+            so_far = at.of(*aliases)
+            passed = {*aliases, *(alias for alike in aliases.values() for alias in alike)}
+            left = [e for e in among if e not in passed]
+            gains = {}
+            for other in left:
+                more = at.of(*aliases, other)
+                gain = more.log_evidence - so_far.log_evidence - decision.effect_cost
+                p = more.estimate.p(range(len(so_far.columns), len(more.columns)))
+                sure = p < decision.alarm_chance / self.n_tests
+                if sure and gain > 0.0 and other in self.clear(more):
+                    gains[other] = gain
+            if not gains:
+                break
+            best = max(gains, key=lambda e: gains[e])
+            aliases[best] = at.of(*aliases, best).alike(best, left, decision)
+        return aliases
+
+    def candidates(
+        self, tried: Mapping[str, Hypothesis], beside: Sequence[str]
+    ) -> tuple[Candidate, ...]:
+        """What speaks for each effect with the others that it was tried with.
+
+        Shares are those among no effect and all that are not `beside`, which all others are tried
+        with.
+        """
+        made = []
+        for effect, joint in tried.items():
+            rest = self.nothing.of(*joint.effects[1:])
+            made.append(
+                Candidate(
+                    effect=effect,
+                    p=joint.estimate.p(range(len(joint.library.indices[effect]))),
+                    log_evidence=joint.log_evidence - rest.log_evidence,
+                    share=0.0,
+                    parameters=tuple(x for x in self.sizes(joint) if x.effect == effect),
+                )
+            )
+        odds = {c.effect: c.log_evidence - self.decision.effect_cost for c in made}
+        rivals = [0.0, *(x for e, x in odds.items() if e not in beside)]
+
+        def share(effect: str) -> float:
+            others = [0.0, odds[effect]] if effect in beside else rivals
+            return float(np.exp(odds[effect] - np.logaddexp.reduce(others)))
+
+        shown = (dataclasses.replace(c, share=share(c.effect)) for c in made)
+        return tuple(sorted(shown, key=lambda c: (c.effect in beside, -c.log_evidence)))
+
+    def sure(self, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+        """Candidates that undisturbed flights show too rarely, and whose size is not zero.
+
+        Each may raise its part of the false alarms. Where all directions together say that
+        something changed, each may raise all of them: with few flights, effects that look alike
+        fail one by one. So may a likelier effect than one that is sure.
+        """
+        chance = self.decision.alarm_chance
+        each = chance if self.p_none < chance else chance / self.n_tests
+        clear = [c for c in candidates if c.p < chance and any(p.clear for p in c.parameters)]
+        sure = [c for c in clear if c.p < each]
+        most = max((c.log_evidence for c in sure), default=np.inf)
+        return tuple(c for c in clear if c in sure or c.log_evidence > most)
+
+    def class_of(
+        self,
+        leading: Sequence[Candidate],
+        candidates: Sequence[Candidate],
+        tried: Mapping[str, Hypothesis],
+    ) -> tuple[float, tuple[str, ...]]:
+        """The share of the best sure candidate with its aliases, and their names, first the named.
+
+        Of effects that flights cannot tell apart, one whose size is possible goes before one whose
+        size lies beyond its range: a battery that fades by 300 % a minute stands for a weak rotor.
+        """
+        if not leading:
+            return 0.0, ()
+        best = leading[0]
+        near = [
+            c
+            for c in candidates
+            if c is not best
+            and best.log_evidence - c.log_evidence < self.decision.twin_alias_nats
+            and tried[best.effect].looks_alike(best.effect, c.effect, self.decision)
+        ]
+        possible = [c for c in (best, *near) if c in leading and c.possible]
+        first = possible[0] if possible else best
+        alike = (first, *(c for c in (best, *near) if c is not first))
+        return best.share + sum(c.share for c in near), tuple(c.effect for c in alike)

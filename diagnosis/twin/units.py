@@ -108,8 +108,10 @@ class Comparison:
     """Undisturbed."""
     target: Group
     """Perhaps changed."""
+    columns: tuple[int, ...]
+    """The parameters that are compared."""
     phi: float
-    """How far flights differ beyond noise, common to all parameters."""
+    """How far flights differ beyond noise, common to all of these."""
 
     @property
     def dof(self) -> float:
@@ -134,9 +136,10 @@ class Comparison:
 
 def compare(reference: Group, target: Group, columns: Sequence[int]) -> Comparison:
     """Both groups with the common phi of the parameters at `columns`."""
+    columns = tuple(columns)
     if len(reference) + len(target) == 2:
         length = float(np.mean([*reference.samples, *target.samples])) * NODE_DT
-        return Comparison(reference, target, max(1.0, DIFFER * length))
+        return Comparison(reference, target, columns, max(1.0, DIFFER * length))
     ratios = []
     for k in columns:
         groups = [_part(g, [k]) for g in (reference, target)]
@@ -145,7 +148,8 @@ def compare(reference: Group, target: Group, columns: Sequence[int]) -> Comparis
         theta = [g.h.sum(axis=0) / (g.H.sum(axis=(0, 1)) + 1.0) for g in groups]
         scatter, dof, mean = _scatter(groups, theta)
         ratios.append(float(scatter[0, 0] / max(dof, 1.0) / mean[0, 0]))
-    return Comparison(reference, target, max(1.0, float(np.median(ratios or [1.0]))))
+    phi = max(1.0, float(np.median(ratios or [1.0])))
+    return Comparison(reference, target, columns, phi)
 
 
 def _part(group: Group, at: Sequence[int]) -> Group:
