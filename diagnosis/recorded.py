@@ -15,7 +15,7 @@ from diagnosis.logs.inputs import Inputs
 from diagnosis.program import sources_digest, version
 from diagnosis.replay.library import Slot, with_aliases
 from diagnosis.result import Program, Settings
-from diagnosis.result_parts import Flights, FlightUsed, Limit, NotUsed
+from diagnosis.result_parts import Flights, FlightUsed, Limit
 
 MOST_CANDIDATES = 8
 """Sets of effects that are listed."""
@@ -24,7 +24,6 @@ MOST_CANDIDATES = 8
 def flights_used(flights: FlightSet, inputs: Inputs, use: Callable[[int], Any]) -> Flights:
     """The flights as they were read, with what each was used for."""
     read = {log.name: log for log in flights.flights}
-    left_out = [(x.name, x.reason) for x in flights.left_out] + list(inputs.left_out)
     return Flights(
         name=flights.path.resolve().name or None,
         drone=flights.vehicle.drone,
@@ -35,7 +34,7 @@ def flights_used(flights: FlightSet, inputs: Inputs, use: Callable[[int], Any]) 
             FlightUsed(name=f.name, seconds=f.seconds, use=use(i), digest=_digest(read[f.name]))
             for i, f in enumerate(inputs.flights)
         ),
-        left_out=tuple(NotUsed(name=name, reason=reason) for name, reason in left_out),
+        left_out=(*flights.left_out, *inputs.left_out),
     )
 
 

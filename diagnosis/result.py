@@ -149,17 +149,17 @@ class Support:
 class Remainder:
     """What the likeliest set leaves of the gap."""
 
-    share: float | None
+    share: float | None = None
     """Its part of the gap beyond noise [-]."""
-    noteworthy: bool
+    noteworthy: bool = False
     """Whether the share is large enough to be said beside an effect."""
-    mostly_explained: bool
+    mostly_explained: bool = False
     """Whether the share is small enough for most of the gap to be explained."""
-    structure_before: float | None
+    structure_before: float | None = None
     """Structure that the nominal simulator leaves; 1 is noise."""
-    structure: float | None
+    structure: float | None = None
     """Structure that the likeliest set leaves; 1 is noise."""
-    where: tuple[ChannelGap, ...]
+    where: tuple[ChannelGap, ...] = ()
     """The gap that it leaves, by channel."""
 
 
@@ -179,23 +179,23 @@ class Details:
 
     misfit: Misfit
     """How well the fitted flights are followed."""
-    dispersion: float | None
+    dispersion: float | None = None
     """Variance between flights over that of independent samples; at least 1."""
-    noise: tuple[ChannelNoise, ...]
+    noise: tuple[ChannelNoise, ...] = ()
     """Noise of the logs."""
-    windows: Windows | None
+    windows: Windows | None = None
     """Half seconds that counted."""
-    set_aside: tuple[SetAside, ...]
+    set_aside: tuple[SetAside, ...] = ()
     """Half seconds that stand out and did not count."""
-    limits: tuple[Limit, ...]
+    limits: tuple[Limit, ...] = ()
     """What would have stayed unseen."""
-    not_observable: tuple[NotObservable, ...]
+    not_observable: tuple[NotObservable, ...] = ()
     """Effects that are no candidates."""
-    shared: tuple[SharedParameter, ...]
+    shared: tuple[SharedParameter, ...] = ()
     """With reference flights: what they have already."""
-    before_after: tuple[DriftAlong, ...]
+    before_after: tuple[DriftAlong, ...] = ()
     """Drift along the flights that scored."""
-    gap_in_time: tuple[GapInTime, ...]
+    gap_in_time: tuple[GapInTime, ...] = ()
     """The gap against time."""
     followed: tuple[Followed, ...] = ()
     """How well a twin of the reference flies; none where the simulator follows the reference."""

@@ -4,6 +4,7 @@ import dataclasses
 from typing import Literal
 
 from diagnosis.logs.airframes import Airframe
+from diagnosis.logs.columns import LeftOut
 
 AtBound = Literal["no", "low", "high"]
 """Whether a size lies at an end of its allowed range."""
@@ -24,16 +25,6 @@ class FlightUsed:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class NotUsed:
-    """One file or flight that did not count."""
-
-    name: str
-    """Name of the file or flight."""
-    reason: str
-    """Why."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Flights:
     """Flights of one vehicle, as they were read."""
 
@@ -47,7 +38,7 @@ class Flights:
     """What drives their replay: commands, or what was measured in their place."""
     used: tuple[FlightUsed, ...]
     """Flights that counted."""
-    left_out: tuple[NotUsed, ...]
+    left_out: tuple[LeftOut, ...]
     """Files and flights that did not."""
     airframe: Airframe | None = None
     """Numbers of the airframe's data sheet; null where a file of ours has them."""
@@ -272,7 +263,7 @@ class Windows:
 class Misfit:
     """Chi-square per number; 1 is noise."""
 
-    before: float | None
+    before: float | None = None
     """Under the nominal simulator."""
-    after: float | None
+    after: float | None = None
     """With the likeliest set."""

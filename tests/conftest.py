@@ -4,7 +4,6 @@ import os
 import socket
 from pathlib import Path
 
-import exhaustive
 import pytest
 from skips import SkipsCount
 
@@ -53,12 +52,6 @@ def pytest_configure(config):
     """Counts skips, once: in the process that collects the reports of all others."""
     if config.getoption("--known-skips-only") and not hasattr(config, "workerinput"):
         config.pluginmanager.register(SkipsCount(), "skips-count")
-
-
-@pytest.hookimpl(tryfirst=True)  # before `-m` selects
-def pytest_collection_modifyitems(items):
-    """Marks exhaustive tests."""
-    exhaustive.mark(items)
 
 
 @pytest.fixture(scope="session")

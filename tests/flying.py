@@ -1,7 +1,5 @@
 """Flights that several test modules share; one compiled program per simulator and shape."""
 
-import contextlib
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -100,10 +98,3 @@ def attached(simulator, **parameters):
 def assert_near(a, b, **tolerance):
     """Fails unless two trees, such as flights, are alike within the tolerance of NumPy."""
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, **tolerance), a, b)
-
-
-@contextlib.contextmanager
-def x64():
-    """Double precision for arrays that are made inside."""
-    with jax.enable_x64(True):
-        yield

@@ -18,7 +18,6 @@ KNOWN = {
     "`ros`, `ardupilot`; .ci/run says so",
     r"(tensorboardX|mlflow|sqlalchemy|alembic|wandb|mlcroissant) is not installed": "pip could not "
     "install the extras `tensorboard`, `mlflow`, `wandb`, `croissant`; .ci/run says so",
-    r"MuJoCo finds no graphics context": "a film needs EGL or OSMesa of the machine",
     r"This file system takes UTF-8 names only": "not every file system takes any bytes as a name",
     r"cores cannot be chosen here": "Linux alone lets a process choose its cores",
 }

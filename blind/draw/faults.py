@@ -54,17 +54,11 @@ class Fault:
     def apply(self, flights: FlightSet, parameters: Parameters) -> FlightSet:
         """The flights as they would have been logged."""
         vehicle = flights.vehicle
-        changed = tuple(
-            dataclasses.replace(
-                flight,
-                drones=tuple(self.change(drone, parameters, vehicle) for drone in flight.drones),
-            )
-            for flight in flights.flights
-        )
+        changed = flights.each(lambda drone: self.change(drone, parameters, vehicle))
         if self.believed_mass is not None:
             mass = self.believed_mass(vehicle.mass, parameters)
             vehicle = dataclasses.replace(vehicle, mass=mass)
-        return dataclasses.replace(flights, flights=changed, vehicle=vehicle)
+        return dataclasses.replace(changed, vehicle=vehicle)
 
 
 def _tilted(*degrees: float) -> Draw:

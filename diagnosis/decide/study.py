@@ -85,9 +85,9 @@ def conclude(prepared: Prepared, progress: Progress = silent) -> Study:
         prepared.every if in_turn else prepared.part(fit_ids), base, prepared.decision
     )
     fits = attribute(evidence, len(fit_ids), base.phi if base else 1.0, progress)
-    found = judge_supported(fits, base.floor if base else FOLLOWED)
+    fits, verdict, support = judge_supported(fits, base.floor if base else FOLLOWED)
     progress("scoring held-out flights", 0.9)
-    fit, fits = found.verdict.chosen.fit, found.fits
+    fit = verdict.chosen.fit
     every = scored = fits.evidence.likelihood
     if not in_turn:
         spoiled = beyond(prepared.decision.distrust_sigmas, prepared.decision)
@@ -95,4 +95,4 @@ def conclude(prepared: Prepared, progress: Progress = silent) -> Study:
         scored = prepared.part(prepared.held).settled(fit.total, spoiled)
     n_flights = len(prepared.inputs.flights)
     drift = shrinkage.score(fits.evidence, fit, scored, n_flights, in_turn)
-    return Study(prepared, fits, found.verdict, found.support, every, drift)
+    return Study(prepared, fits, verdict, support, every, drift)

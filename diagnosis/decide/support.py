@@ -6,8 +6,6 @@ helps if, without it and with the others fitted again, flights that were left ou
 followed less well, by more than they differ among each other (t-interval, 95 %).
 """
 
-import dataclasses
-
 import numpy as np
 from jaxtyping import Float
 from scipy import stats
@@ -31,24 +29,15 @@ def support(fits: Fits, fit: Fit) -> tuple[Fits, list[Support]]:
     return fits, sorted(found, key=lambda one: -(one.percent or 0.0))
 
 
-@dataclasses.dataclass(frozen=True)
-class Judgement:
-    """A verdict with the fits that it rests on."""
+def judge_supported(fits: Fits, floor: Floor) -> tuple[Fits, Verdict, tuple[Support, ...]]:
+    """The verdict, and what left-out flights say where the simulator does not follow flights.
 
-    fits: Fits
-    """All fits, taken further where flights were left out."""
-    verdict: Verdict
-    """Which set, and how surely."""
-    support: tuple[Support, ...] = ()
-    """What flights left out of the fit say where the simulator does not follow flights."""
-
-
-def judge_supported(fits: Fits, floor: Floor) -> Judgement:
-    """The verdict, and what left-out flights say where the simulator does not follow flights."""
+    And the fits with those that this took further.
+    """
     verdict, lines = judge(fits, floor), []
     if verdict.kind == "unexplained" or floor.unlike(fits.evidence.decision) > 0.0:
         fits, lines = support(fits, verdict.chosen.fit)
-    return Judgement(fits, verdict, tuple(lines))
+    return fits, verdict, tuple(lines)
 
 
 def _of(fits: Fits, fit: Fit, name: str) -> tuple[Fits, Support]:

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from diagnosis.decision import Decision
 from diagnosis.fit.windows import Tracks
@@ -130,14 +131,7 @@ def _specific_force(
 
 def _body_axes(tracks: Tracks) -> Float[np.ndarray, "lines 3 3"]:
     """Rotation matrix body to world at the middle of each window."""
-    rpy = _middle(tracks)[:, 6:]
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy).T, np.cos(rpy).T
-    rows = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return np.moveaxis(np.asarray(rows), -1, 0)
+    return Rotation.from_euler("xyz", _middle(tracks)[:, 6:]).as_matrix()
 
 
 def _middle(tracks: Tracks) -> Float[np.ndarray, "lines 9"]:
@@ -171,7 +165,6 @@ def where(
     tracks: Tracks,
     sigma: Float[np.ndarray, " 9"],
     shake: float = 0.0,
-    seed: int = 0,
     decision: Decision = Decision(),
 ) -> tuple[ChannelGap, ...]:
     """The diagnosis' `where`: one entry a channel; `shake` as in `channels`."""
@@ -180,7 +173,7 @@ def where(
     excess = [max(rms(c.value) ** 2 / c.noise**2 - 1.0, 0.0) for c in found]
     total = sum(excess)
     shares = [part / total if total else 0.0 for part in excess]
-    draws = _flight_draws(tracks, seed)
+    draws = _flight_draws(tracks)
     lines = []
     for channel, share, main in zip(found, shares, main_channels(shares, decision), strict=True):
         size, floor = rms(channel.value), float(channel.noise)
@@ -209,10 +202,10 @@ def rms(value: np.ndarray) -> float:
     return float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0
 
 
-def _flight_draws(tracks: Tracks, seed: int) -> np.ndarray:
+def _flight_draws(tracks: Tracks) -> np.ndarray:
     """Resampled flights, as how often each is drawn."""
     n = int(tracks.flight.max()) + 1
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     return rng.multinomial(n, np.full(n, 1.0 / n), size=N_RESAMPLES)
 
 

@@ -25,7 +25,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from diagnosis.fit.descent import REFIT_STEPS, descended, fitted, polished, whole
+from diagnosis.fit.descent import descended, fitted, polished, whole
 from diagnosis.fit.equations import summed
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit, Set
@@ -131,16 +131,14 @@ def refit(fits: Fits, effects: Set, near: Fit) -> Fits:
     return fits.plus(fitted(fits.evidence, effects, near, goal))
 
 
-def polish(
-    fits: Fits, effects: Set, steps: int = 2 * REFIT_STEPS, hopeless: float | None = None
-) -> Fits:
+def polish(fits: Fits, effects: Set, hopeless: float | None = None) -> Fits:
     """These with the whole shared shift of a set flown, not taken to first order.
 
     Its steps end early where it will stay `hopeless` nats below another fit.
     """
     hopeless = fits.evidence.decision.hopeless_nats if hopeless is None else hopeless
     goal = fits.below_best(hopeless, but=effects)
-    return fits.plus(polished(fits.evidence, fits[effects], goal, steps))
+    return fits.plus(polished(fits.evidence, fits[effects], goal))
 
 
 def polish_best(fits: Fits) -> Fits:

@@ -32,7 +32,8 @@ def airborne(rows: Rows, above: float) -> Rows:
     if not kept.any():
         span = f"{height.max():.3g} m"
         raise LogError(f"`--above` {above:g} m leaves nothing: the log's heights differ by {span}.")
-    seconds = f"{_seconds(t, ~kept):.1f} of {t[-1] - t[0]:.1f} s"
+    lost = np.median(np.diff(t)) * (~kept).sum()
+    seconds = f"{lost:.1f} of {t[-1] - t[0]:.1f} s"
     note = f"Left out: what is at most {above:g} m above the lowest height, {seconds}."
     columns = {name: values[kept] for name, values in rows.columns.items()}
     return dataclasses.replace(rows, columns=columns, notes=(*rows.notes, note))
@@ -63,8 +64,3 @@ def _height(rows: Rows) -> Float[np.ndarray, " rows"]:
     """Height above the lowest row [m]."""
     z = rows.columns["pos_z"]
     return z - z.min()
-
-
-def _seconds(t: Float[np.ndarray, " rows"], chosen: Bool[np.ndarray, " rows"]) -> float:
-    """Time that rows stand for [s]."""
-    return float(np.median(np.diff(t)) * chosen.sum())

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float64
+import pandas as pd
 
 from diagnosis.importing.frames import FRD, NED, enu, flu, quat_of, quat_of_rpy, rpy_of
 from diagnosis.importing.reader import (
@@ -41,9 +41,8 @@ PAGE = 256
 """A log in flash memory may end with so many bytes that were erased."""
 TYPES = ("XKF1", "ATT", "IMU", "RATE", "BAT", "PARM")
 """Messages that are read."""
-INSTANCE = {"XKF1": "C", "IMU": "I", "BAT": "Instance"}
-"""Field that numbers the sensors or estimators of a message; older names in `_OLDER`."""
-_OLDER = {"BAT": "Inst"}
+INSTANCE = {"XKF1": ("C",), "IMU": ("I",), "BAT": ("Instance", "Inst")}
+"""Field that numbers the sensors or estimators of a message, older names last."""
 
 
 class ArdupilotReader(AbstractReader):
@@ -72,7 +71,7 @@ class ArdupilotReader(AbstractReader):
             file.flush()
             with module.DFReader_binary(file.name) as log:
                 rows = _rows(log)
-            tables = {name: _Table(name, found) for name, found in rows.items()}
+            tables = {name: _first(name, found) for name, found in rows.items()}
             parameters = {row["Name"]: float(row["Value"]) for row in rows.get("PARM", [])}
             streams = _streams(tables, request, parameters.get(HOVER))
         wanted = ("XKF1", "ATT", "RATE", "BAT")
@@ -80,26 +79,11 @@ class ArdupilotReader(AbstractReader):
         return Recording({"": tuple(streams)}, missing, tuple(notes))
 
 
-class _Table:
-    """Rows of one message, columns by name."""
-
-    def __init__(self, name: str, rows: list[dict[str, Any]]) -> None:
-        key = INSTANCE.get(name, "")
-        self.name, self.key = name, key if rows and key in rows[0] else _OLDER.get(name, key)
-        self.rows = rows
-
-    def of(self, instance: int) -> "_Table":
-        """The rows of one sensor or estimator."""
-        return _Table(self.name, [r for r in self.rows if int(r.get(self.key, 0)) == instance])
-
-    def t(self) -> Float64[np.ndarray, " rows"]:
-        """Times [s]."""
-        return np.asarray([row["TimeUS"] for row in self.rows], np.float64) * 1e-6
-
-    def columns(self, names: str) -> Float64[np.ndarray, "rows columns"]:
-        """Numbers of several columns side by side."""
-        wanted = names.split()
-        return np.asarray([[row[n] for n in wanted] for row in self.rows], np.float64)
+def _first(name: str, rows: list[dict[str, Any]]) -> pd.DataFrame:
+    """The rows of the first sensor or estimator of a message."""
+    table = pd.DataFrame(rows)
+    key = next((key for key in INSTANCE.get(name, ()) if key in table), None)
+    return table if key is None else table.loc[table[key] == 0]
 
 
 def _rows(log: Any) -> dict[str, list[dict[str, Any]]]:
@@ -123,32 +107,30 @@ def _whole(data: bytes) -> int:
     return at
 
 
-def _streams(tables: dict[str, _Table], request: Request, hover: float | None) -> list[Stream]:
-    streams = []
-    if "XKF1" in tables:
-        table = tables["XKF1"].of(0)
-        for field, names in (("pos", "PN PE PD"), ("vel", "VN VE VD")):
-            streams.append(
-                Stream(field, table.t(), enu(table.columns(names)), f"XKF1 {names}", NED)
-            )
-    if "ATT" in tables:
-        table, change = tables["ATT"], f"degrees to radians, {NED}, {FRD}"
-        flown = quat_of(quat_of_rpy(np.radians(table.columns("Roll Pitch Yaw"))))
-        streams.append(Stream("quat", table.t(), flown, "ATT Roll Pitch Yaw", change))
-        asked = quat_of(quat_of_rpy(np.radians(table.columns("DesRoll DesPitch DesYaw"))))
-        source = "ATT DesRoll DesPitch DesYaw"
-        streams.append(Stream("cmd_angles", table.t(), rpy_of(asked), source, change))
-    if "IMU" in tables:
-        table = tables["IMU"].of(0)
-        for field, names in (("ang_vel", "GyrX GyrY GyrZ"), ("acc", "AccX AccY AccZ")):
-            streams.append(Stream(field, table.t(), flu(table.columns(names)), f"IMU {names}", FRD))
+def _streams(
+    tables: dict[str, pd.DataFrame], request: Request, hover: float | None
+) -> list[Stream]:
+    def attitude(degrees: np.ndarray) -> np.ndarray:
+        return quat_of(quat_of_rpy(np.radians(degrees)))
+
+    change = f"degrees to radians, {NED}, {FRD}"
+    wanted = [
+        ("pos", "XKF1 PN PE PD", enu, NED),
+        ("vel", "XKF1 VN VE VD", enu, NED),
+        ("quat", "ATT Roll Pitch Yaw", attitude, change),
+        ("cmd_angles", "ATT DesRoll DesPitch DesYaw", lambda x: rpy_of(attitude(x)), change),
+        ("ang_vel", "IMU GyrX GyrY GyrZ", flu, FRD),
+        ("acc", "IMU AccX AccY AccZ", flu, FRD),
+    ]
     if "RATE" in tables:
         scale, words = request.scale(hover, HOVER)
-        table = tables["RATE"]
-        thrust = scale * table.columns("AOut")
-        streams.append(Stream("cmd_thrust", table.t(), thrust, "RATE AOut", words))
-    if "BAT" in tables:
-        table = tables["BAT"].of(0)
-        volts = known_voltage(table.columns("Volt"))
-        streams.append(Stream("battery", table.t(), volts, "BAT Volt"))
+        wanted.append(("cmd_thrust", "RATE AOut", lambda x: scale * x, words))
+    wanted.append(("battery", "BAT Volt", known_voltage, "as it is"))
+    streams = []
+    for field, source, turned, done in wanted:
+        name, *columns = source.split()
+        if name in tables:
+            t = tables[name]["TimeUS"].to_numpy(np.float64) * 1e-6
+            values = turned(tables[name][columns].to_numpy(np.float64))
+            streams.append(Stream(field, t, values, source, done))
     return streams

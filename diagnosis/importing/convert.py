@@ -10,6 +10,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -44,16 +45,7 @@ a columns.toml comes first, because the operator said what it holds."""
 
 
 def import_logs(
-    sources: Sequence[Path],
-    out: Path,
-    vehicle: str,
-    *,
-    kind: str | None = None,
-    full_thrust: float | None = None,
-    topics: Mapping[str, str] | None = None,
-    columns: Path | None = None,
-    truncated: bool = False,
-    above: float | None = None,
+    sources: Sequence[Path], out: Path, vehicle: str, *, kind: str | None = None, **asked: Any
 ) -> Imported:
     """Writes `out` with vehicle.toml, one Parquet file a flight, and the report import.md.
 
@@ -62,11 +54,7 @@ def import_logs(
         out: The folder; must not be there, or be empty.
         vehicle: Text of vehicle.toml.
         kind: Name of the format of all sources; without it, each source's content tells.
-        full_thrust: Collective thrust [N] at the largest command.
-        topics: Field -> ROS topic that it is taken from.
-        columns: The file columns.toml; without it, one beside a table is taken.
-        truncated: Whether a file that breaks off is used up to there.
-        above: Height above the lowest of each log [m] up to which rows are left out.
+        asked: Further fields of `Request`.
 
     Raises:
         LogError: No source is usable, or vehicle.toml is wrong; one line for each reason.
@@ -81,15 +69,7 @@ def import_logs(
             said = read_vehicle(part)
         except LogError as error:  # the operator knows nothing of the folder that is built
             raise LogError(str(error).replace(f"{part}/", "")) from None
-        request = Request(
-            mass=said.mass,
-            thrust_max=said.spec.thrust_max,
-            full_thrust=full_thrust,
-            topics=topics or {},
-            columns=columns,
-            truncated=truncated,
-            above=above,
-        )
+        request = Request(mass=said.mass, thrust_max=said.spec.thrust_max, **asked)
         found = _import_all(sources, part, kind, request)
         (part / "import.md").write_text(import_report(found), encoding="utf-8")
         part.chmod(0o755)  # a temporary folder is private

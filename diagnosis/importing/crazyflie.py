@@ -17,7 +17,6 @@ has it since 2025 (THRUST_MAX of `platform_defaults_*.h`); older firmware means 
 `controller_mellinger.c`, `kalman_core.c`, `quatcompress.h`, `motors.c` (August 2026).
 """
 
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import ClassVar
@@ -61,14 +60,8 @@ RECIPE = (
 """config.txt on the card of the uSD deck; start with the parameter usd.logging = 1."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Variable:
-    """One variable of the firmware over time."""
-
-    t: Float64[np.ndarray, " rows"]
-    """Time [s]."""
-    values: Float64[np.ndarray, " rows"]
-    """Numbers as the firmware logs them."""
+Variables = Mapping[str, pd.Series]
+"""Variables of the firmware by name, as it logs them, over time [s]."""
 
 
 class CrazyflieCsvReader(AbstractReader):
@@ -86,7 +79,7 @@ class CrazyflieCsvReader(AbstractReader):
         return len(files) > 1 and all(map(_is_header, headers)) and not any(map(_whole, headers))
 
     def read(self, path: Path, request: Request) -> Recording:
-        variables: dict[str, Variable] = {}
+        variables: dict[str, pd.Series] = {}
         notes = []
         for file in _files(path) if path.is_dir() else [path]:
             found, unit = _read_csv(file)
@@ -97,9 +90,7 @@ class CrazyflieCsvReader(AbstractReader):
         return Recording({"": tuple(streams)}, tuple(missing), tuple(notes))
 
 
-def crazyflie_streams(
-    variables: Mapping[str, Variable], request: Request
-) -> tuple[list[Stream], list[str]]:
+def crazyflie_streams(variables: Variables, request: Request) -> tuple[list[Stream], list[str]]:
     """Streams of one Crazyflie, and what is missing."""
     every = [_pos_vel(variables), _quat(variables), _plain(variables), _angles(variables)]
     every += [_thrust(variables, request), _rotors(variables)]
@@ -121,21 +112,21 @@ _WANTED = {
 """What a diagnosis can use, and the field that it becomes."""
 
 
-def _group(variables: Mapping[str, Variable], names: str) -> tuple[np.ndarray, np.ndarray] | None:
+def _group(variables: Variables, names: str) -> tuple[np.ndarray, np.ndarray] | None:
     """Times and columns of variables that were logged together; `names` as `group.a b c`."""
     group, _, rest = names.partition(".")
     found = [variables.get(f"{group}.{name}") for name in rest.split()]
     known = [variable for variable in found if variable is not None]
     if len(known) < len(found):
         return None
-    t = known[0].t
-    if any(len(v.t) != len(t) or not np.array_equal(v.t, t) for v in known):
+    t = known[0].index
+    if not all(variable.index.equals(t) for variable in known):
         raise LogError(f"{names} stand in different blocks; log them in one block.")
-    return t, np.stack([variable.values for variable in known], axis=1)
+    return t.to_numpy(), np.stack([variable.to_numpy() for variable in known], axis=1)
 
 
 def _stream(
-    variables: Mapping[str, Variable], field: str, names: str, factor: float = 1.0, change: str = ""
+    variables: Variables, field: str, names: str, factor: float = 1.0, change: str = ""
 ) -> list[Stream]:
     found = _group(variables, names)
     if found is None:
@@ -143,7 +134,7 @@ def _stream(
     return [Stream(field, found[0], factor * found[1], names, change or "as it is")]
 
 
-def _pos_vel(variables: Mapping[str, Variable]) -> list[Stream]:
+def _pos_vel(variables: Variables) -> list[Stream]:
     out = []
     for field, names in (("pos", "x y z"), ("vel", "vx vy vz")):
         fine = _stream(variables, field, f"stateEstimate.{names}")
@@ -152,7 +143,7 @@ def _pos_vel(variables: Mapping[str, Variable]) -> list[Stream]:
     return out
 
 
-def _quat(variables: Mapping[str, Variable]) -> list[Stream]:
+def _quat(variables: Variables) -> list[Stream]:
     """The attitude, as finely as it was logged."""
     found = _stream(variables, "quat", "stateEstimate.qx qy qz qw")
     if found:
@@ -185,7 +176,7 @@ def unpacked(packed: Float64[np.ndarray, " rows"]) -> Float64[np.ndarray, "rows 
     return quat
 
 
-def _plain(variables: Mapping[str, Variable]) -> list[Stream]:
+def _plain(variables: Variables) -> list[Stream]:
     """What needs a factor alone."""
     return [
         *_stream(variables, "ang_vel", "gyro.x y z", np.pi / 180.0, "deg/s to rad/s"),
@@ -194,7 +185,7 @@ def _plain(variables: Mapping[str, Variable]) -> list[Stream]:
     ]
 
 
-def _angles(variables: Mapping[str, Variable]) -> list[Stream]:
+def _angles(variables: Variables) -> list[Stream]:
     """Commanded attitude of the controller that flew."""
     pid = _group(variables, "controller.roll pitch yaw")
     axis = _group(variables, "ctrlMel.zdx zdy zdz")
@@ -224,7 +215,7 @@ def _tilt(
     return np.stack([roll, np.arctan2(cos * x + sin * y, z), yaw], axis=1)
 
 
-def _thrust(variables: Mapping[str, Variable], request: Request) -> list[Stream]:
+def _thrust(variables: Variables, request: Request) -> list[Stream]:
     """Commanded thrust."""
     full = request.full_thrust
     words = f"65535 is {full or request.thrust_max:g} N, "
@@ -237,7 +228,7 @@ def _thrust(variables: Mapping[str, Variable], request: Request) -> list[Stream]
     return []
 
 
-def _rotors(variables: Mapping[str, Variable]) -> list[Stream]:
+def _rotors(variables: Variables) -> list[Stream]:
     """Motor commands and rotor speeds."""
     change = "0 to 65535 becomes 0 to 1"
     out = _stream(variables, "pwm", "motor.m1 m2 m3 m4", 1.0 / FULL, change)
@@ -283,7 +274,7 @@ def _whole(head: bytes) -> bool:
     return "stateEstimate" in names and any(n in names for n in (".thrust", "cmd_thrust", "motor."))
 
 
-def _read_csv(file: Path) -> tuple[dict[str, Variable], str]:
+def _read_csv(file: Path) -> tuple[dict[str, pd.Series], str]:
     """Variables of a CSV file, in which cells may be empty, and the unit of its times."""
     with reading("CSV file"):
         frame = pd.read_csv(file, skipinitialspace=True, encoding="utf-8-sig")
@@ -303,10 +294,7 @@ def _read_csv(file: Path) -> tuple[dict[str, Variable], str]:
         raise LogError(f"{file.name}: the last row is cut; copy the file again.")
     t = frame[key].to_numpy(np.float64)
     milli = len(t) > 1 and float(np.median(np.diff(np.unique(t)))) >= MILLISECONDS
-    t = t * 1e-3 if milli else t
-    found = {}
-    for name in frame.columns.drop(key):
-        values = frame[name].to_numpy(np.float64)
-        there = np.isfinite(values)
-        found[name] = Variable(t[there], values[there])
+    frame = frame.drop(columns=key).astype(np.float64).set_index(t * 1e-3 if milli else t)
+    known = {str(name): pd.Series(values) for name, values in frame.items()}
+    found = {name: values.loc[np.isfinite(values)] for name, values in known.items()}
     return found, "milliseconds" if milli else "seconds"

@@ -78,7 +78,7 @@ class Request:
     topics: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """Field -> topic that it is to be taken from."""
     columns: Path | None = None
-    """The file columns.toml."""
+    """The file columns.toml; without it, one beside a table is taken."""
     truncated: bool = False
     """Whether a file that breaks off is used up to there."""
     above: float | None = None

@@ -113,7 +113,9 @@ def make_rows(streams: Sequence[Stream], zero: float) -> Rows:
             notes.append(f"{name} does not cover the flight and is left out: {stream.source}.")
             continue
         columns |= dict(zip(FIELDS[name], values.T, strict=True))
-        taken.append(_taken(stream, dropped.get(name, 0), _how(name, stream, t, resampled)))
+        how, hole = _how(name, stream, t, resampled), float(np.diff(stream.t).max())
+        said = (name, stream.source, stream.change, _rate(stream.t))
+        taken.append(Taken(*said, how, dropped.get(name, 0), hole))
     if _rate(clean["pos"].t) < SLOW * _rate(t):
         columns["interpolated"] = _between(t, clean["pos"].t)
     notes += _low_rates(clean, t)
@@ -326,11 +328,6 @@ def _between(
     between = np.ones(len(t))
     between[nearest] = 0.0
     return between
-
-
-def _taken(stream: Stream, dropped: int, how: str) -> Taken:
-    hole = float(np.diff(stream.t).max())
-    return Taken(stream.field, stream.source, stream.change, _rate(stream.t), how, dropped, hole)
 
 
 def _low_rates(clean: dict[str, Stream], t: Float[np.ndarray, " times"]) -> list[str]:

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+import pandas as pd
 
-from diagnosis.importing.crazyflie import Variable, crazyflie_streams
+from diagnosis.importing.crazyflie import crazyflie_streams
 from diagnosis.importing.reader import AbstractReader, Recording, Request, broken_off, reading
 
 MAGIC = 0xBC
@@ -80,7 +81,7 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
 
 def _variables(
     data: bytes, start: int, end: int, types: dict[int, np.dtype], scale: float
-) -> dict[str, Variable]:
+) -> dict[str, pd.Series]:
     """Every variable over time; the first event type that holds one counts."""
     places: dict[int, list[int]] = {number: [] for number in types}
     at = start
@@ -92,7 +93,7 @@ def _variables(
         places[number].append(at)
         at += size
     raw = np.frombuffer(data, np.uint8)
-    found: dict[str, Variable] = {}
+    found: dict[str, pd.Series] = {}
     for number, kind in types.items():
         if not places[number]:
             continue
@@ -101,5 +102,5 @@ def _variables(
         t = rows["t"].astype(np.float64) * scale
         for name in kind.names or ():
             if name not in ("id", "t"):
-                found.setdefault(name, Variable(t, rows[name].astype(np.float64)))
+                found.setdefault(name, pd.Series(rows[name].astype(np.float64), t))
     return found

@@ -22,6 +22,7 @@ from diagnosis.interface.readings import (
     Reading,
     choose,
     choose_signs,
+    lowest_at,
     signed_orders,
 )
 from diagnosis.logs.flights import DroneLog
@@ -86,13 +87,7 @@ class Following:
 
     def lag(self, matrix: Float[np.ndarray, "2 2"]) -> float:
         """The lag that fits best [s], between those tried."""
-        errors = self.errors(matrix)
-        i = int(np.argmin(errors))
-        if i in (0, len(LAGS) - 1):
-            return float(LAGS[i])
-        a, b, c = errors[i - 1 : i + 2]
-        bend = a - 2.0 * b + c
-        return float(LAGS[i] + (0.5 * STEP * (a - c) / bend if bend > 0.0 else 0.0))
+        return lowest_at(LAGS, self.errors(matrix))
 
     def turn(self) -> float:
         """The angle [rad] by which measured tilts are turned against commanded ones."""
@@ -174,10 +169,7 @@ _WORDS = {
 
 def together(drones: Sequence[Following]) -> Following:
     """The sums of all."""
-    total = drones[0]
-    for one in drones[1:]:
-        total = total + one
-    return total
+    return sum(drones[1:], drones[0])
 
 
 def _whole(t: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -89,7 +89,8 @@ class Checks:
 
 def checks(flights: FlightSet) -> Checks:
     """Every comparison of columns of these flights."""
-    drones, windows, turned = _drones(flights), _windows(flights), _turning(flights)
+    drones, windows = _drones(flights), _windows(flights)
+    turned = [turning(drone) for drone in drones]
     parts = scales.parts_of(len(drones))
     followed = [part for drone in drones for part in commands.following(drone, parts)]
     compared = _compared(windows, followed, [piece for drone in turned for piece in drone])
@@ -146,11 +147,6 @@ def _windows(flights: FlightSet) -> Windows | None:
     lifts = [lift_given(drone, thrust) for drone, thrust in zip(drones, thrusts, strict=True)]
     windows = make_windows(flights.flights, thrusts, lifts)
     return None if windows is None or len(windows) < FEWEST_WINDOWS else windows
-
-
-def _turning(flights: FlightSet) -> list[list[Turning]]:
-    """How the motors of each drone turn it."""
-    return [turning(drone) for drone in _drones(flights)]
 
 
 def _compared(

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -30,18 +30,7 @@ def mended(flights: FlightSet, faults: Sequence[InterfaceFault]) -> FlightSet:
     def turned(log: DroneLog) -> DroneLog:
         return dataclasses.replace(log, pos=log.pos @ back.T, vel=log.vel @ back.T)
 
-    return _each(flights, turned)
-
-
-def _each(flights: FlightSet, change: Callable[[DroneLog], DroneLog]) -> FlightSet:
-    """The flights with every log changed."""
-    return dataclasses.replace(
-        flights,
-        flights=tuple(
-            dataclasses.replace(flight, drones=tuple(change(log) for log in flight.drones))
-            for flight in flights.flights
-        ),
-    )
+    return flights.each(turned)
 
 
 def lowest(flights: FlightSet) -> float:
@@ -62,7 +51,7 @@ def lifted(flights: FlightSet) -> FlightSet:
     if not _sunk(flights):
         return flights
     low = lowest(flights)
-    return _each(flights, lambda log: dataclasses.replace(log, pos=log.pos - [0.0, 0.0, low]))
+    return flights.each(lambda log: dataclasses.replace(log, pos=log.pos - [0.0, 0.0, low]))
 
 
 def below_floor(flights: FlightSet) -> InterfaceFault | None:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-from diagnosis.interface.readings import ALPHA, FEWEST_NUMBERS, Chosen
+from diagnosis.interface.readings import ALPHA, FEWEST_NUMBERS, Chosen, lowest_at
 from diagnosis.interface.scales import FEWEST_PIECES, Size, jackknife
 from diagnosis.logs.flights import DroneLog
 
@@ -105,13 +105,7 @@ def turning_lag(drones: Sequence[Sequence[Turning]]) -> Size | None:
 
 def _lag(pieces: Sequence[Turning]) -> float:
     """The lag that fits best [s], between those tried."""
-    told = _gains(pieces, ORDERS[0]).sum(axis=1)
-    i = int(told.argmax())
-    if i in (0, len(LAGS) - 1):
-        return float(LAGS[i])
-    a, b, c = told[i - 1 : i + 2]
-    bend = a - 2.0 * b + c
-    return float(LAGS[i] + (0.5 * LAG_STEP * (a - c) / bend if bend < 0.0 else 0.0))
+    return lowest_at(LAGS, -_gains(pieces, ORDERS[0]).sum(axis=1))
 
 
 def _gains(pieces: Sequence[Turning], order: Sequence[int]) -> Float[np.ndarray, "lags 2"]:

@@ -141,11 +141,7 @@ def _one_way(
     size = np.linalg.norm(windows.force, axis=1)
     other = size * axes[""][:, 1 - i]
     free = np.column_stack([other, -windows.path[:, i], np.ones(len(windows))])
-    readings = [
-        Reading(name, remainder(force, free, size * axis[:, i]), int(bool(name)))
-        for name, axis in axes.items()
-    ]
-    return readings, remainder(force, free), len(force)
+    return _signed(force, free, {name: size * axis[:, i] for name, axis in axes.items()})
 
 
 def path_turned(
@@ -159,12 +155,7 @@ def path_turned(
 def _pointed(windows: Windows, axis: Float[np.ndarray, "windows 3"]) -> float:
     """Squared error of the horizontal force along an axis, drag and a bias allowed for."""
     terms, force = tilt_terms(windows, axis)
-    own = terms[:, [0, 2, 3, 4]]
-    fit, *_ = np.linalg.lstsq(own, force, rcond=None)
-    if fit[0] <= 0.0:  # thrust pushes along the axis, not against it
-        own = own[:, 1:]
-        fit, *_ = np.linalg.lstsq(own, force, rcond=None)
-    return float(np.sum((force - own @ fit) ** 2))
+    return remainder(force, terms[:, 2:], terms[:, 0])
 
 
 def _vector(
@@ -183,7 +174,11 @@ def _vector(
             turned = seen.ndim > 2
             predicted = np.einsum("nijk,jk->ni", seen, matrix) if turned else seen @ matrix.T
             readings.append(
-                Reading(_joined(frame, words), _error(truth, predicted), changes + bool(frame))
+                Reading(
+                    ", ".join(filter(None, (frame, words))),
+                    float(np.sum((truth - predicted) ** 2)),
+                    changes + bool(frame),
+                )
             )
     chosen = choose(readings, _spread(truth), truth.size)
     if asked.ndim > 2:  # gravity is most of it
@@ -195,23 +190,19 @@ def _same_way(
     truth: Float[np.ndarray, "windows 3"], logged: Float[np.ndarray, "windows 3"], i: int
 ) -> tuple[list[Reading], float, int]:
     """One component of a vector by itself; the others may leak into it, as a turned frame makes."""
-    others = [logged[:, k] for k in range(3) if k != i]
-    free = np.column_stack([*others, np.ones(len(truth))])
-    readings = [
-        Reading("", remainder(truth[:, i], free, logged[:, i])),
-        Reading(
-            f"{AXES[i]} with the opposite sign", remainder(truth[:, i], free, -logged[:, i]), 1
-        ),
-    ]
-    return readings, remainder(truth[:, i], free), len(truth)
+    free = np.column_stack([np.delete(logged, i, axis=1), np.ones(len(truth))])
+    signs = {"": logged[:, i], f"{AXES[i]} with the opposite sign": -logged[:, i]}
+    return _signed(truth[:, i], free, signs)
 
 
-def _joined(*parts: str) -> str:
-    return ", ".join(part for part in parts if part)
-
-
-def _error(truth: np.ndarray, predicted: np.ndarray) -> float:
-    return float(np.sum((truth - predicted) ** 2))
+def _signed(
+    y: Float[np.ndarray, " rows"],
+    free: Float[np.ndarray, "rows free"],
+    along: Mapping[str, Float[np.ndarray, " rows"]],
+) -> tuple[list[Reading], float, int]:
+    """One column of a vector read in several ways, as `choose_signs` takes them."""
+    readings = [Reading(name, remainder(y, free, x), int(bool(name))) for name, x in along.items()]
+    return readings, remainder(y, free), len(y)
 
 
 def _spread(truth: np.ndarray) -> float:

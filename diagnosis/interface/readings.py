@@ -59,20 +59,17 @@ class Chosen:
     """Axes that move too little to tell their sign."""
 
 
-def choose(
-    readings: Sequence[Reading], total: float, n: int, explained: float = EXPLAINED
-) -> Chosen | None:
+def choose(readings: Sequence[Reading], total: float, n: int) -> Chosen | None:
     """The reading that fits; None if the numbers do not tell.
 
     Args:
         readings: All of them, the one asked for first.
         total: Sum of squares of what is predicted, about its mean.
         n: How many independent numbers are predicted.
-        explained: Smallest share of the variance that a reading must explain.
     """
     errors = np.asarray([reading.error for reading in readings])
     least = float(errors.min())
-    if n < FEWEST_NUMBERS or total <= 0.0 or least > (1.0 - explained) * total:
+    if n < FEWEST_NUMBERS or total <= 0.0 or least > (1.0 - EXPLAINED) * total:
         return None
     most = _limit(least, total, len(readings), n)
     asked = 1.0 - float(errors[0]) / total
@@ -121,6 +118,16 @@ def remainder(
             return float(np.sum((y - columns @ fit) ** 2))
     fit, *_ = np.linalg.lstsq(free, y, rcond=None)
     return float(np.sum((y - free @ fit) ** 2))
+
+
+def lowest_at(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
+    """Where `y` is lowest, by a parabola between values at equal distances."""
+    i = int(np.argmin(y))
+    if i in (0, len(x) - 1):
+        return float(x[i])
+    a, b, c = y[i - 1 : i + 2]
+    bend = a - 2.0 * b + c
+    return float(x[i] + (0.5 * (x[1] - x[0]) * (a - c) / bend if bend > 0.0 else 0.0))
 
 
 def _limit(least: float, total: float, choices: int, n: int) -> float:

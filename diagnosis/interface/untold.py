@@ -1,7 +1,7 @@
 """`untold(flights)`: which checks of the interface these flights do not allow, and what to fly."""
 
 from diagnosis.interface.fault import Untold
-from diagnosis.interface.faults import Checks, checks
+from diagnosis.interface.faults import Checks
 from diagnosis.interface.position import points_down
 from diagnosis.logs.flights import FlightSet
 
@@ -22,26 +22,21 @@ _TOLD_BY = {
 """The motion that tells the sign of an axis: a drone rolls to fly along y, and pitches along x."""
 
 
-def untold(flights: FlightSet, made: Checks | None = None) -> tuple[Untold, ...]:
-    """Every check that these flights do not allow, though their columns would.
-
-    `made` are the `checks` of these flights, where they were made already.
-    """
-    made = made or checks(flights)
+def untold(flights: FlightSet, made: Checks) -> tuple[Untold, ...]:
+    """Every check that these flights do not allow by `made`, though their columns would."""
     has_acc = made.windows is not None and made.windows.acc is not None
     has_gyro = made.windows is not None and made.windows.ang_vel is not None
-    there = {"velocity": True, "attitude": True, "attitude command": _commanded(flights)}
+    drones = [drone for flight in flights.flights for drone in flight.drones]
+    commanded = any(drone.cmd is not None for drone in drones)
+    inputs = ("cmd", "thrust", "rotor_vel", "pwm")
+    powered = all(any(getattr(drone, name) is not None for name in inputs) for drone in drones)
+    there = {"velocity": True, "attitude": True, "attitude command": commanded}
     there |= {"accelerometer": has_acc, "angular velocity": has_gyro}
     found = [one for part in _ASKED if there[part] for one in _of_part(part, made)]
     height = made.rise
-    if _powered(flights) and not points_down(height) and not (height and height.low > 0.0):
-        found.append(
-            Untold(
-                part="position",
-                what="whether the path's z axis points up",
-                fly=("z",),
-            )
-        )
+    if powered and not points_down(height) and not (height and height.low > 0.0):
+        up = "whether the path's z axis points up"
+        found.append(Untold(part="position", what=up, fly=("z",)))
     return tuple(found)
 
 
@@ -59,13 +54,3 @@ def _sign(part: str, axis: str) -> str:
     if part == "attitude command":
         return f"sign of commanded {axis}"
     return f"sign of {axis}" if part == "attitude" else f"sign of the {part}'s {axis} axis"
-
-
-def _commanded(flights: FlightSet) -> bool:
-    return any(drone.cmd is not None for flight in flights.flights for drone in flight.drones)
-
-
-def _powered(flights: FlightSet) -> bool:
-    drones = [drone for flight in flights.flights for drone in flight.drones]
-    inputs = ("cmd", "thrust", "rotor_vel", "pwm")
-    return all(any(getattr(drone, name) is not None for name in inputs) for drone in drones)

@@ -18,6 +18,7 @@ Other columns are ignored. A group is there with all of its columns or with none
 """
 
 import csv
+import dataclasses
 import difflib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -60,6 +61,16 @@ SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 class LogError(ValueError):
     """Logs that cannot be used; the message is one line for each thing that is wrong."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LeftOut:
+    """A file, a flight or a part of it that does not count."""
+
+    name: str
+    """The file's name with its ending, or the flight's."""
+    reason: str
+    """One line: the file, where in it, what is wrong, what is expected."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

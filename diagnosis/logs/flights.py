@@ -10,16 +10,15 @@ Files that cannot be used are left out with one line each that says why; the oth
 import dataclasses
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float64
 
 from diagnosis.logs.airframes import AIRFRAMES, Airframe, as_toml
-from diagnosis.logs.columns import GROUPS, LogError
+from diagnosis.logs.columns import GROUPS, LeftOut, LogError
 from diagnosis.logs.folder import check_header, find_flights, reason_for
 from diagnosis.logs.table_files import Columns, read_columns
 from diagnosis.logs.units import cells
@@ -107,16 +106,6 @@ class VehicleFile:
 
 
 @dataclasses.dataclass(frozen=True)
-class LeftOut:
-    """A file that cannot be used."""
-
-    name: str
-    """The file's name with its ending."""
-    reason: str
-    """One line: the file, where in it, what is wrong, what is expected."""
-
-
-@dataclasses.dataclass(frozen=True)
 class FlightSet:
     """Flights of one vehicle."""
 
@@ -128,6 +117,14 @@ class FlightSet:
     """Usable flights by name; at least one."""
     left_out: tuple[LeftOut, ...]
     """Files that are not among them."""
+
+    def each(self, change: Callable[[DroneLog], DroneLog]) -> "FlightSet":
+        """The flights with every drone's log changed."""
+        flights = (
+            dataclasses.replace(flight, drones=tuple(map(change, flight.drones)))
+            for flight in self.flights
+        )
+        return dataclasses.replace(self, flights=tuple(flights))
 
 
 def load_flights(path: Path) -> FlightSet:
@@ -151,14 +148,13 @@ def load_flights(path: Path) -> FlightSet:
             left_out.append(LeftOut(file.name, reason_for(file, error)))
     if not flights:
         raise LogError("\n".join(f"{path}/{left.reason}" for left in left_out))
-    return FlightSet(path, vehicle, _of_one_cell(tuple(flights.values())), tuple(left_out))
+    return _of_one_cell(FlightSet(path, vehicle, tuple(flights.values()), tuple(left_out)))
 
 
 def write_flights(
     path: Path,
     vehicle: VehicleFile,
     flights: Sequence[FlightLog],
-    kind: Literal["parquet", "csv"] = "parquet",
 ) -> None:
     """A folder of flights, written so that `load_flights` reads them as they are.
 
@@ -166,7 +162,6 @@ def write_flights(
         path: The folder; made if it is not there.
         vehicle: What vehicle.toml says.
         flights: What flew; all drones of a flight log the same columns.
-        kind: Ending and format of the log files; CSV keeps every digit.
 
     Raises:
         ValueError: A name names no file, or drones of one flight log different columns.
@@ -191,11 +186,7 @@ def write_flights(
         encoding="utf-8",
     )
     for name, table in zip(names, tables, strict=True):
-        file = folder / f"{name}.{kind}"
-        if kind == "csv":
-            table.to_csv(file, index=False)
-        else:
-            table.to_parquet(file, index=False)
+        table.to_parquet(folder / f"{name}.parquet", index=False)
 
 
 def _read_flight(file: Path, vehicle: VehicleFile) -> FlightLog:
@@ -205,24 +196,17 @@ def _read_flight(file: Path, vehicle: VehicleFile) -> FlightLog:
     return FlightLog(file.stem, tuple(_drone_log(drone) for drone in drones))
 
 
-def _of_one_cell(flights: tuple[FlightLog, ...]) -> tuple[FlightLog, ...]:
+def _of_one_cell(flights: FlightSet) -> FlightSet:
     """The flights with the voltage of one cell, which what follows it is made for."""
-    volts = [d.battery for flight in flights for d in flight.drones if d.battery is not None]
-    n_cells = cells(max((float(v.max()) for v in volts), default=0.0))
-    if n_cells == 1:
-        return flights
-    return tuple(
-        dataclasses.replace(
-            flight,
-            drones=tuple(
-                drone
-                if drone.battery is None
-                else dataclasses.replace(drone, battery=drone.battery / n_cells)
-                for drone in flight.drones
-            ),
-        )
-        for flight in flights
-    )
+    logs = [drone for flight in flights.flights for drone in flight.drones]
+    volts = [float(log.battery.max()) for log in logs if log.battery is not None]
+    n_cells = cells(max(volts, default=0.0))
+
+    def of_one(log: DroneLog) -> DroneLog:
+        battery = None if log.battery is None else log.battery / n_cells
+        return dataclasses.replace(log, battery=battery)
+
+    return flights if n_cells == 1 else flights.each(of_one)
 
 
 def _drone_log(columns: Columns) -> DroneLog:

@@ -24,6 +24,7 @@ from diagnosis.logs.flights import (
     DroneLog,
     FlightLog,
     FlightSet,
+    LeftOut,
     LogError,
     VehicleFile,
     stretches,
@@ -57,8 +58,8 @@ class Inputs:
     """Whether the attitude is prescribed from measurement."""
     kind: str
     """`commands`, `PRESCRIBED`, `rotor speeds` or `PWM`."""
-    left_out: tuple[tuple[str, str], ...]
-    """Flights without that input, and flights or parts of them that are an upset, with the why."""
+    left_out: tuple[LeftOut, ...]
+    """Flights without that input, and flights or parts of them that are an upset."""
 
     @property
     def produced(self) -> bool:
@@ -89,10 +90,10 @@ class Inputs:
         if not silent:
             return self
         names = [self.flights[i].name for i in sorted(silent)]
-        gone = tuple((name, f"flights/{name}: {why}") for name in names)
+        gone = tuple(LeftOut(name, f"flights/{name}: {why}") for name in names)
         left = tuple(f for i, f in enumerate(self.flights) if i not in silent)
         if not left:
-            raise LogError("\n".join(reason for _, reason in gone))
+            raise LogError("\n".join(one.reason for one in gone))
         return dataclasses.replace(self, flights=left, left_out=(*self.left_out, *gone))
 
 
@@ -112,16 +113,15 @@ def choose_inputs(
     kind = next((k for k in possible if there.get(k)), possible[0] if possible else None)
     if kind is None:
         if not flights.flights:
-            raise LogError(
-                "\n".join([f"{flights.path}, no flight is usable:", *dict(fallen).values()])
-            )
+            why = [f"{flights.path}, no flight is usable:", *(one.reason for one in fallen)]
+            raise LogError("\n".join(why))
         raise LogError(
             f"{flights.path}: no flight has cmd_*, rotor_vel_*, or pwm_* with battery."
             + _of_no_use(flights.vehicle)
         )
     usable = able[kind]
     bare = tuple(
-        (f.name, f"flights/{f.name}: has no {kind}, which the other flights are replayed by")
+        LeftOut(f.name, f"flights/{f.name}: has no {kind}, which the other flights are replayed by")
         for f in flights.flights
         if f not in usable
     )
@@ -151,13 +151,13 @@ def driven_alike(
     return inputs, before
 
 
-def _controlled(flights: FlightSet) -> tuple[FlightSet, tuple[tuple[str, str], ...]]:
-    """Every flight until it loses control, and what that leaves out, by flight."""
+def _controlled(flights: FlightSet) -> tuple[FlightSet, tuple[LeftOut, ...]]:
+    """Every flight until it loses control, and what that leaves out."""
     kept, fallen = [], []
     for flight in flights.flights:
         before, why = before_upset(flight)
         kept += [before] if before is not None else []
-        fallen += [(flight.name, why)] if why else []
+        fallen += [LeftOut(flight.name, why)] if why else []
     return dataclasses.replace(flights, flights=tuple(kept)), tuple(fallen)
 
 

@@ -102,13 +102,8 @@ Stretches = Callable[[DroneLog], Sequence[tuple[float, float]]]
 """Stretches [s] of a log that must not count, besides those after an unknown command."""
 
 
-def nowhere(log: DroneLog) -> Sequence[tuple[float, float]]:
-    """No stretch at all."""
-    return ()
-
-
 def cut(
-    flights: Sequence[FlightLog], dt: float, measured: int = 0, ignored: Stretches = nowhere
+    flights: Sequence[FlightLog], dt: float, measured: int = 0, ignored: Stretches = lambda _: ()
 ) -> list[Segments]:
     """Segments for steps of `dt` [s], one group for each number of drones in a flight.
 

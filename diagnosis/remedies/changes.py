@@ -84,7 +84,8 @@ def _of(diagnosis: Diagnosis, effect: Effect, change: Change) -> FirmwareChange:
     elif change.powers:
         how, (amount, low, high) = "times", _product(effect.name, change, sizes)
     else:
-        how, (amount, low, high) = "plus", _sum(change, sizes)
+        gained = [_of_size(lambda name, x: change.gains[name] * x, size) for size in sizes]
+        how, (amount, low, high) = "plus", _summed(gained)
     return FirmwareChange(
         effects=(effect.name,),
         parameters=tuple(change.parameter.split(", ")),
@@ -112,7 +113,9 @@ def _together(one: FirmwareChange, other: FirmwareChange) -> FirmwareChange:
     if one.how == "value":
         amount, low, high = first
     elif one.how == "times":
-        amount, low, high = _exponential(_summed([_logarithm(first), _logarithm(second)]))
+        amount, low, high = _mapped(
+            math.exp, _summed([_mapped(math.log, x) for x in (first, second)])
+        )
     else:
         amount, low, high = _summed([first, second])
     return dataclasses.replace(
@@ -148,36 +151,24 @@ def _product(effect: str, change: Change, sizes: list[Parameter]) -> Ends:
     """Factor with its interval; sizes of an effect are taken as independent."""
     kinds = registry.load("effect", effect).parameters
 
-    def log(size: Parameter, value: float) -> float:
-        factor = value if kinds[size.name].neutral == 1.0 else 1.0 + value
-        return change.powers[size.name] * math.log(max(factor, 1e-9))
+    def log(name: str, value: float) -> float:
+        factor = value if kinds[name].neutral == 1.0 else 1.0 + value
+        return change.powers[name] * math.log(max(factor, 1e-9))
 
-    return _exponential(_summed([_mapped(log, size) for size in sizes]))
-
-
-def _sum(change: Change, sizes: list[Parameter]) -> Ends:
-    return _summed([_mapped(lambda size, x: change.gains[size.name] * x, size) for size in sizes])
+    return _mapped(math.exp, _summed([_of_size(log, size) for size in sizes]))
 
 
-def _exponential(ends: Ends) -> Ends:
-    value, *interval = ends
-    low, high = (None if end is None else math.exp(end) for end in interval)
-    return math.exp(value), low, high
+def _of_size(function: Callable[[str, float], float], size: Parameter) -> Ends:
+    return _mapped(functools.partial(function, size.name), (size.value, size.low, size.high))
 
 
-def _logarithm(ends: Ends) -> Ends:
-    value, *interval = ends
-    low, high = (None if end is None else math.log(end) for end in interval)
-    return math.log(value), low, high
-
-
-def _mapped(function: Callable[[Parameter, float], float], size: Parameter) -> Ends:
-    """A monotonic function of a size, ends in order."""
-    value = function(size, size.value)
-    if size.low is None or size.high is None:
-        return value, None, None
-    low, high = sorted((function(size, size.low), function(size, size.high)))
-    return value, low, high
+def _mapped(function: Callable[[float], float], ends: Ends) -> Ends:
+    """A monotonic function of a number, ends in order."""
+    value, low, high = ends
+    if low is None or high is None:
+        return function(value), None, None
+    low, high = sorted((function(low), function(high)))
+    return function(value), low, high
 
 
 def _summed(terms: Sequence[Ends]) -> Ends:

@@ -3,11 +3,8 @@
 import dataclasses
 from collections.abc import Mapping
 
-import numpy as np
-
 from diagnosis.result import VerdictKind
 from diagnosis.result_parts import AtBound, Followed
-from diagnosis.twin.channels import CHANNELS, UNITS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,15 +87,3 @@ class TwinAnswer(Naming):
     """Chi-square per number of the changed flights, without and with the named effects."""
     set_aside: tuple[str, ...]
     """Changed flights that do not count: the others differ from the twin far less."""
-
-
-def followed(
-    simulator: np.ndarray, twin: np.ndarray, seen: tuple[int, ...]
-) -> tuple[Followed, ...]:
-    """The records of all channels that are seen."""
-    return tuple(
-        Followed(
-            channel=CHANNELS[c], unit=UNITS[c], simulator=float(simulator[c]), twin=float(twin[c])
-        )
-        for c in seen
-    )

@@ -13,7 +13,7 @@ from diagnosis.decide.prepared import Progress, Question, silent
 from diagnosis.decide.support import supported
 from diagnosis.decision import Decision
 from diagnosis.fit.shrinkage import unknown_shrink
-from diagnosis.logs.inputs import Inputs
+from diagnosis.logs.flights import LeftOut
 from diagnosis.recorded import MOST_CANDIDATES, flights_used, limits_of, settings_of, this_program
 from diagnosis.result import (
     Candidate,
@@ -31,7 +31,6 @@ from diagnosis.result_parts import (
     Flights,
     Misfit,
     NotObservable,
-    NotUsed,
     Shrink,
 )
 from diagnosis.statements import (
@@ -83,8 +82,6 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
     remainder = _remainder(study, verdict, decision)
     where = _where(study, [one.before for one in study.scored], decision)
     others = rms([one.before for one in study.scored], [one.valid for one in study.scored])
-    inputs = dataclasses.replace(study.inputs, left_out=())
-    compared = dataclasses.replace(study.compared, left_out=())
     return Diagnosis(
         verdict=verdict,
         probability=effects[0].probability if found.effects else None,
@@ -105,14 +102,12 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
             decision,
         ),
         flights=_used(
-            flights_used(question.flights, inputs, lambda _: "fit, and held out in turn"),
-            study.inputs,
+            flights_used(question.flights, study.inputs, lambda _: "fit, and held out in turn"),
             [one.name for one in study.scored],
             _missed(study, study.aside, others),
         ),
         reference=_used(
-            flights_used(question.reference, compared, lambda _: "reference"),
-            study.compared,
+            flights_used(question.reference, study.compared, lambda _: "reference"),
             [score.name for score in study.twin.scores],
             _missed(study, study.reference_aside, study.twin.error),
         ),
@@ -147,24 +142,22 @@ def _size(value: float, channel: int) -> str:
     return f"{float(f'{shown:.2g}'):g} {'degrees' if angle else UNITS[channel]}"
 
 
-def _used(
-    flights: Flights, inputs: Inputs, counted: Sequence[str], odd: Mapping[str, str]
-) -> Flights:
+def _used(flights: Flights, counted: Sequence[str], odd: Mapping[str, str]) -> Flights:
     """`flights` with those left out that did not count, each with its reason.
 
     `odd` says it of those that were set aside.
     """
-    gone = [(name, reason) for name, reason in inputs.left_out]
+    gone = []
     for flight in flights.used:
         if flight.name in odd:
-            gone.append((flight.name, f"flights/{flight.name}: {odd[flight.name]}"))
+            gone.append(LeftOut(flight.name, f"flights/{flight.name}: {odd[flight.name]}"))
         elif flight.name not in counted:
             why = f"it holds less than {FEWEST_SAMPLES} samples of 20 ms that can be compared"
-            gone.append((flight.name, f"flights/{flight.name}: {why}"))
+            gone.append(LeftOut(flight.name, f"flights/{flight.name}: {why}"))
     return dataclasses.replace(
         flights,
         used=tuple(flight for flight in flights.used if flight.name in counted),
-        left_out=(*flights.left_out, *(NotUsed(name=n, reason=why) for n, why in gone)),
+        left_out=(*flights.left_out, *gone),
     )
 
 
@@ -261,8 +254,6 @@ def _remainder(study: ChangeStudy, verdict: str, decision: Decision) -> Remainde
         share=share,
         noteworthy=noteworthy(share, decision),
         mostly_explained=mostly_explained(share, decision),
-        structure_before=None,
-        structure=None,
         where=_where(study, [one.after for one in study.scored], decision),
     )
 
@@ -333,15 +324,9 @@ def _details(study: ChangeStudy, seen: Sequence[tuple[int, float]]) -> Details:
     silent = "flights differ from each other by more than this effect could cause"
     return Details(
         misfit=Misfit(before=found.misfit[0], after=found.misfit[1]),
-        dispersion=None,
-        noise=(),
-        windows=None,
-        set_aside=(),
         limits=limits_of(slots, seen),
         not_observable=tuple(NotObservable(effect=name, why=silent) for name in found.unseen),
-        shared=(),
         before_after=tuple(_along(one) for one in study.scored) if found.effects else (),
-        gap_in_time=(),
         followed=found.followed,
     )
 

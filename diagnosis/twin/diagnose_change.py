@@ -9,8 +9,9 @@ from jaxtyping import Float
 from diagnosis.decide.prepared import Progress, Question, silent
 from diagnosis.decision import Decision
 from diagnosis.logs.inputs import Inputs, driven_alike
-from diagnosis.twin.answer import TwinAnswer, followed
-from diagnosis.twin.channels import Channels
+from diagnosis.result_parts import Followed
+from diagnosis.twin.answer import TwinAnswer
+from diagnosis.twin.channels import CHANNELS, UNITS, Channels
 from diagnosis.twin.drift import (
     Scored,
     drift_shrink,
@@ -115,9 +116,14 @@ def answer_change(
         scored = score_flights(twin, kept, kept, named.at)
     fields = {field.name for field in dataclasses.fields(TwinAnswer)}
     own = {name: value for name, value in vars(named).items() if name in fields}
+    followed = (
+        Followed(channel=CHANNELS[c], unit=UNITS[c], simulator=float(gap), twin=float(error))
+        for c, gap, error in zip(range(len(CHANNELS)), twin.gap, twin.error, strict=True)
+        if c in twin.colour.seen
+    )
     answer = TwinAnswer(
         **own,
-        followed=followed(twin.gap, twin.error, twin.colour.seen),
+        followed=tuple(followed),
         misfit=misfit(twin, scored),
         set_aside=aside,
     )

@@ -87,10 +87,10 @@ def test_changed_labels_are_found_out(tmp_path):
     path = tmp_path / "labels.json"
     drawn = cases.draw_cases(COUNTS, entropy=5)
     sha256 = cases.write_labels(path, drawn)
-    assert list(cases.read_labels(path, sha256).values()) == drawn
+    assert list(cases.read_labels(path, cases.Case.of, sha256).values()) == drawn
     path.write_text(path.read_text().replace("clean", "unknown"))
     with pytest.raises(ValueError, match=r"has changed: its SHA-256 is"):
-        cases.read_labels(path, sha256)
+        cases.read_labels(path, cases.Case.of, sha256)
 
 
 def test_the_salt_keeps_equal_labels_from_having_equal_digests(tmp_path):
@@ -110,7 +110,9 @@ def test_written_cases_load_and_do_not_tell_their_effect(tmp_path):
     seen, hidden = tmp_path / "cases", tmp_path / "labels"
     cases.write_cases(seen, hidden, drawn)
     sha256 = cases.write_labels(hidden / "labels.json", drawn)
-    assert list(cases.read_labels(hidden / "labels.json", sha256)) == [case.id for case in drawn]
+    assert list(cases.read_labels(hidden / "labels.json", cases.Case.of, sha256)) == [
+        case.id for case in drawn
+    ]
     assert {path.name for path in seen.iterdir()} == {case.id for case in drawn}
     assert len({(path / "vehicle.toml").read_text() for path in seen.iterdir()}) == 1
     for case in drawn:
@@ -136,7 +138,9 @@ def test_flights_that_are_gone_are_flown_again_from_their_labels(tmp_path):
 
     def fly():
         cases.write_cases(
-            tmp_path / "cases", path.parent, [*cases.read_labels(path, sha256).values()]
+            tmp_path / "cases",
+            path.parent,
+            [*cases.read_labels(path, cases.Case.of, sha256).values()],
         )
         found = [file for file in tmp_path.rglob("*") if file.is_file()]
         return {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in found}

@@ -47,9 +47,9 @@ def push(effect, now, vehicle=VEHICLE):
     return effect.wrench(effect.init(len(now.pos), DT), now, vehicle, DT)[1:]
 
 
-def ramp(n=200):
+def ramp():
     """Commands that all rise by one a second."""
-    return np.arange(n)[:, None] * DT * np.ones(4)
+    return np.arange(200)[:, None] * DT * np.ones(4)
 
 
 def test_neutral_disturbances_change_nothing():

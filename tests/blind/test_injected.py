@@ -5,7 +5,6 @@ import json
 import sys
 
 import flying
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -15,9 +14,10 @@ from flights_for_tests import flight_set, made_log
 from scipy.spatial.transform import Rotation
 
 from bench.cli.app import main
+from blind.draw.cases import read_labels
 from blind.draw.faults import ALL, able
 from blind.draw.folders import Folders
-from blind.draw.injected import NOTHING, Injected, draw_injected, read_injected_labels
+from blind.draw.injected import NOTHING, Injected, draw_injected
 from blind.fly import log_faults
 from blind.report.in_short import INJECTED, in_short
 from blind.report.injected_section import InjectedTables, by_size, section
@@ -29,7 +29,6 @@ from diagnosis.logs.flights import FlightLog, LogError, load_flights, write_flig
 from diagnosis.logs.inputs import thrust_of_pwm, thrust_of_rotors
 from simulators import registry
 from simulators.contract import with_effects
-from simulators.flight import Flight
 from simulators.point_mass import PointMass
 from simulators.vehicle import VEHICLES
 
@@ -65,24 +64,16 @@ TWINS = {
     "attitude_gain": ("attitude_gain", {"g": -0.2}),
     "delay": ("delay", {"seconds": 0.04}),
     "yaw_misalignment": ("yaw_misalignment", {"angle": 0.1}),
+    "tilt_turned_in_yaw": ("frame_misalignment", {"angle": 0.1}),
 }
 """Faults with the effect of the library that they must equal."""
 
 
 def flown(simulator, cmd):
     """Positions under commands, from rest."""
-    pos = jnp.asarray([[0.0, 0.0, 1.0]])
-    rest = Flight(
-        t=jnp.zeros(()),
-        pos=pos,
-        vel=jnp.zeros((1, 3)),
-        quat=jnp.asarray([[0.0, 0.0, 0.0, 1.0]]),
-        ang_vel=jnp.zeros((1, 3)),
-        thrust=jnp.asarray([SPEC.mass * 9.81]),
-        torque=jnp.zeros((1, 3)),
-    )
     cmds = jnp.asarray(cmd)[:, None]
-    state = simulator.restore(rest, jnp.repeat(cmds[:1], 10, axis=0), jax.random.key(0))
+    rest = flying.hover_flight(jnp.asarray([[0.0, 0.0, 1.0]]))
+    state = flying.restore(simulator, rest, jnp.repeat(cmds[:1], 10, axis=0))
     return np.asarray(flying.fly(simulator, state, cmds, 0.01).pos[:, 0])
 
 
@@ -191,7 +182,7 @@ def test_a_run_scores_what_was_answered_and_resumes(tmp_path, folder, stub, caps
     asked = {"reference": True, "cases": 16, "out": out, "seed": 15, "jobs": 2}
     assert run_injected(folder, **asked) == 0
     folders = Folders(out)
-    labels = read_injected_labels(folders.labels, folders.read_state()["sha256"])
+    labels = read_labels(folders.labels, Injected.of, folders.read_state()["sha256"])
     cases = pd.read_parquet(out / "cases.parquet").set_index("case")
     assert set(cases.index) == set(labels)
     for case in labels.values():
@@ -228,16 +219,6 @@ def tells_nothing(place, case):
 
 REFUSED = ("degrees", "grams", "scalar_first", "body_velocity")
 """Faults that `load_flights` may refuse by itself."""
-
-
-def test_labels_that_are_touched_are_noticed(tmp_path, folder, stub, capsys):
-    out = tmp_path / "out"
-    asked = {"cases": 4, "out": out, "seed": 1, "jobs": 2}
-    run_injected(folder, **asked)
-    labels = Folders(out).labels
-    labels.write_text(labels.read_text().replace("none", "trim"))
-    assert run_injected(folder, **asked) == 1
-    assert "has changed" in capsys.readouterr().out
 
 
 def test_another_request_in_the_same_folder_is_refused(tmp_path, folder, stub, capsys):

@@ -29,43 +29,11 @@ def flown(log):
     return flight_set([FlightLog("one", (log,))])
 
 
-def commands(flights):
-    cmd = flights.flights[0].drones[0].cmd
-    assert cmd is not None
-    return cmd
-
-
 @pytest.mark.parametrize("name", sorted(STUDIED))
 def test_what_is_studied_is_a_parameter_of_an_effect_of_the_library(name):
     studied = STUDIED[name]
     parameter = registry.load("effect", studied.effect).parameters[studied.parameter]
     assert parameter.unit == studied.unit
-
-
-def changed(name, size):
-    return commands(STUDIED[name].apply(flown(made_log()), size))
-
-
-def test_each_fault_changes_what_it_says_by_its_size():
-    cmd = commands(flown(made_log()))
-    new = {name: changed(name, studied.aim) for name, studied in STUDIED.items()}
-    np.testing.assert_allclose(new["thrust"][:, 3] * 1.05, cmd[:, 3])
-    np.testing.assert_allclose(new["delay"], cmd[2:])  # 20 ms at 100 Hz
-    np.testing.assert_allclose(new["roll offset"][:, 0], cmd[:, 0] - np.deg2rad(1.5))
-    np.testing.assert_allclose(new["pitch offset"][:, 1], cmd[:, 1] - np.deg2rad(1.5))
-    np.testing.assert_allclose(new["attitude gain"][:, :2] * 1.1, cmd[:, :2])
-    tilt, turned = cmd[:, 0] + 1j * cmd[:, 1], new["frame"][:, 0] + 1j * new["frame"][:, 1]
-    np.testing.assert_allclose(turned, tilt * np.exp(-1j * np.deg2rad(5.0)))
-
-
-@pytest.mark.parametrize("name", sorted(STUDIED))
-def test_a_fault_of_opposite_size_takes_the_first_one_back(name):
-    """Linear ones to first order; a delay but for its ends."""
-    flights, size = flown(made_log()), STUDIED[name].aim * (1.0 if name == "delay" else 0.1)
-    back = STUDIED[name].apply(STUDIED[name].apply(flights, size), -size)
-    was = commands(flights)[2:-2] if name == "delay" else commands(flights)
-    now = commands(back)[: len(was)]
-    np.testing.assert_allclose(now, was, rtol=2e-4, atol=1e-5)
 
 
 def test_what_the_inputs_do_not_show_is_not_studied():

@@ -137,6 +137,26 @@ def thinned(flight, rows):
     return dataclasses.replace(flight, drones=(some_rows(drone, rows),))
 
 
+def edited(flown, change):
+    """A flight or a set of them; `change` gives new columns of each drone's log."""
+    if isinstance(flown, FlightSet):
+        return flown.each(lambda log: dataclasses.replace(log, **change(log)))
+    drones = tuple(dataclasses.replace(log, **change(log)) for log in flown.drones)
+    return dataclasses.replace(flown, drones=drones)
+
+
+def misled(flight, rng, columns, size):
+    """The flight with commands in these columns that are up to `size` off those that were flown."""
+
+    def change(log):
+        off = rng.uniform(-size, size, (len(log.cmd) // 15 + 1, len(columns)))
+        cmd = log.cmd.copy()
+        cmd[:, columns] += np.repeat(off, 15, axis=0)[: len(cmd)]
+        return {"cmd": cmd}
+
+    return edited(flight, change)
+
+
 def sizes(simulator):
     """Attached effects with their parameters."""
     return {

@@ -62,7 +62,7 @@ def aerospace(quat):
     return np.stack([c * (w + z), c * (x + y), c * (x - y), c * (w - z)], axis=1)
 
 
-def write_ulog(path, log, hover_thrust, rates=RATES, hover=HOVER, prefix=b""):
+def write_ulog(path, log, hover_thrust, rates=RATES, hover=HOVER):
     """A ULog file, written by pyulog."""
     pyulog = pytest.importorskip("pyulog", reason="pyulog is not installed")
     data, ulog = flown(log, hover_thrust), pyulog.ULog(None)

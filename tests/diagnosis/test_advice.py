@@ -10,11 +10,6 @@ from simulators import registry
 from simulators.effects.card import Input, load_card, load_cards, manoeuvre
 
 
-def test_a_pair_that_looks_alike_is_separated_by_its_manoeuvre():
-    said = next_flight("effect", {"wind": [], "mass": ["thrust_gain"]}, None, ["drag"], 8)
-    assert said.startswith("To separate mass from thrust gain: fast straight lines at 2 m/s")
-
-
 def test_of_several_pairs_one_with_a_tested_manoeuvre_comes_first():
     assert manoeuvre("mass", "drag") is None
     said = next_flight("effect", {"mass": ["drag", "thrust_gain"]}, None, [], 8)

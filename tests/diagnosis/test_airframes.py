@@ -34,7 +34,7 @@ from diagnosis.logs.inputs import PRESCRIBED, choose_inputs, thrust_of_rotors
 from diagnosis.replay.believed import default_simulator, loop_is_known, nominal_simulator
 from simulators.point_mass import PointMass
 from simulators.rotorpy_vehicle import derivative, make_multirotor, motor_speeds, runge_kutta
-from simulators.vehicle import CONTROL_DT, GRAVITY
+from simulators.vehicle import CONTROL_DT, GRAVITY, VEHICLES
 
 SHEET = """
 name = "a quadrotor of 1.5 kg"
@@ -274,11 +274,12 @@ def test_what_a_vehicle_file_is_checked_by_is_what_flies():
     ]
 
 
-@pytest.mark.parametrize("name", ["cf2x_P250", "cf2x_T350"])
+@pytest.mark.parametrize("name", ["cf2x_P250", "cf2x_T350", *VEHICLES])
 def test_named_airframes_are_crazyflows(name):
     package = pathlib.Path(importlib.util.find_spec("crazyflow").submodule_search_locations[0])
     text = (package / "dynamics/first_principles/params.toml").read_text()
     theirs, ours = tomllib.loads(text)[name], AIRFRAMES[name]
+    assert ours.name == name
     assert (ours.mass, ours.arm) == (theirs["mass"], theirs["L"])
     assert ours.thrust_max == pytest.approx(4 * theirs["thrust_max"])
     assert list(ours.rpm2thrust) == theirs["rpm2thrust"]

@@ -4,7 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, all_but, few_or_all, flight_set, fly, point_mass_set, thinned
+from flights_for_tests import (
+    SIGMA,
+    all_but,
+    edited,
+    few_or_all,
+    flight_set,
+    fly,
+    point_mass_set,
+    thinned,
+)
 
 from diagnosis.decide.attribution import attribute
 from diagnosis.decide.prepared import make_likelihood
@@ -101,16 +110,17 @@ def test_an_error_of_the_start_costs_nothing(replay):
     assert likelihood.normal(replay.library.neutral).chi2 == pytest.approx(before, rel=1e-3)
 
 
+# `make test` has a force, a property of the plant, an onset and a command.
 @pytest.mark.parametrize(
     ("effect", "name"),
     [
         (Wind(x=0.3, y=-0.2), "wind"),
         (Mass(e=0.1), "mass"),
-        (Drag(c=0.4), "drag"),
-        (QuadraticDrag(k=0.5), "quadratic_drag"),
+        pytest.param(Drag(c=0.4), "drag", marks=pytest.mark.exhaustive),
+        pytest.param(QuadraticDrag(k=0.5), "quadratic_drag", marks=pytest.mark.exhaustive),
         (Gust(x=0.8, y=0.3, onset=3.2), "gust"),
-        (AttitudeGain(g=-0.1), "attitude_gain"),
-        (Trim(roll=0.02, pitch=-0.01), "trim"),
+        pytest.param(AttitudeGain(g=-0.1), "attitude_gain", marks=pytest.mark.exhaustive),
+        pytest.param(Trim(roll=0.02, pitch=-0.01), "trim", marks=pytest.mark.exhaustive),
         (Delay(seconds=0.03), "delay"),
     ],
 )
@@ -351,10 +361,11 @@ def test_flights_with_bad_windows_after_a_gap_distrust_only_those(replay):
 
 def bumped(flight):
     """The flight with 5 cm on its position for a moment, in one window."""
-    (drone,) = flight.drones
-    pos = drone.pos.copy()
-    pos[(drone.t > 2.25) & (drone.t < 2.4)] += 0.05
-    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, pos=pos),))
+
+    def bump(log):
+        return {"pos": log.pos + 0.05 * ((log.t > 2.25) & (log.t < 2.4))[:, None]}
+
+    return edited(flight, bump)
 
 
 @few_or_all()

@@ -47,9 +47,9 @@ def put(tmp_path_factory, source, data):
     return folder / source.name
 
 
-def why_not(file, out=None, **options):
+def why_not(file, **options):
     """The one line that says why nothing is imported; nothing is left behind."""
-    out = out or file.parent / "deeper" / "out"
+    out = file.parent / "deeper" / "out"
     before = sorted(file.parent.rglob("*"))
     with pytest.raises(LogError) as caught:
         import_logs([file], out, VEHICLE, full_thrust=FULL, **options)

@@ -106,17 +106,6 @@ def test_rows_out_of_order_and_twice_are_put_right():
     assert [taken.dropped for taken in rows.taken if taken.field == "pos"] == [1]
 
 
-def test_a_quaternion_of_zeros_is_dropped():
-    log = circle()
-    parts, quat = streams(log), log.quat.copy()
-    quat[[0, 100]] = 0.0
-    parts[2] = dataclasses.replace(parts[2], values=quat)
-    rows = make_rows(parts, 0.0)
-    assert [taken.dropped for taken in rows.taken if taken.field == "quat"] == [2]
-    at = np.searchsorted(log.t, rows.columns["t"] - 1e-6)
-    np.testing.assert_allclose(rows.columns["quat_w"], log.quat[at, 3], atol=1e-6)
-
-
 def test_positions_that_px4_calls_invalid_are_dropped_and_counted():
     log = circle()
     columns = np.concatenate([log.pos, log.vel], axis=1).T[[1, 0, 2, 4, 3, 5]]

@@ -5,6 +5,7 @@ import functools
 from types import SimpleNamespace as Namespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from flights_for_tests import fly
 from import_logs_for_tests import FLOWN, FORMATS, write_log
@@ -13,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from diagnosis.importing.bags import _odometry
 from diagnosis.importing.convert import import_logs
-from diagnosis.importing.crazyflie import Variable, crazyflie_streams, unpacked
+from diagnosis.importing.crazyflie import crazyflie_streams, unpacked
 from diagnosis.importing.reader import Request
 from diagnosis.importing.report import import_report
 from diagnosis.logs.flights import load_flights
@@ -149,10 +150,10 @@ def test_mellingers_axis_of_thrust_becomes_roll_and_pitch(log, first):
     asked = Rotation.from_euler("xyz", np.column_stack([log.cmd[:, :2], yaw]))
     axis = asked.apply([0.0, 0.0, 1.0])
     values = dict(zip(("zdx", "zdy", "zdz"), axis.T, strict=True))
-    named = {f"ctrlMel.{n}": Variable(log.t, v) for n, v in values.items()}
+    named = {f"ctrlMel.{n}": pd.Series(v, log.t) for n, v in values.items()}
     measured = np.where(np.arange(len(log.t))[:, None] < first, 0.0, log.quat)
     quat = dict(zip(("qx", "qy", "qz", "qw"), measured.T, strict=True))
-    named |= {f"stateEstimate.{n}": Variable(log.t, v) for n, v in quat.items()}
+    named |= {f"stateEstimate.{n}": pd.Series(v, log.t) for n, v in quat.items()}
     streams, _ = crazyflie_streams(named, Request(mass=0.0434, thrust_max=0.8))
     (angles,) = [stream for stream in streams if stream.field == "cmd_angles"]
     assert np.isfinite(angles.values).all()

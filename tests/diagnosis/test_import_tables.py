@@ -154,18 +154,6 @@ def test_each_refused_table_is_named_with_its_own_reason(tmp_path):
     assert lines[1].startswith("b.csv: columns vel_x to vel_z: velocities say")
 
 
-def test_rows_whose_quaternion_is_zero_are_dropped_and_counted(tmp_path):
-    """A motion capture that loses its target may write zeros."""
-    file = write(tmp_path, circle())
-    frame = pd.read_csv(file)
-    frame.loc[[0, 40, 41], ["q0", "q1", "q2", "q3"]] = 0.0
-    frame.to_csv(file, index=False)
-    found = import_logs([file], tmp_path / "out", VEHICLE)
-    (rows,) = found.flights[0].drones.values()
-    assert {taken.field: taken.dropped for taken in rows.taken}["quat"] == 3
-    assert load_flights(tmp_path / "out").flights
-
-
 def test_a_table_without_any_attitude_stops_no_other(tmp_path):
     good = write(tmp_path, circle())
     bad = tmp_path / "zeros.csv"

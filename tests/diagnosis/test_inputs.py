@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, flight_set, fly, rotor_speeds
+from flights_for_tests import SIGMA, edited, flight_set, fly, rotor_speeds
 
 from diagnosis.decide.prepared import make_likelihood, noise_of
 from diagnosis.fit.gap import drifts, rms
@@ -60,12 +60,8 @@ def thrust_only(flights):
 
 def _instead(flights, column, of_thrust):
     """The flights without commands, with a column that is made of the commanded thrust."""
-    found = []
-    for flight in flights:
-        (drone,) = flight.drones
-        bare = dataclasses.replace(drone, cmd=None, **{column: of_thrust(drone.cmd[:, 3])})
-        found.append(dataclasses.replace(flight, drones=(bare,)))
-    return tuple(found)
+    bare = lambda log: {"cmd": None, column: of_thrust(log.cmd[:, 3])}  # noqa: E731
+    return tuple(edited(flight, bare) for flight in flights)
 
 
 def test_commanded_thrust_alone_is_flown_under_the_measured_attitude(tmp_path):
@@ -95,13 +91,13 @@ def test_flights_that_lack_the_common_input_are_left_out_with_the_reason():
     mixed = (flown[0], rotors_only(flown[1:], spec)[0])
     inputs = choose_inputs(flight_set(mixed))
     assert [f.name for f in inputs.flights] == ["flight_0"]
-    assert inputs.left_out[0][0] == "flight_1"
-    assert "commands" in inputs.left_out[0][1]
+    assert inputs.left_out[0].name == "flight_1"
+    assert "commands" in inputs.left_out[0].reason
 
 
 def test_no_input_at_all_is_an_error():
     (flight,) = fly(PointMass(), n_flights=1, noise=0.0)
-    bare = dataclasses.replace(flight, drones=(dataclasses.replace(flight.drones[0], cmd=None),))
+    bare = edited(flight, lambda log: {"cmd": None})
     with pytest.raises(LogError, match="no flight has cmd"):
         choose_inputs(flight_set([bare]))
 
@@ -158,8 +154,7 @@ def test_both_sets_are_replayed_by_what_both_have():
     spec = VEHICLES["cf21B_500"]
     logged = fly(PointMass(), n_flights=1, seconds=2.0)
     (bare,) = rotors_only(logged, spec)
-    (drone,), (cmd,) = bare.drones, logged
-    both = dataclasses.replace(bare, drones=(dataclasses.replace(drone, cmd=cmd.drones[0].cmd),))
+    both = edited(bare, lambda log: {"cmd": logged[0].drones[0].cmd})
     target, reference = flight_set([bare]), flight_set([both])
     assert choose_inputs(reference).kind == "commands"
     assert choose_inputs(reference, beside=target).kind == "rotor speeds"

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from diagnoses_for_tests import load, none
-from flights_for_tests import flight_set, point_mass_set, real
+from flights_for_tests import flight_set, real
 from scipy.spatial.transform import Rotation
 
 from bench.diagnosis_report.documents import diagnosis_text
@@ -22,12 +22,6 @@ from diagnosis.interface.motors import turning as turnings
 from diagnosis.interface.readings import Reading, choose, signed_orders
 from diagnosis.logs.flights import DroneLog, FlightLog
 from diagnosis.result import Diagnosis
-
-
-@pytest.fixture(scope="module")
-def clean():
-    """Flights in which nothing is wrong."""
-    return point_mass_set(n_flights=6, seconds=6.0)
 
 
 def with_fault(flights, name, **parameters):
@@ -166,7 +160,7 @@ def test_beside_a_reference_the_turn_since_then_counts_where_both_are_off(clean)
     assert fault.evidence[0].value == pytest.approx(29.8, abs=2.0)
 
 
-def turning(order=(0, 1, 2, 3), n=6, gyro="body", noise=1.0):
+def turning(order=(0, 1, 2, 3), n=6, gyro="body"):
     """Logs of a drone that is turned by its motors, which stand in columns by `order`."""
     rng, flights, dt = np.random.default_rng(4), [], 0.01
     for _ in range(n):
@@ -193,7 +187,7 @@ def turning(order=(0, 1, 2, 3), n=6, gyro="body", noise=1.0):
                 pos=path + rng.normal(0, 1e-3, (rows, 3)),
                 vel=vel,
                 quat=turns.as_quat(),
-                ang_vel=ang_vel + noise * rng.normal(0, 0.05, (rows, 3)),
+                ang_vel=ang_vel + rng.normal(0, 0.05, (rows, 3)),
                 acc=np.tile([0.0, 0.0, 9.81], (rows, 1)) + rng.normal(0, 0.1, (rows, 3)),
                 pwm=motors[:, list(order)],
                 battery=np.full(rows, 3.8),

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import flight_set, point_mass_set, real
+from flights_for_tests import edited, flight_set, real
 
 from bench.diagnosis_report.sentences import not_checked
 from blind.draw.faults import ALL
@@ -23,18 +23,7 @@ EXCHANGED = np.asarray([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 def changed(flights, matrix, *columns):
     """The flights with these columns in other axes."""
-
-    def change(drone):
-        turned = {name: getattr(drone, name) @ matrix.T for name in columns}
-        return dataclasses.replace(drone, **turned)
-
-    return dataclasses.replace(
-        flights,
-        flights=tuple(
-            dataclasses.replace(flight, drones=tuple(change(drone) for drone in flight.drones))
-            for flight in flights.flights
-        ),
-    )
+    return edited(flights, lambda log: {name: getattr(log, name) @ matrix.T for name in columns})
 
 
 def said(flights, reference=None):
@@ -111,7 +100,7 @@ def test_exchanged_commands_of_one_short_flight_are_named():
 def test_what_one_flight_along_y_does_not_tell_is_listed():
     flights = real("crazyflie_plain", 1)
     assert found(ALL["flipped_pitch"].apply(flights, {})) == ()
-    parts = untold(flights)
+    parts = untold(flights, checks(flights))
     assert Untold(part="attitude command", what="sign of commanded pitch", fly=("x",)) in parts
     assert Untold(part="attitude", what="sign of the path's x axis", fly=("x",)) in parts
     assert {one.part for one in parts} >= {"position", "velocity"}
@@ -121,39 +110,26 @@ def test_what_one_flight_along_y_does_not_tell_is_listed():
 
 
 def test_flights_that_tell_everything_leave_nothing_unchecked():
-    assert untold(real("nanobench", 5)) == ()
+    flights = real("nanobench", 5)
+    assert untold(flights, checks(flights)) == ()
     assert not_checked(()) == []
 
 
-@pytest.fixture(scope="module")
-def simulated():
-    """Simulated flights in which nothing is wrong."""
-    return point_mass_set(n_flights=6, seconds=6.0)
-
-
-def test_simulated_flights_rise_with_their_thrust_until_they_are_upside_down(simulated):
-    upright = checks(simulated).rise
+def test_simulated_flights_rise_with_their_thrust_until_they_are_upside_down(clean):
+    upright = checks(clean).rise
     assert upright is not None
     assert upright.low > 0.0
-    assert said(changed(simulated, FLIPPED["z"], "pos", "vel")) == [DOWN]
+    assert said(changed(clean, FLIPPED["z"], "pos", "vel")) == [DOWN]
 
 
 def below(flights, height):
     """The flights with an origin so far above the floor."""
-    down = [0.0, 0.0, height]
-    return dataclasses.replace(
-        flights,
-        flights=tuple(
-            dataclasses.replace(f, drones=tuple(
-                dataclasses.replace(log, pos=log.pos - down) for log in f.drones))
-            for f in flights.flights
-        ),
-    )  # fmt: skip
+    return edited(flights, lambda log: {"pos": log.pos - [0.0, 0.0, height]})
 
 
-def test_heights_below_the_floor_are_said_and_the_flights_raised(simulated):
-    assert lifted(simulated) is simulated
-    sunk = below(simulated, 3.0)
+def test_heights_below_the_floor_are_said_and_the_flights_raised(clean):
+    assert lifted(clean) is clean
+    sunk = below(clean, 3.0)
     (fault,) = found(sunk)
     low = lowest(sunk)
     assert fault.part == "height"
@@ -163,8 +139,8 @@ def test_heights_below_the_floor_are_said_and_the_flights_raised(simulated):
 
 
 @pytest.mark.parametrize("seconds", [-0.3, 0.35])
-def test_a_wrong_clock_is_not_taken_for_a_path_that_points_down(simulated, seconds):
-    late = ALL["delay"].apply(simulated, {"seconds": seconds})
+def test_a_wrong_clock_is_not_taken_for_a_path_that_points_down(clean, seconds):
+    late = ALL["delay"].apply(clean, {"seconds": seconds})
     assert [fault.part for fault in found(late)] == ["command clock"]
 
 
@@ -190,12 +166,12 @@ def test_a_hover_says_nothing_of_up_and_down():
             log.pos[0, 2] -= 1.0
         flights = flight_set([FlightLog(f"f{i}", (log,)) for i, log in enumerate(logs)])
         assert [fault for fault in found(flights) if fault.part == "position"] == []
-        parts = {one.part for one in untold(flights)}
+        parts = {one.part for one in untold(flights, checks(flights))}
         assert {"position", "velocity", "attitude"} <= parts
 
 
-def test_no_rise_is_read_from_constant_inputs(simulated):
-    windows = checks(simulated).windows
+def test_no_rise_is_read_from_constant_inputs(clean):
+    windows = checks(clean).windows
     assert windows is not None
     assert windows.lift is not None
     constant = dataclasses.replace(windows, lift=np.ones_like(windows.lift))
@@ -222,14 +198,8 @@ def test_the_test_of_one_sign_keeps_its_level():
 
 def test_a_command_in_proportion_to_the_other_tells_no_sign():
     """A turned frame and a controller that makes up for most of it: pitch opposes its command."""
-    flights = real("crazyflie_changed", 1)
-
-    def mixed(drone):
-        cmd = drone.cmd.copy()
-        cmd[:, 1] = -0.2 * cmd[:, 0]
-        return dataclasses.replace(drone, cmd=cmd)
-
-    one = flights.flights[0]
-    log = dataclasses.replace(one, drones=tuple(mixed(drone) for drone in one.drones))
-    made = checks(dataclasses.replace(flights, flights=(log,))).compared["attitude command"]
+    mixed = np.eye(4)
+    mixed[1, :2] = -0.2, 0.0
+    flights = changed(real("crazyflie_changed", 1), mixed, "cmd")
+    made = checks(flights).compared["attitude command"]
     assert made is None or "pitch with the opposite sign" not in made.names

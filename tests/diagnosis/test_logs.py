@@ -90,11 +90,10 @@ def test_yaw_through_pi_gaps_and_jitter_are_fine(tmp_path):
 @given(
     name=st.text(st.characters(exclude_categories=["Cs"]), max_size=8),
     drones=st.integers(1, 3),
-    kind=st.sampled_from(["parquet", "csv"]),
     fields=st.sets(st.sampled_from(["ang_vel", "acc", "rotor_vel", "pwm", "battery"])),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_what_is_written_is_read_back_exactly(tmp_path_factory, name, drones, kind, fields, seed):
+def test_what_is_written_is_read_back_exactly(tmp_path_factory, name, drones, fields, seed):
     rng = np.random.default_rng(seed)
     logs = []
     for _ in range(drones):
@@ -108,7 +107,7 @@ def test_what_is_written_is_read_back_exactly(tmp_path_factory, name, drones, ki
     vehicle = VehicleFile(name, "cf21B_500", float(rng.uniform(0.03, 0.06)))
     flights = (FlightLog("a-1", tuple(logs)), FlightLog("b.2", (logs[0],)))
     path = tmp_path_factory.mktemp("set") / "flights"
-    write_flights(path, vehicle, flights, kind)
+    write_flights(path, vehicle, flights)
     loaded = load_flights(path)
     assert loaded.vehicle == vehicle
     assert loaded.left_out == ()

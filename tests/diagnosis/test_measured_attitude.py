@@ -1,13 +1,12 @@
 """When an answer about forces, judged under the measured attitude, is believed."""
 
-import dataclasses
 import types
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flights_for_tests import flight_set, point_mass_set
+from flights_for_tests import flight_set, misled, point_mass_set
 
 from diagnosis.decide.prepared import reference_of
 from diagnosis.decide.study import Study
@@ -67,19 +66,9 @@ def spun_set(*effects, rotors_of=1.0):
     return fine_set(*effects, ThrustLag(up=0.05, down=0.05), rotors_of=rotors_of)
 
 
-def misled(flight, rng):
-    """The flight with logged angle commands that are not those which were flown."""
-    (drone,) = flight.drones
-    cmd = drone.cmd.copy()
-    cmd[:, :2] += np.repeat(rng.uniform(-0.15, 0.15, (len(cmd) // 15 + 1, 2)), 15, axis=0)[
-        : len(cmd)
-    ]
-    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, cmd=cmd),))
-
-
 def test_forces_are_judged_under_the_measured_attitude_where_nothing_explains_it():
     rng = np.random.default_rng(0)
-    flights = [misled(f, rng) for f in fine_set(Wind(x=1.5)).flights]
+    flights = [misled(f, rng, [0, 1], 0.15) for f in fine_set(Wind(x=1.5)).flights]
     content = diagnose(flight_set(flights), simulator="point_mass")
     assert content.flights.driven_by == PRESCRIBED
     assert content.verdict == "effect"

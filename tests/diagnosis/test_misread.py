@@ -1,6 +1,5 @@
 """Logs whose columns are not what they are taken for: said at once, and nothing is simulated."""
 
-import dataclasses
 import html
 import json
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from flights_for_tests import point_mass_set
+from flights_for_tests import edited
 from scipy.spatial.transform import Rotation
 
 import diagnosis
@@ -24,12 +23,6 @@ from diagnosis.misread import misleads
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "diagnosis.schema.json"
 RIGHT, FLIPPED = Chosen((), 0.9, 0.9), Chosen(("another",), 0.9, 0.1)
-
-
-@pytest.fixture(scope="module")
-def clean():
-    """Flights in which nothing is wrong."""
-    return point_mass_set(n_flights=6, seconds=6.0)
 
 
 @pytest.fixture
@@ -95,16 +88,8 @@ def test_a_reference_with_a_wrong_column_is_no_reference(clean, nothing_is_simul
 def test_a_witness_that_is_wrong_leaves_the_answer_as_it_is(clean):
     """Nothing that is replayed comes from the angular velocity."""
     plain = engine.diagnose(clean, simulator="point_mass")
-    flown = tuple(
-        dataclasses.replace(
-            flight,
-            drones=tuple(
-                dataclasses.replace(drone, ang_vel=-turned(drone)) for drone in flight.drones
-            ),
-        )
-        for flight in clean.flights
-    )
-    found = engine.diagnose(dataclasses.replace(clean, flights=flown), simulator="point_mass")
+    flown = edited(clean, lambda log: {"ang_vel": -turned(log)})
+    found = engine.diagnose(flown, simulator="point_mass")
     assert [fault.part for fault in found.interface] == ["angular velocity"]
     assert (found.verdict, found.effects) == (plain.verdict, plain.effects)
     assert kind_label(found) == "Check the logs"

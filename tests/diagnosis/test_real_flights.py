@@ -8,7 +8,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import real
+from flights_for_tests import real, some_rows
 
 from blind.draw.faults import FAULTS
 from diagnosis.decide.prepared import Question
@@ -78,22 +78,8 @@ def test_a_fault_that_is_put_into_the_commands_is_named_in_its_size(fault, given
 def test_a_start_that_is_cut_off_hides_no_delay():
     even, odd = halves("crazyflie_plain")
     late = FAULTS["delay"].apply(even, {"seconds": 0.03})
-    cut = tuple(
-        dataclasses.replace(flight, drones=tuple(_after(drone, 0.7) for drone in flight.drones))
-        for flight in late.flights
-    )
-    found = changed(dataclasses.replace(late, flights=cut), odd)
-    assert "delay" in class_of(found)
-
-
-def _after(drone, seconds):
-    kept = drone.t >= drone.t[0] + seconds
-    columns = {
-        field.name: value if value is None else value[kept]
-        for field in dataclasses.fields(drone)
-        for value in [getattr(drone, field.name)]
-    }
-    return dataclasses.replace(drone, **columns)
+    cut = late.each(lambda log: some_rows(log, log.t >= log.t[0] + 0.7))
+    assert "delay" in class_of(changed(cut, odd))
 
 
 def test_three_flights_beside_five_name_a_family_of_aliases():

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, point_mass_set
+from flights_for_tests import SIGMA, edited, point_mass_set
 
 from diagnosis.decide import prepared
 from diagnosis.decide.prepared import make_likelihood
@@ -33,8 +33,7 @@ def steps(monkeypatch):
 
 def backwards(flight):
     """A flight whose commands were logged in the wrong order: no effect describes it."""
-    (drone,) = flight.drones
-    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, cmd=drone.cmd[::-1]),))
+    return edited(flight, lambda log: {"cmd": log.cmd[::-1]})
 
 
 def test_flights_that_no_effect_describes_are_unfollowed_after_fewer_steps(replay, steps):

@@ -121,7 +121,7 @@ def test_a_change_waits_for_an_alias_that_another_parameter_makes_up_for():
     assert firmware_changes(fading, "px4")[0].waits_for == ("battery",)
 
 
-def together(*effects, verdict="partly"):
+def together(*effects):
     """A diagnosis of several effects: name, interval of `e`, names of what looks like it."""
     sizes = [
         Effect(
@@ -133,7 +133,7 @@ def together(*effects, verdict="partly"):
         )
         for name, ends, aliases in effects
     ]
-    return dataclasses.replace(made.load(made.effect()), verdict=verdict, effects=tuple(sizes))
+    return dataclasses.replace(made.load(made.effect()), verdict="partly", effects=tuple(sizes))
 
 
 def test_two_effects_on_one_parameter_are_one_change_by_the_product():

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import SIGMA, few_or_all, flight_set, point_mass_set
+from flights_for_tests import SIGMA, few_or_all, flight_set, misled, point_mass_set
 
 from diagnosis.decide.blame import blame
 from diagnosis.decide.prepared import Prepared, make_likelihood
@@ -74,18 +74,16 @@ def test_what_left_out_flights_deny_is_told_and_not_blamed(too_many):
     """Its evidence alone would not name the drag, nor would the nominal simulator be better."""
     fits, both = too_many
     alone = dataclasses.replace(fits, by_set={both.effects: both, frozenset(): fits.nominal})
-    found = judge_supported(alone, Floor(2.0))
-    assert found.verdict.kind == "effect"
-    assert found.verdict.chosen.effects == {"wind", "drag"}
-    assert [(one.effect, one.confirmed) for one in found.support] == [
+    fits, verdict, lines = judge_supported(alone, Floor(2.0))
+    assert verdict.kind == "effect"
+    assert verdict.chosen.effects == {"wind", "drag"}
+    assert [(one.effect, one.confirmed) for one in lines] == [
         ("wind", True),
         ("drag", False),
     ]
-    likely = dataclasses.replace(found.verdict.ranked[0], probability=0.9)
-    judged = dataclasses.replace(found.verdict, ranked=(likely,))
-    study = made_study(
-        found.fits, judged, found.support, made(Reference, structure=2.0, scatter=0.0)
-    )
+    likely = dataclasses.replace(verdict.ranked[0], probability=0.9)
+    judged = dataclasses.replace(verdict, ranked=(likely,))
+    study = made_study(fits, judged, lines, made(Reference, structure=2.0, scatter=0.0))
     said = blame(study, unknown_shrink(4, ""))
     assert (said.verdict, said.named, said.blamed) == ("partly", None, {"wind"})
 
@@ -96,14 +94,14 @@ def test_a_clear_effect_that_they_deny_stands_where_references_are_followed(repl
     _, (line,) = support(fits, fit)
     denied = dataclasses.replace(line, confirmed=False)
     base = made(Reference, structure=floor, scatter=0.0)
-    study = made_study(fits, judge_supported(fits, Floor()).verdict, (denied,), base)
+    study = made_study(fits, judge_supported(fits, Floor())[1], (denied,), base)
     assert blame(study, unknown_shrink(4, "")).verdict == verdict
 
 
 @pytest.mark.parametrize(("percent", "verdict"), [(-1.0, "unexplained"), (1.0, "effect")])
 def test_a_drift_that_grows_where_more_than_noise_is_left_blames_nothing(replay, percent, verdict):
     fits, _ = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
-    judged = dataclasses.replace(judge_supported(fits, Floor()).verdict, doubted=True)
+    judged = dataclasses.replace(judge_supported(fits, Floor())[1], doubted=True)
     study = made_study(fits, judged)
     shrink = dataclasses.replace(unknown_shrink(4, ""), percent=percent)
     found = blame(study, shrink)
@@ -114,7 +112,7 @@ def test_a_drift_that_grows_where_more_than_noise_is_left_blames_nothing(replay,
 @pytest.mark.parametrize(("share", "verdict"), [(0.4, "unexplained"), (0.9, "effect")])
 def test_an_effect_less_likely_than_not_is_not_named(replay, share, verdict):
     fits, _ = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
-    judged = judge_supported(fits, Floor()).verdict
+    judged = judge_supported(fits, Floor())[1]
     ranked = tuple(dataclasses.replace(one, probability=share) for one in judged.ranked[:1])
     judged = dataclasses.replace(judged, ranked=ranked, aliases={"wind": []})
     study = made_study(fits, judged)
@@ -180,20 +178,12 @@ def test_parameters_of_which_flights_say_nothing_have_no_interval(replay):
     assert np.isfinite(low[1:]).all()
 
 
-def unsteady(flight, rng):
-    """The flight with a logged thrust that is not the one which was flown."""
-    (drone,) = flight.drones
-    cmd = drone.cmd.copy()
-    cmd[:, 3] += np.repeat(rng.uniform(-0.02, 0.02, len(cmd) // 15 + 1), 15)[: len(cmd)]
-    return dataclasses.replace(flight, drones=(dataclasses.replace(drone, cmd=cmd),))
-
-
 @few_or_all()
 def test_it_is_told_where_the_simulator_does_not_follow(exclude):
     """Commands with errors that no effect has: a wind is found, and something else is left."""
     rng = np.random.default_rng(0)
     calm = point_mass_set(Wind(x=1.5), n_flights=4)
-    flights = flight_set([unsteady(f, rng) for f in calm.flights])
+    flights = flight_set([misled(f, rng, [3], 0.02) for f in calm.flights])
     found = diagnose(flights, simulator="point_mass", exclude=exclude)
     assert found.verdict == "partly"
     lines = {line.effect: line for line in found.support}

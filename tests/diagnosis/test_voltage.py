@@ -1,10 +1,8 @@
 """Thrust that falls with the battery's voltage, where flights log one."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from flights_for_tests import few_or_all, flight_set, fly
+from flights_for_tests import edited, few_or_all, flight_set, fly
 
 from diagnosis.decide.prepared import Question, prepare
 from diagnosis.engine import diagnose
@@ -20,14 +18,15 @@ def weakened(flight, full, weak):
 
     A point mass makes of a command over its gain what the nominal one makes of the command.
     """
-    (drone,) = flight.drones
-    t = drone.t - drone.t[0]
-    voltage = full - 0.007 * t - 0.15 * (np.sin(2.0 * t) > 0.3)
-    cmd = drone.cmd.copy()
-    cmd[:, 3] /= (1.0 - K * (4.2 - voltage)) if weak else 1.0
-    return dataclasses.replace(
-        flight, drones=(dataclasses.replace(drone, cmd=cmd, battery=voltage),)
-    )
+
+    def change(log):
+        t = log.t - log.t[0]
+        voltage = full - 0.007 * t - 0.15 * (np.sin(2.0 * t) > 0.3)
+        cmd = log.cmd.copy()
+        cmd[:, 3] /= (1.0 - K * (4.2 - voltage)) if weak else 1.0
+        return {"cmd": cmd, "battery": voltage}
+
+    return edited(flight, change)
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from flights_for_tests import SIGMA, fly
+from installed import fresh_registry
 
 from bench.diagnosis_report.documents import diagnosis_text
 from bench.diagnosis_report.page import diagnosis_page
@@ -51,13 +52,8 @@ def _installed(tmp_path_factory):
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: foreign-effects\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(POINTS)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(site))
-        registry._entry_points.cache_clear()
-        registry.load.cache_clear()
+    with fresh_registry(site):
         yield
-    registry._entry_points.cache_clear()
-    registry.load.cache_clear()
 
 
 @pytest.fixture(scope="module")

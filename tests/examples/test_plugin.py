@@ -11,9 +11,9 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
+from installed import fresh_registry
 from jax.flatten_util import ravel_pytree
 
-from bench.cli.app import main
 from bench.plan.expansion import expand
 from bench.plan.suite import load_suite
 from methods.contract import Setup
@@ -55,15 +55,10 @@ def site(tmp_path_factory):
 
 
 @pytest.fixture
-def installed(site, monkeypatch):
+def installed(site):
     """The folder is on the path of this process."""
-    monkeypatch.syspath_prepend(str(site))
-    registry._entry_points.cache_clear()
-    registry.load.cache_clear()
-    yield
-    monkeypatch.undo()
-    registry._entry_points.cache_clear()
-    registry.load.cache_clear()
+    with fresh_registry(site):
+        yield
 
 
 @pytest.fixture
@@ -103,28 +98,6 @@ def test_an_installed_method_gets_its_row_beside_a_broken_plugin(site, tmp_path,
     assert results["epochs"] == 3
     assert results["fleet_minutes"] == 0
     assert np.isfinite(results["reward"])
-
-
-def test_the_list_names_the_package_of_a_method_and_the_reason_why_one_is_broken(
-    installed, capsys, monkeypatch
-):
-    monkeypatch.setenv("COLUMNS", "200")
-    assert main(["list", "methods"]) == 0
-    shown = capsys.readouterr().out
-    lines = {line.split()[0]: line for line in shown.splitlines() if line.strip()}
-    assert "bench-random-search 1.0.0" in lines["random_search"]
-    assert "Augmented random search on the shared policy" in lines["random_search"]
-    assert "shattered 2.0" in lines["shattered"]
-    assert "ImportError: the frame is cracked" in lines["shattered"]
-    assert "broken" not in lines["lf_baseline"]
-
-
-def test_a_broken_method_that_is_asked_for_is_named_and_nothing_is_run(installed, tmp_path, capsys):
-    suite, out = tmp_path / "broken.toml", tmp_path / "out"
-    suite.write_text(SUITE.replace("random_search", "shattered"))
-    assert main(["run", str(suite), "--out", str(out)]) == 2
-    assert "'shattered' of shattered 2.0 cannot be imported" in capsys.readouterr().err
-    assert not out.exists()
 
 
 def test_the_suite_of_the_plugin_compares_it_with_the_lf_baseline(installed):

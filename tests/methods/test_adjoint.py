@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flying import SIMULATORS, attached, x64
+from flying import SIMULATORS, attached
 
 from methods.calibration.residual_effect import ResidualEffect
 from methods.domain_randomization import randomized
@@ -89,8 +89,9 @@ def assert_close(expected, found, tolerance):
     ("name", "keep"),
     [
         ("point_mass", True),
-        ("point_mass", False),
-        ("residual", True),
+        # `make test` has layers that are computed again in crazyflow, and finer steps.
+        pytest.param("point_mass", False, marks=pytest.mark.exhaustive),
+        pytest.param("residual", True, marks=pytest.mark.exhaustive),
         ("residual, finer steps", True),
         ("effects", True),
         ("drawn anew", True),
@@ -115,10 +116,17 @@ def test_a_limit_without_decay_binds_in_both():
 
 
 @pytest.mark.parametrize(
-    ("task_class", "decay"), [(Circle, 1.0), (Figure8, 0.9), (PitchAndExpand, 0.9), (Spread, 0.9)]
+    ("task_class", "decay"),
+    [
+        (Circle, 1.0),
+        # `make test` has the other two, and all in `tests/tasks/test_task_gradients.py`.
+        pytest.param(Figure8, 0.9, marks=pytest.mark.exhaustive),
+        pytest.param(PitchAndExpand, 0.9, marks=pytest.mark.exhaustive),
+        (Spread, 0.9),
+    ],
 )
 def test_it_is_so_in_double_precision_for_every_task(task_class, decay):
-    with x64():
+    with jax.enable_x64(True):
         task = task_class(n_drones=3, horizon=25)
         flown, expected, found, slopes = both(task, SIMULATORS["point_mass"](), decay, True)
         assert_close(flown, found, 1e-10)
@@ -182,7 +190,7 @@ class Wrapped(AbstractPolicy):
 
 
 def test_a_policy_of_its_own_architecture_has_the_same_gradient():
-    with x64():
+    with jax.enable_x64(True):
         task, simulator = Circle(n_drones=3, horizon=25), SIMULATORS["point_mass"]()
         policy = make_policy(task, simulator.spec, simulator.action_space, KEY)
         keys = jax.random.split(KEY, 2)

@@ -13,7 +13,6 @@ from scipy.optimize import linprog
 
 from methods.hf_hotstart import HFHotStart
 from methods.lf_baseline import LFBaseline
-from methods.running.metered import train_metered
 from methods.training import bptt
 from methods.training.bptt import BPTT, Training
 from methods.training.context import Context, silent
@@ -288,32 +287,6 @@ def test_the_policy_that_is_returned_has_seen_the_last_update():
     last = returns(HOLD, train(HOLD, steady).policy, KEY)
     assert last == pytest.approx(float(longer[4]), rel=1e-5)
     assert np.abs(np.diff(longer)).min() > 1e-3 * abs(last)  # neighbours are told apart
-
-
-STILL = BPTT(epochs=30, lr=0.0, n_worlds=1, smoothing=3, patience=5)
-
-
-def test_training_ends_when_patience_runs_out():
-    """Nothing is learned, so the first full average stays the best: 2 + 5 epochs and one more."""
-    policy = fresh(HOLD)
-    training = train(HOLD, STILL, policy=policy)
-    assert training.epochs == (STILL.smoothing - 1) + STILL.patience + 1
-    assert not training.out_of_budget
-    assert same(training.policy, policy)
-    cell = setup(HOLD, PointMass(), policy)
-    trained = train_metered(HFHotStart(trainer=STILL), cell, KEY)
-    assert trained.status == "ok"
-    assert trained.ledger.hf_fleet_seconds == pytest.approx(training.epochs * 40 * H * 2)
-
-
-def test_small_improvements_do_not_keep_a_run_alive_and_large_ones_do():
-    """A slow, steady run: it improves at every epoch, but never by 100 % of what it has."""
-    steady = BPTT(epochs=20, lr=1e-4, n_worlds=1, smoothing=3, patience=5, min_improvement=0.0)
-    picky = dataclasses.replace(steady, min_improvement=1.0)
-    whole = train(HOLD, steady)
-    assert whole.out_of_budget
-    assert whole.epochs == steady.epochs
-    assert train(HOLD, picky).epochs == (picky.smoothing - 1) + picky.patience + 1
 
 
 def test_a_run_shorter_than_the_average_still_keeps_its_best_policy():

@@ -95,8 +95,8 @@ def flown(cell):
     return retrace(*cell)
 
 
-def by_flight(rows, flights=FLIGHTS, steps=TASK.horizon):
-    return np.asarray(rows).reshape(flights, steps, -1)
+def by_flight(rows, flights=FLIGHTS):
+    return np.asarray(rows).reshape(flights, TASK.horizon, -1)
 
 
 def nominal_acceleration(rpy, action):
@@ -271,11 +271,18 @@ def test_there_is_nothing_to_correct_if_reality_is_the_point_mass():
     assert pool.pos_remainder == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("attitude", ["filtered", "measured"])
+EFFECTS, FINE = with_effects(PointMass(), [Drag(c=0.8), Mass(e=0.2)]), PointMass(dt=0.005)
+
+
 @pytest.mark.parametrize(
-    "nominal",
-    [with_effects(PointMass(), [Drag(c=0.8), Mass(e=0.2)]), PointMass(dt=0.005)],
-    ids=["effects", "fine steps"],
+    ("nominal", "attitude"),
+    [
+        (EFFECTS, "filtered"),
+        (FINE, "measured"),
+        # `make test` has each simulator and each attitude once.
+        pytest.param(EFFECTS, "measured", marks=pytest.mark.exhaustive),
+        pytest.param(FINE, "filtered", marks=pytest.mark.exhaustive),
+    ],
 )
 def test_what_the_nominal_simulator_knows_is_not_corrected(nominal, attitude):
     """Drag, mass and shorter steps are in reality and in the nominal simulator alike."""

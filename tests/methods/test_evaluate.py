@@ -1,11 +1,13 @@
 """Deployment: every number against a recount from the stored flights, any controller, effects."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cells import SPEC, Hold, OpenLoop, fresh, leaning, lift
+from cells import Hold, OpenLoop, leaning, lift
 
 from methods.calibration.reference_paths import Followers
 from methods.training.evaluate import (
@@ -26,7 +28,7 @@ from simulators.point_mass import PointMass
 from simulators.tracking import PDTracker
 from simulators.vehicle import GRAVITY
 from tasks.circle import Circle
-from tasks.contract import CORE, AbstractTask
+from tasks.contract import AbstractTask
 from tasks.figure8 import Figure8
 from tasks.pitchandexpand import PitchAndExpand
 from tasks.spread import Spread
@@ -235,12 +237,6 @@ def test_fewer_episodes_are_the_first_ones():
 CALM = Hold(n_drones=2, horizon=150, goal=(0.3, 0.0, 0.2), spacing=(2.0, 2.0))
 
 
-def test_a_tracking_controller_deploys_in_both_simulators(simulator):
-    flown = fly(CALM, simulator, Tracking(CALM), evaluation_keys(SEED, 1))
-    assert float(np.asarray(flown.error)[:, -1].max()) < 0.05
-    assert not np.asarray(flown.contact).any()
-
-
 def test_a_heavier_reality_sags_by_the_closed_form_without_training_again(simulator):
     """kp sag = 0.2 g: the controller believes the nominal mass and has no integral."""
     heavy = with_effects(simulator, [Mass(e=0.2)])
@@ -256,16 +252,6 @@ def test_position_error_is_that_of_the_last_five_seconds():
     flown = fly(task, PointMass(), Tracking(task), evaluation_keys(SEED, 2))
     assert settled.position_error == pytest.approx(np.median(flown.error[:, -250:]), rel=1e-6)
     assert settled.position_error < 0.02 < np.median(flown.error[:, :50])
-
-
-def test_a_trained_policy_is_judged_in_worlds_it_was_not_trained_in():
-    controller = PolicyController(TASK, fresh(TASK))
-    worlds = [PointMass(), with_effects(PointMass(), [Mass(e=0.2)])]
-    nominal, heavy = (evaluate(TASK, world, controller, SEED, EPISODES) for world in worlds)
-    drop = nominal.trajectory["pos"][-1, :, 2] - heavy.trajectory["pos"][-1, :, 2]
-    # Less acceleration by the nominal thrust over 6 m, for 0.8 s, the policy's reaction aside.
-    assert (drop > 0.2).all()
-    assert SPEC.mass == worlds[1].spec.mass  # what the controller believes stays nominal
 
 
 def test_followers_fly_in_each_episode_what_their_leader_flies_in_the_nominal_simulator(simulator):
@@ -288,51 +274,15 @@ def test_followers_fly_in_each_episode_what_their_leader_flies_in_the_nominal_si
 # --- A team that stays where it is ------------------------------------------------------------
 
 
-def test_standing_equals_a_recount_where_the_target_stands_too():
-    rewards = standing_rewards(TASK, SEED, EPISODES)
-    spawns = np.stack(
-        [
-            np.asarray(TASK.reset(jax.random.split(key)[0])[0], float)
-            for key in evaluation_keys(SEED, EPISODES)
-        ]
-    )
-    apart = np.linalg.norm(spawns[:, :, None] - spawns[:, None], axis=-1)
-    touched = (apart < 0.3).sum(axis=-1) - 1  # without oneself
-    smooth = lambda x: np.sqrt(x**2 + 1e-6)  # noqa: E731
-    distance = smooth(np.linalg.norm(TASK.goal))
-    expected = (-distance - 0.5 * smooth(0.0) - touched).mean(axis=1)
-    assert rewards.shape == (EPISODES, TASK.horizon)
-    np.testing.assert_allclose(
-        rewards, np.broadcast_to(expected[:, None], rewards.shape), rtol=1e-5
-    )
-    assert 0 < touched.sum() < touched.size  # some touch at their spawn
+OURS = [task(n_drones=3, horizon=40) for task in (Circle, Figure8, PitchAndExpand, Spread)]
 
 
-def test_standing_equals_a_recount_where_the_target_moves():
-    """Along the lemniscate, from the first step on; the spawn grid is out of contact."""
-    task = Figure8(n_drones=3, horizon=80)
-    rewards = standing_rewards(task, SEED, EPISODES)
-    smooth = lambda x: np.sqrt((x**2).sum(axis=-1) + 1e-6)  # noqa: E731
-    for i, key in enumerate(evaluation_keys(SEED, EPISODES)):
-        spawn, phase = (np.asarray(x, float) for x in task.reset(jax.random.split(key)[0]))
-        s = 2.0 * np.pi * 0.02 * np.arange(1, 81) / 8.0 + phase
-        center = np.stack([1.5 * np.sin(s), 0.75 * np.sin(2.0 * s), 1.0 + 0.0 * s], axis=-1)
-        vel = 2.0 * np.pi / 8.0 * 1.5 * np.stack([np.cos(s), np.cos(2.0 * s)], axis=-1)
-        away = spawn[None] - center[:, None]
-        flat = np.linalg.norm(away[..., :2], axis=-1)
-        true = smooth(np.stack([flat - task.radius, away[..., 2]], axis=-1))
-        expected = (-true - 0.5 * smooth(vel)[:, None]).mean(axis=1)
-        clear = (flat > CORE).all(axis=1)  # else the distance has a slack
-        np.testing.assert_allclose(rewards[i, clear], expected[clear], atol=1e-5)
-        assert (rewards[i] < expected + 1e-3).all()
-        assert clear.sum() > 40
-        assert np.ptp(rewards[i]) > 0.2
-
-
-@pytest.mark.parametrize("task_class", [Circle, Figure8, PitchAndExpand, Spread])
-def test_standing_is_what_a_team_gets_that_does_not_lift_off(task_class):
+@pytest.mark.parametrize(
+    "task", [*OURS, dataclasses.replace(TASK, altitude=0.0)], ids=lambda task: type(task).__name__
+)
+def test_standing_is_what_a_team_gets_that_does_not_lift_off(task):
     """In the point mass on a floor, motors off; over all steps and the initial states."""
-    task, floor = task_class(n_drones=3, horizon=40), with_effects(PointMass(), [Floor(height=0.0)])
+    floor = with_effects(PointMass(), [Floor(height=0.0)])
     off = OpenLoop(jnp.zeros((40, 3, 3)).at[:, :, 2].set(-1.0))
     flown = fly(task, floor, off, evaluation_keys(SEED, EPISODES))
     np.testing.assert_array_equal(flown.flight.pos[..., 2], 0.0)

@@ -28,9 +28,10 @@ def trained():
     return train_metered(TINY, CELL, KEY)
 
 
-def learner_of(seed=0):
-    critic = eqx.nn.MLP(CLIMB.obs_size, "scalar", 8, 1, key=jax.random.key(seed))
-    return Learner(fresh(CLIMB, seed), jnp.log(jnp.asarray([0.1, 0.2, 0.4])), critic)
+@pytest.fixture(scope="module")
+def learner():
+    critic = eqx.nn.MLP(CLIMB.obs_size, "scalar", 8, 1, key=jax.random.key(0))
+    return Learner(fresh(CLIMB), jnp.log(jnp.asarray([0.1, 0.2, 0.4])), critic)
 
 
 def test_it_finds_full_thrust_on_a_task_whose_best_policy_is_known():
@@ -64,8 +65,7 @@ def test_advantages_are_discounted_sums_of_errors():
     assert found.obs.shape == (36, 5)
 
 
-def test_the_density_is_that_of_a_normal_distribution():
-    learner = learner_of()
+def test_the_density_is_that_of_a_normal_distribution(learner):
     obs, raw = jnp.zeros((4, CLIMB.obs_size)), jnp.asarray([[0.3, -0.2, 1.4]] * 4)
     mean, std = np.asarray(learner.policy(obs)), np.array([0.1, 0.2, 0.4])
     z = (np.asarray(raw) - mean) / std
@@ -73,9 +73,8 @@ def test_the_density_is_that_of_a_normal_distribution():
     np.testing.assert_allclose(learner.density(obs, raw), expected, rtol=1e-4)
 
 
-def test_no_gain_is_sought_beyond_the_clip():
+def test_no_gain_is_sought_beyond_the_clip(learner):
     """Where the ratio is already above 1 + eps and the advantage positive, nothing pulls."""
-    learner = learner_of()
     obs = jax.random.normal(KEY, (8, CLIMB.obs_size))
     raw = learner.policy(obs) + jnp.asarray([[0.1]] * 4 + [[-0.3]] * 4)
     density = learner.density(obs, raw)
@@ -89,8 +88,7 @@ def test_no_gain_is_sought_beyond_the_clip():
     assert np.abs(eqx.filter_grad(loss)(learner, near, PPO()).log_std).max() > 1e-3
 
 
-def test_an_episode_explores_around_the_policy_and_its_actions_are_within_bounds():
-    learner = learner_of()
+def test_an_episode_explores_around_the_policy_and_its_actions_are_within_bounds(learner):
     steps, last, sums = fly(CLIMB, PointMass(), learner, KEY)
     mean = jax.vmap(learner.policy)(steps.obs)
     np.testing.assert_allclose((steps.raw - mean).std((0, 1)), [0.1, 0.2, 0.4], rtol=0.35)

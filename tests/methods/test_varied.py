@@ -212,15 +212,6 @@ def test_a_drawn_vehicle_is_the_point_mass_with_these_effects():
     assert min(np.abs(a - b).max() for a, b in itertools.pairwise(ends)) > 0.01
 
 
-def test_a_vehicle_stays_the_same_for_a_whole_episode():
-    simulator = randomized(NOMINAL)
-    state = simulator.reset(POS, KEYS[0])
-    for cmd in random_cmds(3, 5, 2):
-        after = simulator.step_cmd(state, cmd, 0.02)
-        np.testing.assert_array_equal(after.drawn, state.drawn)
-        state = after
-
-
 def test_commands_are_later_than_identified_by_a_drawn_time():
     """With an identified delay, and with none, where one is added."""
     known = np.asarray(drawn(vary_around(with_effects(NOMINAL, [Delay(seconds=0.02)]), 0.0, 0.03)))

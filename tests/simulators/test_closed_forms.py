@@ -19,7 +19,6 @@ from flying import (
     hold,
     hovering,
     positions,
-    x64,
 )
 
 N, STEPS, H = 3, 50, 0.02
@@ -78,7 +77,7 @@ def test_a_constant_tilt_ends_in_the_papers_acceleration(roll, pitch):
 
 def test_semi_implicit_euler_converges_with_order_one():
     """A pitch step; halving the step halves the error of the position after 1 s."""
-    with x64():
+    with jax.enable_x64(True):
         exact = pitched_position(H / 256)
         errors = [float(jnp.linalg.norm(pitched_position(H / n) - exact)) for n in (1, 2, 4, 8)]
     orders = np.log2(np.divide(errors[:-1], errors[1:]))

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flying import EFFECTS, HOVER, fly, hold, restore, x64
+from flying import EFFECTS, HOVER, fly, hold, restore
 
 from simulators import registry
 from simulators.contract import with_effects
@@ -130,10 +130,13 @@ def test_drones_that_graze_each_other_are_turned_by_friction(name):
     assert jnp.abs(yaw_rate).max() < 0.8 / 0.15 * 1.2  # no faster than rolling
 
 
-@pytest.mark.parametrize("name", ["crazyflow", "rotorpy"])
+# `make test` has gradients of RotorPy in `test_rotorpy.py`.
+@pytest.mark.parametrize(
+    "name", ["crazyflow", pytest.param("rotorpy", marks=pytest.mark.exhaustive)]
+)
 def test_derivatives_through_an_impact_equal_finite_differences(name):
     jax.clear_caches()  # of single precision, which JAX hands to double precision within RotorPy
-    with x64():
+    with jax.enable_x64(True):
         made = simulator_of(name, radius=0.15, restitution=0.5, friction=0.3)
         pos, vel = jnp.asarray([[0.0, 0.0, 3.0], [0.32, 0.08, 3.05]]), jnp.asarray(HEAD_ON[1])
 

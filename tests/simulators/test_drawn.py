@@ -140,14 +140,14 @@ def moving(k, n=2):
     return Flight(jnp.asarray(k * 0.02), pos, vel, level, zero, zero[:, 0], zero)
 
 
-def seen(sensing, n_steps, n=2, key=KEY):
+def seen(sensing, n_steps, n=2):
     """What a team at constant velocity believes after each step."""
 
     def step(memory, k):
         memory = sensing.sense(memory, moving(k, n))
         return memory, sensing.seen(memory, moving(k, n))
 
-    return jax.lax.scan(step, sensing.begin(moving(0, n), key), jnp.arange(1, n_steps + 1))[1]
+    return jax.lax.scan(step, sensing.begin(moving(0, n), KEY), jnp.arange(1, n_steps + 1))[1]
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.013, 0.02, 0.05, LONGEST_AGE_S])

@@ -124,38 +124,6 @@ def test_no_file_names_an_effect_but_its_own(package):
     assert not wrong
 
 
-@pytest.mark.parametrize(
-    ("source", "name"),
-    [
-        ('if effect == "gust": pass', "gust"),
-        ('PRIORS = {"mass": 0.1}', "mass"),
-        ('text = "flown with drag=0.3 and a downwash"', "downwash"),
-        ("from simulators.effects.mass import Mass", "mass"),
-        ("import simulators.effects.drag", "drag"),
-        ("def gust_from(x): return x", "gust"),
-        ("found = self._trim", "trim"),
-        ("isinstance(effect, VoltageSag)", "voltage_sag"),
-        ("make(rotor_drag=0.1)", "rotor_drag"),
-    ],
-)
-def test_a_name_is_found(source, name):
-    assert names_in(source) == {name}
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        '"""A gust is found by its onset."""',
-        "weight = vehicle.mass * vehicle.thrust_gain",
-        'raise ValueError("the mass is too large")',
-        "step = np.floor(place)",
-        "windows = window(gusty)",
-    ],
-)
-def test_what_is_no_effect_is_none(source):
-    assert names_in(source) == set()
-
-
 def test_every_effect_stands_in_a_file_of_its_name():
     assert {path.stem for path in OWN.glob("*.py")} == {
         *KINDS,

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from flying import x64
 from scipy.optimize import brentq
 
 from simulators.algebra import impacts
@@ -23,7 +22,7 @@ GRAVITY = 9.81
 
 @pytest.fixture(autouse=True)
 def double_precision():
-    with x64():
+    with jax.enable_x64(True):
         yield
 
 
@@ -141,12 +140,12 @@ def test_an_elastic_impact_keeps_its_speed():
     np.testing.assert_allclose(end[0], [0.0, 1.0], atol=1e-3)
 
 
-def heap(n=6, key=0):
-    """Balls that fly at each other and spin."""
-    keys = jax.random.split(jax.random.key(key), 3)
-    pos = jax.random.uniform(keys[0], (n, 3), minval=-0.5, maxval=0.5) + 3.0
+def heap():
+    """Six balls that fly at each other and spin."""
+    keys = jax.random.split(jax.random.key(0), 3)
+    pos = jax.random.uniform(keys[0], (6, 3), minval=-0.5, maxval=0.5) + 3.0
     start = balls(pos, -3.0 * (pos - 3.0))
-    return eqx.tree_at(lambda b: b.ang_vel, start, jax.random.normal(keys[1], (3, n)))
+    return eqx.tree_at(lambda b: b.ang_vel, start, jax.random.normal(keys[1], (3, 6)))
 
 
 def momentum(now):

@@ -7,7 +7,6 @@ import pytest
 from flying import (
     DT,
     HOVER,
-    OWN_DRAG,
     SIMULATORS,
     attached,
     both,
@@ -27,18 +26,6 @@ from simulators.vehicle import GRAVITY
 STEPS = 50
 T = 0.02 * np.arange(1, STEPS + 1)
 LEVEL = hold([0.0, 0.0, 0.0, HOVER], STEPS)
-
-
-@both
-@pytest.mark.parametrize(("axial", "lateral"), [(0.8, 0.0), (0.0, 0.5)])
-def test_rotor_drag_of_a_level_drone_slows_the_climb_or_the_rest(name, axial, lateral):
-    """v_z' = -(c0 + axial) v_z, v_x' = -(c0 + lateral) v_x in hover."""
-    vel = jnp.asarray([[1.0, 0.0, 1.5]])
-    made = attached(SIMULATORS[name](), rotor_drag={"axial": axial, "lateral": lateral})
-    flown = fly(made, hovering(made, positions(1), vel), LEVEL).vel[:, 0]
-    drag = OWN_DRAG[name]
-    np.testing.assert_allclose(flown[:, 2], 1.5 * np.exp(-(drag[2] + axial) * T), rtol=0.02)
-    np.testing.assert_allclose(flown[:, 0], np.exp(-(drag[0] + lateral) * T), rtol=0.02)
 
 
 @both

@@ -14,10 +14,10 @@ from simulators.point_mass import PointMass
 WIND = 6.0
 
 
-def gusts(dt, n_steps, seed=0):
+def gusts(dt, n_steps):
     """u, v and w of a long flight [m/s]."""
     effect = Turbulence(wind=WIND, response=1.0)
-    memory = effect.seeded(effect.init(1, dt), jax.random.key(seed))
+    memory = effect.seeded(effect.init(1, dt), jax.random.key(0))
 
     def step(memory, _):
         memory, force, _ = effect.wrench(memory, FLIGHT, VEHICLE, dt)

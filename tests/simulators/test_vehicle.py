@@ -11,7 +11,7 @@ import pytest
 from flying import SPEC, attached, fly, hold, hover_flight, positions, restore
 
 from simulators.crazyflow import Crazyflow
-from simulators.vehicle import CONTROL_DT, GRAVITY, VEHICLES, ActionSpace
+from simulators.vehicle import GRAVITY, VEHICLES, ActionSpace
 
 PACKAGE = pathlib.Path(importlib.util.find_spec("crazyflow").submodule_search_locations[0])
 
@@ -21,16 +21,6 @@ def parameters(path):
 
 
 every_vehicle = pytest.mark.parametrize("name", VEHICLES)
-
-
-@every_vehicle
-def test_the_plant_is_crazyflows_first_principles_model(name):
-    spec, ours = parameters("dynamics/first_principles/params.toml")[name], VEHICLES[name]
-    assert ours.name == name
-    assert ours.mass == spec["mass"]
-    assert ours.thrust_max == pytest.approx(4 * spec["thrust_max"], rel=1e-12)
-    np.testing.assert_array_equal(np.diag(ours.inertia), spec["J"])
-    np.testing.assert_array_equal(np.diag(ours.drag), -np.asarray(spec["drag_matrix"]))
 
 
 @every_vehicle
@@ -83,10 +73,6 @@ def test_the_hover_action_carries_the_weight(name):
     space, mass = ActionSpace(thrust_max=VEHICLES[name].thrust_max), VEHICLES[name].mass
     cmd = space.to_cmd(jnp.asarray([[0.0, 0.0, space.hover(mass)]]))
     np.testing.assert_allclose(cmd, [[0.0, 0.0, 0.0, mass * GRAVITY]], rtol=1e-6)
-
-
-def test_actions_are_50_a_second():
-    assert CONTROL_DT == 0.02
 
 
 def test_crazyflow_weighs_what_its_airframe_says():

@@ -9,11 +9,12 @@ from flying import KEY, SIMULATORS, TASKS
 
 from simulators.tracking import PDTracker
 from simulators.vehicle import CONTROL_DT
-from tasks.contact import PENALTY
 from tasks.contract import TaskState
 from tasks.rollout import episode, record
 
 HORIZON = 250
+# All counting is in `tasks/`: `make test` has it in the point mass.
+TWINS = ["point_mass", pytest.param("crazyflow", marks=pytest.mark.exhaustive)]
 
 
 class Choreography(eqx.Module):
@@ -36,7 +37,7 @@ class Choreography(eqx.Module):
         return action.at[2, 2].set(jnp.where(time > self.drop, -1.0, action[2, 2]))
 
 
-@pytest.fixture(scope="module", params=SIMULATORS)
+@pytest.fixture(scope="module", params=TWINS)
 def flown(request):
     """Sums and record of the same episode."""
     task, simulator = TASKS["spread"](n_drones=3, horizon=HORIZON), SIMULATORS[request.param]()
@@ -75,35 +76,9 @@ def test_the_choreography_crashes_as_it_was_made_to(flown):
     assert 20 < contact_steps < HORIZON
 
 
-def test_a_sustained_contact_counts_once(flown):
-    _, _, rec = flown
-    on_floor = np.asarray(rec.contact)[:, 2]
-    assert on_floor[-50:].all()
-    assert np.sum(on_floor[1:] & ~on_floor[:-1]) + on_floor[0] == 1
-
-
 def test_the_records_rewards_sum_to_the_episodes_return(flown):
     _, sums, rec = flown
     assert float(sums.reward) == pytest.approx(float(rec.reward.mean(axis=1).sum()), rel=1e-4)
-
-
-def test_the_records_rewards_carry_the_exact_penalty(flown):
-    """While only the pair touches, both pay exactly `PENALTY` a step, and drone 2 nothing."""
-    _, _, rec = flown
-    task = TASKS["spread"](n_drones=3, horizon=HORIZON)
-    goal = task.reset(jax.random.split(KEY)[0])[1]
-
-    def unpunished(flight, k):
-        target = task.target(TaskState(flight, goal, k))
-        distance = jnp.sqrt(jnp.sum(target.offset**2, axis=-1) + 1e-6)
-        return task.task_reward(distance, jnp.zeros(3))
-
-    paid = jax.vmap(unpunished)(rec.flight, jnp.arange(HORIZON)) - rec.reward
-    pos = np.asarray(rec.flight.pos, float)
-    touching = np.linalg.norm(pos[:, 0] - pos[:, 1], axis=-1) < 0.30
-    assert touching.any()
-    np.testing.assert_allclose(paid[:, :2], PENALTY * np.stack([touching] * 2, -1), atol=1e-4)
-    np.testing.assert_allclose(paid[:, 2], 0.0, atol=1e-4)
 
 
 def test_entry_k_of_a_record_is_the_state_after_action_k(flown):
@@ -124,7 +99,7 @@ def test_entry_k_of_a_record_is_the_state_after_action_k(flown):
     np.testing.assert_allclose(replay(rec.action), rec.flight.pos, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", SIMULATORS)
+@pytest.mark.parametrize("name", TWINS)
 def test_standing_on_the_ground_is_a_crash_only_after_the_grace_time(name):
     """Nobody lifts off: every drone crashes once, at the first step after 0.5 s."""
     task, simulator = TASKS["circle"](n_drones=2, horizon=50), SIMULATORS[name]()

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flying import HOVER, KEY, SIMULATORS, TASKS, x64
+from flying import HOVER, KEY, SIMULATORS, TASKS
 
 from simulators.vehicle import GRAVITY, ActionSpace
 from tasks.contract import AbstractTargetTask, TaskState
@@ -89,7 +89,7 @@ def returns(simulator, task, parameters):
 @pytest.fixture(scope="module", params=SIMULATORS)
 def derivatives(request):
     """Gradient and central differences of every case, for one simulator."""
-    with x64():
+    with jax.enable_x64(True):
         simulator = SIMULATORS[request.param]()
         tasks = tuple(task(n_drones=3) for task in TASKS.values())
         center = jnp.asarray(PARAMETERS)
