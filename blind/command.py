@@ -1,8 +1,9 @@
 """`bench blind`: the diagnosis checked on withheld causes."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import cyclopts
 
@@ -68,19 +69,10 @@ def blind(
         answers are scored for each airframe. docs/diagnosis.md describes the file.
     """
     studies = [name for name, on in (("next_flight", next_flight), ("limits", limits)) if on]
-    given = {"--cases": cases, "--seed": seed, "--jobs": jobs}
-    if report:
-        given |= {"--reality": reality, "--next-flight": next_flight or None}
-        given |= {"--limits": limits or None, "--inject": inject, "--reference": reference or None}
-        given |= {"--real": real}
-    if report or studies:
-        check_unused(given, "with --report" if report else "with a study instead of cases")
-    drawn = {"--reality": reality, "--notes": notes, **_on(studies)}
-    if real is not None:
-        more = {"--cases": cases, "--seed": seed, "--inject": inject}
-        check_unused(drawn | more | {"--reference": reference or None}, "with --real")
-        check_files([real])
-    _check_inject(inject, reference, drawn)
+    given = {"--cases": cases, "--seed": seed, "--jobs": jobs, "--reality": reality}
+    given |= {"--notes": notes, "--next-flight": next_flight or None, "--limits": limits or None}
+    given |= {"--inject": inject, "--reference": reference or None, "--real": real}
+    _check_options(given, report)
     from bench.execution.environment import environment
 
     os.environ.update(environment())
@@ -103,15 +95,23 @@ def blind(
     return run_blind(cases, reality or "crazyflow", out, seed, jobs, notes=notes)
 
 
-def _on(studies: list[str]) -> dict[str, bool]:
-    return {f"--{name.replace('_', '-')}": True for name in studies}
+def _check_options(given: Mapping[str, Any], report: bool) -> None:
+    """Nothing, if the options fit together; those that are not given are None."""
+    studies, others = ("--next-flight", "--limits"), ("--cases", "--seed")
 
+    def refuse(why: str, *names: str) -> None:
+        check_unused({name: given[name] for name in names}, why)
 
-def _check_inject(inject: Path | None, reference: bool, others: dict[str, object]) -> None:
-    """Nothing, if `--inject` and what goes with it fit together."""
-    if inject is None:
-        if reference:
-            raise UsageError("`--reference` needs `--inject FLIGHTS`, whose other half it uses.")
-        return
-    check_unused(others, "with --inject")
-    check_flights([inject])
+    if report:
+        refuse("with --report", *(name for name in given if name != "--notes"))
+    elif any(given[name] for name in studies):
+        refuse("with a study instead of cases", *others, "--jobs")
+    if given["--real"] is not None:
+        more = (*others, "--inject", "--reference")
+        refuse("with --real", "--reality", "--notes", *studies, *more)
+        check_files([given["--real"]])
+    if given["--inject"] is not None:
+        refuse("with --inject", "--reality", "--notes", *studies)
+        check_flights([given["--inject"]])
+    elif given["--reference"]:
+        raise UsageError("`--reference` needs `--inject FLIGHTS`, whose other half it uses.")

@@ -40,10 +40,7 @@ SUITES = {"task": tasks, "simulator": simulators, "residual": residuals, "effect
 def check(plugin: str, assignments: Sequence[str], simulator_names: Sequence[str]) -> int:
     """Prints every finding; exit status 1 if something is wrong.
 
-    Args:
-        plugin: Registered name, kind:name, or module:Class.
-        assignments: Settings of a method, each KEY=VALUE.
-        simulator_names: Simulators to use; empty: all for effects, crazyflow for methods.
+    Options as in `bench check`.
 
     Raises:
         UsageError: There is no such plug-in or setting.

@@ -62,7 +62,6 @@ def doctor() -> int:
     found = problems(facts)
     _show(console, "Plug-ins", plugin_lines(found))
     _show(console, "Devices", device_lines(found))
-    _show(console, "Films", film_lines())
     for line in found:
         console.print(Text(f"Problem: {line}", "bold red"), soft_wrap=True)
     if not found:
@@ -168,13 +167,6 @@ def device_lines(found: list[str]) -> list[tuple[str, str]]:
         found.append(f"JAX finds no device: {' '.join(str(error).split())}")
         return [("jax", "none")]
     return [(f"{device.platform} {device.id}", device.device_kind) for device in devices]
-
-
-def film_lines() -> list[tuple[str, str]]:
-    """Which graphics libraries render films (`bench replay --video`); none of them is needed."""
-    from bench.report import film
-
-    return [(name, answer or "works") for name, answer in film.graphics().items()]
 
 
 def _named(facts: Facts) -> list[str]:

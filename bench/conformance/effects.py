@@ -17,7 +17,6 @@ from bench.conformance.suite import (
     equal,
     finite,
 )
-from bench.conformance.suite import close as agree
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.effects import contract
 from simulators.effects.contract import DOORS, AbstractEffect, Parameter
@@ -192,28 +191,12 @@ def _stays_finite(cls: type[Any], nominal: AbstractSimulator) -> None:
 
 
 def _worlds(cls: type[Any], nominal: AbstractSimulator) -> None:
-    simulator = with_effects(nominal, [_at(cls, PLACE)])
-    pos = jnp.stack([flights.crowded(), flights.apart()])
-    cmds = jnp.stack([flights.wild_cmds(nominal, seed=seed) for seed in range(2)])
-    together = flights.fly_worlds(simulator, pos, cmds)
-    for i in range(2):
-        alone = flights.fly(simulator, pos[i], cmds[i])
-        demand(
-            agree(jax.tree.map(lambda x, i=i: x[i], together), alone),
-            f"world {i} of two flies differently than alone; write for one world and keep nothing "
-            "outside the memory",
-        )
+    flights.demand_worlds(with_effects(nominal, [_at(cls, PLACE)]))
 
 
 def _renumbering(cls: type[Any], nominal: AbstractSimulator) -> None:
     simulator = with_effects(nominal, [_at(cls, PLACE)])
-    pos, cmds, order = flights.crowded(), flights.wild_cmds(nominal), np.array([2, 0, 1])
-    straight = flights.fly(simulator, pos, cmds)
-    turned = flights.fly(simulator, pos[order], cmds[:, order])
-    demand(
-        agree((turned.pos, turned.vel), (straight.pos[:, order], straight.vel[:, order])),
-        "the flight depends on the numbers of the drones, not only on where they are",
-    )
+    flights.demand_renumbering(simulator, flights.crowded(), ("pos", "vel"))
 
 
 def _derivatives(cls: type[Any], nominal: AbstractSimulator) -> None:

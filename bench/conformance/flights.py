@@ -1,11 +1,14 @@
 """Short flights in which a plug-in is watched; one compiled program for each of its shapes."""
 
+from collections.abc import Iterable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from bench.conformance.suite import demand, shapes
+from bench.conformance.suite import close, demand, shapes
 from simulators.contract import AbstractSimulator
 from simulators.flight import Flight
 from simulators.vehicle import CONTROL_DT, GRAVITY
@@ -99,4 +102,30 @@ def demand_structure(simulator: AbstractSimulator, what: str) -> None:
             and shapes(other) == shapes(state),
             f"a {done} changes {what} (structure, shapes or types): {shapes(state)} becomes "
             f"{shapes(other)}",
+        )
+
+
+def demand_worlds(simulator: AbstractSimulator) -> None:
+    """Demands that each of two worlds flies as it does alone."""
+    pos = jnp.stack([apart(), crowded()])
+    cmds = jnp.stack([wild_cmds(simulator, seed=seed) for seed in range(2)])
+    together = fly_worlds(simulator, pos, cmds)
+    for i in range(2):
+        demand(
+            close(jax.tree.map(lambda x, i=i: x[i], together), fly(simulator, pos[i], cmds[i])),
+            f"world {i} of two flies differently than alone; write for one world and keep nothing "
+            "outside the state",
+        )
+
+
+def demand_renumbering(
+    simulator: AbstractSimulator, pos: Float[Array, "drones 3"], names: Iterable[str]
+) -> None:
+    """Demands that these parts of a flight from `pos` do not depend on the drones' numbers."""
+    cmds, order = wild_cmds(simulator), np.array([2, 0, 1])
+    straight, turned = fly(simulator, pos, cmds), fly(simulator, pos[order], cmds[:, order])
+    for name in names:
+        demand(
+            close(getattr(turned, name), getattr(straight, name)[:, order]),
+            f"`flight().{name}` depends on the numbers of the drones, not only on where they are",
         )

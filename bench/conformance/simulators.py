@@ -45,7 +45,7 @@ def behaviour(cls: type[Any]) -> list[Check]:
         "tilt accelerates as in the paper": _tilt,
         "quaternions stay unit and flights finite": _finite,
         "the same flight twice is the same": _repeats,
-        "many worlds at once equal one by one": _worlds,
+        "many worlds at once equal one by one": flights.demand_worlds,
         "renumbering the drones renumbers the flight": _renumbering,
         "the final position can be differentiated by the commands": _gradient,
         "a duration of 0 s is refused": _duration,
@@ -178,27 +178,9 @@ def _repeats(simulator: AbstractSimulator) -> None:
     demand(equal(_flight(simulator), _flight(simulator)), "two equal flights differ")
 
 
-def _worlds(simulator: AbstractSimulator) -> None:
-    pos = jnp.stack([flights.apart(), flights.crowded()])
-    cmds = jnp.stack([flights.wild_cmds(simulator, seed=seed) for seed in range(2)])
-    together = flights.fly_worlds(simulator, pos, cmds)
-    for i in range(2):
-        alone = flights.fly(simulator, pos[i], cmds[i])
-        demand(
-            close(jax.tree.map(lambda x, i=i: x[i], together), alone),
-            f"world {i} of two flies differently than alone; write for one world",
-        )
-
-
 def _renumbering(simulator: AbstractSimulator) -> None:
-    pos, cmds, order = flights.apart(), flights.wild_cmds(simulator), np.array([2, 0, 1])
-    straight = flights.fly(simulator, pos, cmds)
-    turned = flights.fly(simulator, pos[order], cmds[:, order])
-    for name in ("pos", "vel", "quat", "ang_vel", "thrust", "torque"):
-        demand(
-            close(getattr(turned, name), getattr(straight, name)[:, order]),
-            f"`flight().{name}` depends on the numbers of the drones",
-        )
+    names = ("pos", "vel", "quat", "ang_vel", "thrust", "torque")
+    flights.demand_renumbering(simulator, flights.apart(), names)
 
 
 def _gradient(simulator: AbstractSimulator) -> None:

@@ -22,46 +22,22 @@ from simulators.effects.card import load_card
 
 def diagnosis_page(diagnosis: Diagnosis) -> str:
     """The whole diagnosis as an HTML document."""
-    before_after = figures.before_after_panels(diagnosis)
-    return (
-        environment()
-        .get_template("diagnosis.html.j2")
-        .render(
-            title=tables.title(diagnosis),
-            reference=tables.reference_name(diagnosis),
-            kind=diagnosis.verdict,
-            kind_label=kind_label(diagnosis),
-            verdict=verdict(diagnosis),
-            remarks=remarks(diagnosis),
-            facts=tables.facts(diagnosis),
-            interface=tables.interface_table(diagnosis),
-            compared=diagnosis.compared,
-            explained=bool(diagnosis.blamed),
-            shrink=shrink_sentence(diagnosis),
-            added=added(diagnosis),
-            drift=_drift(diagnosis),
-            before_after=before_after,
-            more_flights=len(diagnosis.details.before_after) - len(before_after),
-            shrink_table=tables.shrink_table(diagnosis),
-            where=where_sentence(diagnosis),
-            where_table=tables.where_table(diagnosis),
-            in_time=figures.time_panels(diagnosis),
-            regimes=figures.regime_panels(diagnosis),
-            effects=_effects(diagnosis),
-            candidates=tables.candidates_table(diagnosis),
-            support=tables.support_table(diagnosis),
-            shared=tables.shared_table(diagnosis),
-            followed=tables.followed_table(diagnosis),
-            not_observable=tables.not_observable_table(diagnosis),
-            limits=tables.limits_table(diagnosis),
-            blamed=bool(diagnosis.blamed),
-            nothing=diagnosis.shows_nothing,
-            remedy=[_with_code(line) for line in remedy(diagnosis)],
-            next_flight=next_flight(diagnosis),
-            left_out=tables.left_out_table(diagnosis),
-            flights=tables.flights_table(diagnosis),
-            noise=tables.noise_table(diagnosis),
-        )
+    template = environment().get_template("diagnosis.html.j2")
+    return template.render(
+        d=diagnosis,
+        tables=tables,
+        figures=figures,
+        title=tables.title(diagnosis),
+        kind_label=kind_label(diagnosis),
+        verdict=verdict(diagnosis),
+        remarks=remarks(diagnosis),
+        shrink=shrink_sentence(diagnosis),
+        added=added(diagnosis),
+        drift=_drift(diagnosis),
+        where=where_sentence(diagnosis),
+        effects=_effects(diagnosis),
+        remedy=[_with_code(line) for line in remedy(diagnosis)],
+        next_flight=next_flight(diagnosis),
     )
 
 

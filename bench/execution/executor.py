@@ -56,7 +56,7 @@ class AbstractExecutor(abc.ABC):
 
     @abc.abstractmethod
     def start(self, slot: int, task: Task) -> None:
-        """Starts a task in a free slot and returns at once."""
+        """Takes a task for a free slot and returns at once; `events` may have to start it."""
 
     @abc.abstractmethod
     def events(self, timeout: float) -> list[Message | Ended]:

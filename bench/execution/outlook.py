@@ -23,7 +23,8 @@ from bench.stats.forecast import (
 )
 from bench.stats.statistics import Entry
 from bench.store.kept import KeptRuns
-from bench.store.missing import State, states, with_lost_parents
+from bench.store.missing import State, states
+from bench.store.resume import make_standing
 from bench.store.reuse import reusable
 from bench.store.store import Store
 from bench.store.tables import TableError, Tables
@@ -32,6 +33,8 @@ from bench.text.say import say
 
 NAMED = 3
 """Most runs that are named for one reason."""
+TRAINED_AGAIN = "trained again, because others start from their lost policies"
+"""Why a finished run is to do."""
 
 
 def show_plan(
@@ -46,22 +49,16 @@ def show_plan(
 ) -> int:
     """Prints the outlook; exit status 0, or 1 if a plug-in is broken.
 
-    Args:
-        name: Of the suite.
-        plan: What it comes to.
-        tables_dir: Folder of its tables and of `runs/`.
-        jobs: Number of worker processes to reckon with; None: as many as suit the machine.
-        every: Whether every missing run gets a line.
-        console: Where it is shown.
-        retry_failed: Whether runs that failed by themselves are to be tried again.
-        reuse: Folders of tables whose finished runs of the plan count as finished here.
+    Options as in `bench plan`.
     """
     recorded = recorded_tables(tables_dir).merged(reusable(plan, reuse))
     store = Store(tables_dir)
     found = states(plan.runs, store, recorded)
     failed = set() if retry_failed else _failed(found)
     kept = KeptRuns([tables_dir, *reuse], recorded, lambda text: say(console, f"Warning: {text}"))
-    found = with_lost_parents(found, failed, store, kept.outcome)
+    sound = {r.name: content for r in plan.runs if (content := store.content(r.name)) is not None}
+    again = make_standing(plan, sound, recorded, retry_failed, kept=kept.outcome).again
+    found = [s._replace(reason=TRAINED_AGAIN) if s.run in again else s for s in found]
     missing = [state for state in found if state.reason and state.run.name not in failed]
     past = {p.run: p for p in [*past_rows(tables_dir, console), *past_of_states(found)]}
     guesses = {s.run.name: guess(s.run, past.values()) for s in missing}

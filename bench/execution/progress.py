@@ -1,53 +1,35 @@
 """Shows a running sweep: live lines on a terminal, one line per finished run elsewhere."""
 
 import dataclasses
+import functools
 import math
-import time
 
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress_bar import ProgressBar
-from rich.table import Table
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Column
 from rich.text import Text
 
 from bench.plan.planned_run import Run
+from bench.text.numbers import seconds as time_text
 
 
 @dataclasses.dataclass
-class _Line:
+class _Work:
     """What one worker is doing."""
 
+    line: TaskID
     runs: list[Run]
-    stage: str = "starting, compiling"
-    epoch: int = 0
-    epochs: int = 0
-    reward: float = math.nan
-    stage_start: float = dataclasses.field(default_factory=time.monotonic)
+    stage: str = ""
     furthest: float = 0.0
     """Largest share of any stage so far: what the runs count in the overall bar."""
-
-    @property
-    def label(self) -> str:
-        """The first run, and how many go with it."""
-        others = len(self.runs) - 1
-        return self.runs[0].label + (f" and {others} like it" if others else "")
-
-    @property
-    def cost(self) -> float:
-        """Cost of all its runs."""
-        return sum(run.cost for run in self.runs)
-
-    @property
-    def fraction(self) -> float:
-        """Share of the stage that is done, at most 1."""
-        return min(1.0, self.epoch / self.epochs) if self.epochs else 0.0
-
-    @property
-    def left(self) -> float:
-        """Expected time to the end of the stage, at its pace so far [s]; NaN if unknown."""
-        if not 0.0 < self.fraction < 1.0:
-            return math.nan
-        return (time.monotonic() - self.stage_start) * (1.0 / self.fraction - 1.0)
 
 
 class SweepProgress:
@@ -57,15 +39,22 @@ class SweepProgress:
         self.console = console
         self.count = 0
         self._total = len(runs)
-        self._cost = sum(run.cost for run in runs)
         self._cost_done = 0.0
-        self._lines: dict[int, _Line] = {}
-        self._start = time.monotonic()
-        self._live = (
-            Live(console=console, get_renderable=self._render, transient=True)
-            if console.is_terminal and runs
-            else None
+        self._work: dict[int, _Work] = {}
+        label, doing = (
+            TextColumn(text, markup=False, table_column=Column())
+            for text in ("{task.description}", "{task.fields[doing]}")
         )
+        # Runs take minutes: the usual half a minute of history knows no speed.
+        progress = functools.partial(Progress, speed_estimate_period=3600.0)
+        times = (TimeElapsedColumn(), "elapsed, about", TimeRemainingColumn(), "left")
+        self._bar = progress(label, BarColumn(20), *times)
+        self._lines = progress(label, doing, TimeRemainingColumn())
+        self._all = self._bar.add_task("", total=sum(run.cost for run in runs))
+        self._move_bar()
+        shown = Group(self._bar, self._lines)
+        live = console.is_terminal and runs
+        self._live = Live(shown, console=console, transient=True) if live else None
 
     def __enter__(self) -> "SweepProgress":
         if self._live is not None:
@@ -78,56 +67,48 @@ class SweepProgress:
 
     def started(self, worker: int, runs: list[Run]) -> None:
         """A worker began one run, or several at once."""
-        self._lines[worker] = _Line(list(runs))
+        line = self._lines.add_task(_label(runs), total=None, doing="starting, compiling")
+        self._work[worker] = _Work(line, list(runs))
 
     def progress(self, worker: int, stage: str, epoch: int, epochs: int, reward: float) -> None:
         """A worker reports an epoch and the training return there."""
-        line = self._lines[worker]
-        if stage != line.stage:
-            line.stage, line.stage_start = stage, time.monotonic()
-        line.epoch, line.epochs, line.reward = epoch, epochs, reward
-        line.furthest = max(line.furthest, line.fraction)
+        work = self._work[worker]
+        if stage != work.stage:
+            work.stage = stage
+            self._lines.reset(work.line)
+        many = epochs > 1
+        doing = [f"{stage} {epoch}/{epochs}" if many else stage]
+        doing += [] if math.isnan(reward) else [f"return {reward:.1f}"]
+        total = epochs if many else None
+        self._lines.update(work.line, total=total, completed=epoch, doing=", ".join(doing))
+        work.furthest = max(work.furthest, min(1.0, epoch / epochs) if epochs else 0.0)
+        self._move_bar()
 
     def finished(self, run: Run, status: str, cause: str, seconds: float) -> None:
         """A run ended; it may never have started."""
         self.count += 1
         self._cost_done += run.cost
-        for worker, line in list(self._lines.items()):
-            line.runs = [other for other in line.runs if other.name != run.name]
-            if not line.runs:
-                del self._lines[worker]
+        for worker, work in list(self._work.items()):
+            work.runs = [other for other in work.runs if other.name != run.name]
+            if work.runs:
+                self._lines.update(work.line, description=_label(work.runs))
+            else:
+                self._lines.remove_task(self._work.pop(worker).line)
+        self._move_bar()
         style = {"ok": "green", "budget": "green", "diverged": "yellow"}.get(status, "red")
         text = Text(f"[{self.count}/{self._total}] {run.label}: ")
         text.append(status, style)
-        text.append(f", {_clock(seconds)}" + (f": {cause}" if cause else ""))
+        text.append(f", {time_text(seconds)}" + (f": {cause}" if cause else ""))
         self.console.print(text, soft_wrap=True)
 
-    def _render(self) -> Group:
-        elapsed = time.monotonic() - self._start
-        done = self._cost_done + sum(l.furthest * l.cost for l in self._lines.values())
-        left = elapsed * (self._cost - done) / done if done > 0.0 else math.nan
-        overall = Table.grid(padding=(0, 1))
-        overall.add_row(
-            Text(f"{self.count}/{self._total} runs", "bold"),
-            ProgressBar(total=self._cost, completed=done, width=20),
-            Text(f"{_clock(elapsed)} elapsed, about {_clock(left)} left"),
-        )
-        lines = Table.grid(padding=(0, 2))
-        for _, line in sorted(self._lines.items()):
-            reward = "" if math.isnan(line.reward) else f"return {line.reward:.1f}"
-            epochs = f"{line.epoch}/{line.epochs}" if line.epochs > 1 else ""
-            left = "" if math.isnan(line.left) else f"{_clock(line.left)} left"
-            lines.add_row(*map(Text, (line.label, line.stage, epochs, reward, left)))
-        return Group(overall, lines)
+    def _move_bar(self) -> None:
+        works = self._work.values()
+        done = sum(work.furthest * sum(run.cost for run in work.runs) for work in works)
+        text = f"{self.count}/{self._total} runs"
+        self._bar.update(self._all, completed=self._cost_done + done, description=text)
 
 
-def _clock(seconds: float) -> str:
-    """A duration for people, e.g. "41 s", "3 min 07 s", "2 h 05 min"."""
-    if math.isnan(seconds):
-        return "?"
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60:02d} s"
-    return f"{whole // 3600} h {whole // 60 % 60:02d} min"
+def _label(runs: list[Run]) -> str:
+    """The first run, and how many go with it."""
+    others = len(runs) - 1
+    return runs[0].label + (f" and {others} like it" if others else "")

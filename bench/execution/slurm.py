@@ -17,7 +17,6 @@ import os
 import pickle
 import re
 import subprocess
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,8 +30,6 @@ POLL_S = 0.5
 """Longest time that a message or an end waits to be read [s]."""
 STATE_EVERY = 15.0
 """Time between two questions to Slurm for jobs that are gone [s]; `sacct` is slow."""
-GATHER = 0.5
-"""Time for which a task waits for others that are started with it, to be in one array [s]."""
 USUAL_JOBS = 64
 """Jobs at a time if nobody says; a guess at what a cluster's users bear."""
 USUAL_LIMIT = 1000
@@ -79,39 +76,32 @@ class SlurmExecutor(AbstractExecutor):
         self._lost: list[Ended] = []
         """Tasks that never became a job."""
         self._jobs: list[_Job] = []
-        # Held while the lists of tasks and jobs change: a timer submits, too.
-        self._lock = threading.Lock()
         self._given = 0
         self._asked = time.monotonic()
 
     def start(self, slot: int, task: Task) -> None:
-        """Starts a task in a free slot, in an array with those that are started soon after it."""
+        """Takes a task for a free slot; the next call of `events` submits it with all others."""
         cloudpickle: Any = importlib.import_module("cloudpickle")
         try:
             packed = cloudpickle.dumps(task)
         except Exception as error:
             self._lost.append(Ended(slot, error=one_line(error)))
             return
-        with self._lock:
-            self._waiting.append((slot, packed))
-        timer = threading.Timer(GATHER, self._submit)
-        timer.daemon = True
-        timer.start()
+        self._waiting.append((slot, packed))
 
     def events(self, timeout: float) -> list[Message | Ended]:
         """What happened since the last call; waits at most `timeout` seconds for something."""
         self._submit()
         deadline = time.monotonic() + timeout
         while True:
-            with self._lock:
-                found: list[Message | Ended] = [*self._lost]
-                self._lost.clear()
-                for job in [*self._jobs]:
-                    done = self._is_done(job)  # before its messages are read: none is missed
-                    found += self._messages(job)
-                    if done:
-                        self._jobs.remove(job)
-                        found.append(_end(job))
+            found: list[Message | Ended] = [*self._lost]
+            self._lost.clear()
+            for job in [*self._jobs]:
+                done = self._is_done(job)  # before its messages are read: none is missed
+                found += self._messages(job)
+                if done:
+                    self._jobs.remove(job)
+                    found.append(_end(job))
             left = max(0.0, deadline - time.monotonic())
             if found or left == 0.0:
                 return found
@@ -119,30 +109,28 @@ class SlurmExecutor(AbstractExecutor):
 
     def stop(self) -> None:
         """Cancels all jobs, whatever they are doing; once more does nothing."""
-        with self._lock:
-            self._waiting.clear()
-            while self._jobs:
-                with contextlib.suppress(OSError, subprocess.SubprocessError):
-                    self._jobs.pop().job.cancel(check=False)
+        self._waiting.clear()
+        while self._jobs:
+            with contextlib.suppress(OSError, subprocess.SubprocessError):
+                self._jobs.pop().job.cancel(check=False)
 
     def _submit(self) -> None:
         """Submits what waits, as few arrays as the cluster allows."""
-        with self._lock:
-            while self._waiting:
-                some, self._waiting = self._waiting[: self._limit], self._waiting[self._limit :]
-                first, self._given = self._given, self._given + len(some)
-                files = [self._folder / f"messages-{first + i}.pickle" for i in range(len(some))]
-                tasks = [packed for _, packed in some]
-                try:
-                    jobs = self._executor.map_array(_perform, tasks, [*map(str, files)])
-                except (OSError, RuntimeError, subprocess.SubprocessError) as error:
-                    cause = f"it could not be submitted: {one_line(error)}"
-                    self._lost += [Ended(slot, error=cause) for slot, _ in some]
-                    continue
-                self._jobs += [
-                    _Job(slot, job, file)
-                    for (slot, _), job, file in zip(some, jobs, files, strict=True)
-                ]
+        while self._waiting:
+            some, self._waiting = self._waiting[: self._limit], self._waiting[self._limit :]
+            first, self._given = self._given, self._given + len(some)
+            files = [self._folder / f"messages-{first + i}.pickle" for i in range(len(some))]
+            tasks = [packed for _, packed in some]
+            try:
+                jobs = self._executor.map_array(_perform, tasks, [*map(str, files)])
+            except (OSError, RuntimeError, subprocess.SubprocessError) as error:
+                cause = f"it could not be submitted: {one_line(error)}"
+                self._lost += [Ended(slot, error=cause) for slot, _ in some]
+                continue
+            self._jobs += [
+                _Job(slot, job, file)
+                for (slot, _), job, file in zip(some, jobs, files, strict=True)
+            ]
 
     def _is_done(self, job: _Job) -> bool:
         """Whether a job has left its result, or is gone without one."""

@@ -44,19 +44,7 @@ def sweep(
 ) -> int:
     """Exit status: 0, 1 if anything failed or was left out, 130 after Ctrl-C.
 
-    Args:
-        plan: What should be there in the end.
-        tables_dir: Folder of the tables and of `runs/`.
-        documents_dir: Folder of the leaderboard and the report.
-        jobs: Number of worker processes; None: as many as suit the machine.
-        executor: Where they are: `local`, `ray` or `slurm`.
-        together: Most runs, alike but for their seed, that each does in one program; None: as many
-            as suit the device.
-        fail_fast: Whether the first failure ends the sweep.
-        retry_failed: Whether runs that failed in an earlier sweep are tried again.
-        replace: Whether rows of another program or machine are replaced.
-        against: Folder of tables whose rows the documents show beside these; it stays as it is.
-        reuse: Folders of tables whose finished runs of the plan count as finished here.
+    Options as in `bench run`.
 
     Raises:
         TableError: The tables that are there cannot be read.
@@ -87,13 +75,14 @@ def sweep(
         chosen = executor if missing else "local"  # which starts nothing before it is needed
         with make_executor(chosen, jobs, max(1, len(missing)), logs) as workers:
             say(console, _announcement(standing, workers.slots))
+            display = SweepProgress(missing, console)
             try:
                 status = _train(
                     missing,
                     standing,
                     store,
                     workers,
-                    SweepProgress(missing, console),
+                    display,
                     recorded,
                     together=together or seeds_together(),
                     fail_fast=fail_fast,
@@ -103,10 +92,7 @@ def sweep(
                 return INTERRUPTED
         sound |= store.sound(warn, [run.name for run in missing])
         found = store.tables(sound, {run.name for run in plan.runs})
-        arrived = {run for run, end in found.column("status").items() if end != "failed"}
-        gone = {row for row, run in standing.outdated.items() if run in arrived}
-        tables = recorded.merged(found, gone)
-        tables.save(tables_dir)
+        tables = _record(found, recorded, standing, tables_dir)
     if text := moved():
         warn(text)
     shown = Beside(tables, ()) if others is None else beside(tables, others, str(against))
@@ -172,6 +158,15 @@ def _train(
             together=together,
             fail_fast=fail_fast,
         )
+
+
+def _record(found: Tables, recorded: Tables, standing: Standing, tables_dir: Path) -> Tables:
+    """Saves the rows of a sweep among those that are there; the tables."""
+    arrived = {run for run, end in found.column("status").items() if end != "failed"}
+    gone = {row for row, run in standing.outdated.items() if run in arrived}
+    tables = recorded.merged(found, gone)
+    tables.save(tables_dir)
+    return tables
 
 
 def _document(shown: Beside, tables_dir: Path, documents_dir: Path, console: Console) -> None:

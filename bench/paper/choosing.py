@@ -4,8 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from bench.paper.values import LF, name_of, name_of_method, sizes
-from bench.report.pictures.cost import BUDGET
-from bench.stats.choices import BUDGETS, NEAR, Better, Choice, Tie
+from bench.stats.choices import BUDGET_VARIANT, BUDGETS, NEAR, Better, Choice, Tie
 from bench.stats.scores import (
     PRIMARY,
     STEADY,
@@ -40,7 +39,7 @@ BETTER = "Settings that score higher than all defaults"
 """Heading of their list."""
 CHOSEN = "Which method to choose, and how far below it the others may be"
 """Heading of the table with all numbers."""
-CHANGED = re.compile(rf"{BUDGET.pattern}|flown=\w+")
+CHANGED = re.compile(rf"{BUDGET_VARIANT.pattern}|flown=\w+")
 """Variants that differ from the default in which high-fidelity flight is flown, or how much."""
 FLOWN = (
     "Settled reward, mean ± standard deviation over seeds, of methods whose flight was varied, and "

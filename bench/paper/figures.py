@@ -1,6 +1,5 @@
 """Figures of the claims as picture files, for pages that cannot run a script."""
 
-import base64
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,17 +14,14 @@ from matplotlib.figure import Figure
 
 from bench.paper.rule import relative
 from bench.paper.values import HYBRID, LF, NAMES, name_of, name_of_method, off_spec, sizes, varied
-from bench.report.pictures import cost
 from bench.report.pictures.looks import look_of, ordered
-from bench.stats.scores import PRIMARY, UPPER, undisturbed
+from bench.stats.choices import BUDGET_VARIANT
+from bench.stats.scores import PRIMARY, undisturbed
 from bench.stats.statistics import (
-    COUNTED,
     difference,
-    entry_of,
     estimate,
     matched,
     on_top,
-    records,
 )
 from bench.store.tables import Tables
 
@@ -50,26 +46,26 @@ def write_summary(tables: Tables, path: Path) -> bool:
     Means over seeds with one standard deviation; default settings. Nothing is written, and False
     returned, where there is nothing to draw.
     """
-    results = tables.results
-    chosen = results["metric"].isin(ROWS) & results["status"].isin(COUNTED)
-    chosen &= results["variant"].eq("") & results["deployed_effects"].eq("")
-    shown = results.loc[chosen & results["method"].ne(UPPER)]
+    rows: list[dict[str, Any]] = [
+        {"metric": metric, "task": plain(cell.task), "team_size": cell.team_size, "entry": entry}
+        | {"value": value if metric != CONTACT else 100.0 * value}
+        for metric in ROWS
+        for cell, own in undisturbed(tables, metric).items()
+        for entry, seeds in own.items()
+        if not entry.variant
+        for value in seeds.values()
+    ]
+    settings = on_top(row["entry"] for row in rows)
+    shown = pd.DataFrame(row for row in rows if row["entry"] not in settings)
     if shown.empty:
         return False
-    # In percent, of methods that have any: the others never train in high fidelity.
+    # Contact of methods that have any: the others never train in high fidelity.
     crashed = shown["metric"].eq(CONTACT)
-    any_contact = shown.loc[crashed & shown["value"].gt(0.0), "method"].unique()
-    shown = shown.loc[~crashed | shown["method"].isin(any_contact)]
-    shown = shown.assign(
-        value=shown["value"].where(shown["metric"].ne(CONTACT), 100 * shown["value"])
-    )
-    found = [entry_of(row) for row in records(shown)]
-    settings = on_top(found)
-    shown = shown.loc[[entry not in settings for entry in found]]
-    found = [entry for entry in found if entry not in settings]
-    entries = ordered(set(found))
+    any_contact = shown.loc[crashed & shown["value"].gt(0.0), "entry"].unique()
+    shown = shown.loc[~crashed | shown["entry"].isin(any_contact)]
+    entries = ordered(shown["entry"])
     names = {entry: plain(name_of(entry)) for entry in entries}
-    shown = shown.assign(method=[names[e] for e in found], task=shown["task"].map(plain))
+    shown = shown.assign(method=shown["entry"].map(names))
     with plt.rc_context(STYLE):
         grid = seaborn.relplot(
             shown,
@@ -227,7 +223,8 @@ def write_settings(tables: Tables, path: Path) -> bool:
     shown = [
         (one, difference(one.other, one.base), abs(estimate(one.base.values()).mean))
         for one in varied(tables)
-        if min(len(one.other), len(one.base)) > 1 and not cost.BUDGET.fullmatch(one.entry.variant)
+        if min(len(one.other), len(one.base)) > 1
+        and not BUDGET_VARIANT.fullmatch(one.entry.variant)
     ]
     entries = sorted({one.entry for one, _, _ in shown})
     cells = sorted({(one.cell.task, one.cell.team_size) for one, _, _ in shown})
@@ -315,8 +312,3 @@ def _save(grid: seaborn.FacetGrid, path: Path) -> None:
 def plain(name: str) -> str:
     """A name that matplotlib does not read as mathematics."""
     return name.replace("$", r"\$")
-
-
-def data_uri(path: Path) -> str:
-    """A PNG file as a link that needs no file."""
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()

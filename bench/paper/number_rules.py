@@ -9,7 +9,7 @@ from bench.paper.rule import UNTESTED, AbstractRule, Finding, counts_text, range
 from bench.paper.values import NAMES, of_size, sizes
 from bench.stats.scores import undisturbed
 from bench.stats.statistics import Cell, Entry, difference, estimate
-from bench.stats.verdicts import Verdict, by_cell, every, in_cell, test_of
+from bench.stats.verdicts import Verdict, by_cell, every
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.numbers import MISSING, significant
@@ -118,8 +118,7 @@ class Grows(AbstractRule):
                 if len(own) < 2 or not any(max(x.values()) > 0 for x in own.values()):
                     continue
                 small, large = own[min(own)], own[max(own)]
-                test = test_of(difference({s + 10**6: x for s, x in large.items()}, small))
-                tests.append(test)
+                tests.append(difference({s + 10**6: x for s, x in large.items()}, small))
                 shown = (_spread(own[n], self.factor) if n in own else "" for n in ends)
                 lines.append((f"{NAMES[entry]}, {markdown.escape(task)}", *shown))
         verdicts = by_cell(tests)
@@ -166,7 +165,7 @@ class OnlyOneHolds(AbstractRule):
             top = max(classes, key=lambda e: means[e].mean)
             limit = {seed: x - (self.factor - 1.0) * abs(x) for seed, x in own[top].items()}
             for entry in classes:
-                tests[entry].append(in_cell(own[entry], limit))
+                tests[entry].append(difference(own[entry], limit))
             shown = {e: summary(x.values()) for e, x in own.items()}
             texts = (f"**{x}**" if e == top else x for e, x in shown.items())
             lines.append((markdown.escape(cell.label), *texts))

@@ -14,7 +14,6 @@ from typing import NamedTuple
 from bench.paper.choosing import better_defaults, by_task, in_detail, reward_by_flight, whom
 from bench.paper.claims import BILLS, BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
 from bench.paper.figures import (
-    data_uri,
     write_flights,
     write_settings,
     write_summary,
@@ -24,16 +23,16 @@ from bench.paper.pictures import write_cost, write_pipeline, write_top_views
 from bench.paper.rule import Finding
 from bench.paper.values import varied
 from bench.report.leaderboard import made_by
-from bench.report.page import write_page
+from bench.report.page import write_both
 from bench.stats.choices import Better, Choice, better_settings, choices, on_task
 from bench.stats.scores import PRIMARY
 from bench.stats.statistics import difference, estimate
-from bench.stats.verdicts import Verdict, in_cell
+from bench.stats.verdicts import Verdict, above
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.errors import UsageError
 from bench.text.numbers import MISSING, mean_std, number, span
-from bench.text.pages import read_notes, refuse_folder, write_text
+from bench.text.pages import read_notes, refuse_folder
 
 TITLE = "How to train a drone team: the paper's claims beside ours"
 CELLS = "The paper's claims, cell by cell"
@@ -208,13 +207,9 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> li
     }
     if notes_text:
         texts[why] = (WHY, f"# {WHY}\n\n[The answers]({path.name}).\n\n{notes_text}\n")
-    links = {picture.name: data_uri(picture) for _, picture in drawn.values()}
-    links |= {place.name: place.with_suffix(".html").name for place in texts}
+    pictures = [picture for _, picture in drawn.values()]
     for place, (title, text) in texts.items():
-        write_text(place, text)
-        for name, link in links.items():
-            text = text.replace(f"]({name}", f"]({link}")
-        write_page(text, place.with_suffix(".html"), title)
+        write_both(place, text, title, pictures, texts)
     return list(texts)
 
 
@@ -354,7 +349,7 @@ def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
                 *shown,
                 number(apart.mean, 1),
                 span(apart.low, apart.high, 1),
-                words.get(in_cell(other, base).verdict, "one seed: no order"),
+                words.get(above(apart, apart.p), "one seed: no order"),
             )
         )
     return headings, lines

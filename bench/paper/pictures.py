@@ -18,8 +18,9 @@ from matplotlib.patches import Rectangle
 
 from bench.paper.figures import LINEAR, STYLE, plain
 from bench.paper.values import GREY_BOX, HYBRID, NAMES, name_of
-from bench.report.pictures.cost import Mark, budgets, draw_marks, up_to
+from bench.report.pictures.cost import Mark, draw_marks, up_to
 from bench.report.pictures.looks import look_of, ordered
+from bench.stats.choices import at_budgets
 from bench.stats.scores import PRIMARY, undisturbed
 from bench.stats.statistics import FEWEST_SEEDS, Entry, entry_of, estimate, records
 from bench.store.tables import FEW_TRAJECTORIES, Tables
@@ -98,7 +99,8 @@ def write_cost(tables: Tables, path: Path) -> bool:
     returned, where no method has two seeds.
     """
     rewards, bills = (
-        budgets(undisturbed(tables, metric), FEWEST_SEEDS) for metric in (PRIMARY, "fleet_minutes")
+        at_budgets(undisturbed(tables, metric), FEWEST_SEEDS)
+        for metric in (PRIMARY, "fleet_minutes")
     )
     marks: dict[tuple[int, str], list[Mark]] = {}
     for cell, own in rewards.items():

@@ -18,16 +18,7 @@ from bench.paper.rule import (
 from bench.paper.values import HYBRID, NAMES, Source
 from bench.stats.scores import scored, undisturbed
 from bench.stats.statistics import Cell, Entry, Values, difference, estimate, matched, seed_values
-from bench.stats.verdicts import (
-    Verdict,
-    below,
-    by_cell,
-    every,
-    holm,
-    in_cell,
-    over_cells,
-    test_of,
-)
+from bench.stats.verdicts import Verdict, above, below, by_cell, every, holm, over_cells
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.numbers import number, span
@@ -77,7 +68,7 @@ class Above(AbstractRule):
         pairs = self._claimed(values)
         if not pairs:
             return UNTESTED
-        tests = [in_cell(a, worse_by(self.share, b)) for _, a, b in pairs]
+        tests = [difference(a, worse_by(self.share, b)) for _, a, b in pairs]
         verdicts = by_cell(tests)
         verdict = _enough(verdicts, self.at_least) if self.at_least < 1.0 else every(verdicts)
         names = NAMES[self.first], NAMES[self.second]
@@ -141,7 +132,7 @@ class Above(AbstractRule):
             f"({span(low, high, 4)}) {'higher' if test.mean >= 0.0 else 'lower'} over "
             f"{len(pairs)} {'cell' if len(pairs) == 1 else 'cells'}{few}"
         )
-        return text, Verdict.UNDECIDED if few else test.verdict
+        return text, Verdict.UNDECIDED if few else above(test, test.p)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,7 +162,7 @@ class GapNarrows(AbstractRule):
         first, last = min(gaps), max(gaps)
         # Seeds of different team sizes have nothing in common: never paired.
         apart = difference(gaps[first], {seed + 10**6: x for seed, x in gaps[last].items()})
-        verdict = every(by_cell([test_of(apart)]))
+        verdict = every(by_cell([apart]))
         lines = tuple(
             (f"N = {n}", _percent(m.mean, m.n), _percent_span(m.low, m.high))
             for n, m in means.items()
@@ -236,7 +227,7 @@ class Shortfall(AbstractRule):
         pairs = [p for p in found if not self.sizes or p[0].team_size in self.sizes]
         if not pairs:
             return UNTESTED
-        verdict = every(by_cell([in_cell(worse_by(self.low, a), b) for _, a, b in pairs]))
+        verdict = every(by_cell([difference(worse_by(self.low, a), b) for _, a, b in pairs]))
         shares = [lost_share(best, worse) for _, best, worse in pairs]
         text = f"by {range_text([100 * share for share in shares])} %"
         lines = tuple(
@@ -270,7 +261,7 @@ class EnoughFlights(AbstractRule):
         pairs = pairs_of(undisturbed(tables, metric), few, HYBRID, self.task)
         if not pairs:
             return UNTESTED
-        verdicts = by_cell([in_cell(a, worse_by(self.share, b)) for _, a, b in pairs])
+        verdicts = by_cell([difference(a, worse_by(self.share, b)) for _, a, b in pairs])
         lines = tuple(
             (markdown.escape(cell.label), _percent(lost_share(b, a), len(a)), v.value)
             for (cell, a, b), v in zip(pairs, verdicts, strict=True)

@@ -9,88 +9,48 @@ has the same number of trials and takes its best.
 """
 
 import json
-import math
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from statistics import geometric_mean
-from typing import NamedTuple
 
-from bench.stats.statistics import Entry, records
+import numpy as np
+import pandas as pd
+
+from bench.stats.statistics import Entry
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.numbers import number, seconds, significant
 from bench.text.pages import write_text
 
-
-class Setting(NamedTuple):
-    """What is tuned."""
-
-    lr: float
-    decay: float
-
-
-class Trial(NamedTuple):
-    """One configuration with one setting."""
-
-    loss: dict[str, float]
-    """Settled loss by task."""
-    minutes: float
-    """High-fidelity flight [fleet-minutes]."""
-    seconds: float
-    """Training time [s]."""
-
-    @property
-    def mean(self) -> float:
-        """Geometric mean over tasks."""
-        return geometric_mean(self.loss.values())
-
-
-Trials = dict[Entry, dict[Setting, Trial]]
-"""By configuration and setting."""
-
-
-def trials(tables: Tables) -> Trials:
-    """All trials of a sweep of one team size and seed."""
-    settings = {row["run"]: _setting(row["settings"]) for row in records(tables.runs)}
-    metrics: dict[str, dict[str, float]] = {}
-    for row in records(tables.results):
-        metrics.setdefault(row["run"], {})[row["metric"]] = float(row["value"])
-    found: dict[Entry, dict[Setting, dict[str, dict[str, float]]]] = {}
-    for row in records(tables.runs):
-        if row["run"] in metrics:
-            own = found.setdefault(Entry(row["method"], row["residual"]), {})
-            own.setdefault(settings[row["run"]], {})[row["task"]] = metrics[row["run"]]
-    return {
-        entry: {
-            setting: Trial(
-                {task: -m["settled_reward"] for task, m in sorted(by_task.items())},
-                math.fsum(m["fleet_minutes"] for m in by_task.values()),
-                math.fsum(m["train_seconds"] for m in by_task.values()),
-            )
-            for setting, by_task in sorted(own.items())
-        }
-        for entry, own in sorted(found.items())
-    }
-
-
-def chosen(found: Trials) -> dict[Entry, Setting]:
-    """What each configuration takes."""
-    return {entry: min(own, key=lambda s: own[s].mean) for entry, own in found.items()}
+TRIAL = ["method", "residual", "lr", "decay"]
+"""Columns that tell one trial from another."""
 
 
 def write_tuning(tables: Tables, path: Path) -> None:
     """Writes the trials, their cost and what was chosen as Markdown."""
-    found = trials(tables)
-    taken = chosen(found)
-    tasks = sorted({task for own in found.values() for t in own.values() for task in t.loss})
+    trials = _trials(tables)
+    loss = -trials.pivot(index=TRIAL, columns="task", values="settled_reward")
+    means = np.exp(np.log(loss).mean(axis=1))
+    taken = set(means.groupby(["method", "residual"]).idxmin())
+    columns = ["fleet_minutes", "train_seconds"]
+    cost = trials.pivot_table(index=TRIAL, values=columns, aggfunc="sum").to_numpy()
     settings = ("configuration", "learning rate", "decay")
-    headings = (*settings, *tasks, "mean", "HF fleet-minutes", "time")
-    lines = [
-        _line(entry, setting, trial, tasks, taken[entry] == setting)
-        for entry, own in found.items()
-        for setting, trial in own.items()
-    ]
+    headings = (*settings, *loss, "mean", "HF fleet-minutes", "time")
+    lines = []
+    rows = zip(loss.index, loss.to_numpy(), means, cost, strict=True)
+    for trial, losses, mean, (flown, taking) in rows:
+        method, residual, lr, decay = trial
+        shown = significant(mean, 3)
+        lines.append(
+            (
+                markdown.escape(Entry(method, residual).label),
+                f"{lr:g}",
+                f"{decay:g}",
+                *(number(value, 2) for value in losses),
+                f"**{shown}**" if trial in taken else shown,
+                significant(flown),
+                seconds(taking),
+            )
+        )
     parts = [
         "# How the optimiser was chosen",
         "Settled loss of every trial (lower is better) by task, with the geometric mean over "
@@ -105,24 +65,14 @@ def write_tuning(tables: Tables, path: Path) -> None:
     write_text(path, "\n\n".join(parts) + "\n")
 
 
-def _line(
-    entry: Entry, setting: Setting, trial: Trial, tasks: list[str], taken: bool
-) -> tuple[str, ...]:
-    mean = significant(trial.mean, 3)
-    return (
-        markdown.escape(entry.label),
-        f"{setting.lr:g}",
-        f"{setting.decay:g}",
-        *(number(trial.loss.get(task, math.nan), 2) for task in tasks),
-        f"**{mean}**" if taken else mean,
-        significant(trial.minutes),
-        seconds(trial.seconds),
-    )
-
-
-def _setting(text: str) -> Setting:
-    trainer: Mapping[str, float] = json.loads(text)["method"]["trainer"]
-    return Setting(float(trainer["lr"]), float(trainer["decay"]))
+def _trials(tables: Tables) -> pd.DataFrame:
+    """Runs that have results, with the setting of their optimiser and their metrics as columns."""
+    runs = tables.runs.set_index("run")
+    trainers = runs["settings"].map(lambda text: json.loads(text)["method"]["trainer"])
+    for key in ("lr", "decay"):
+        runs[key] = [float(trainer[key]) for trainer in trainers]
+    metrics = tables.results.pivot(index="run", columns="metric", values="value")
+    return runs.join(metrics, how="inner")
 
 
 if __name__ == "__main__":

@@ -8,18 +8,19 @@ names: RotorPy is home in `paper_rotorpy` and `reality=rotorpy` in `worlds`.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from bench.plan.realities import joined, shortened
-from bench.stats.scores import PRIMARY, UPPER, recovered, scored
+from bench.stats.scores import PRIMARY, recovered, scored
 from bench.stats.statistics import (
     REALITY,
     Cell,
     Entry,
     Values,
+    entry_of,
     estimate,
     records,
     seed_values,
@@ -114,7 +115,7 @@ def ways(view: Tables) -> dict[str, Tables]:
         return {"": view}
 
     def renamed(frame: pd.DataFrame) -> pd.DataFrame:
-        trained = [row["variant"] == "" and _of_row(row) in as_is for row in records(frame)]
+        trained = [entry_of(row) in as_is for row in records(frame)]
         kept = pd.DataFrame(frame.loc[~np.asarray(trained, bool)])
         return kept.assign(variant=kept["variant"].where(kept["variant"].ne(AS_IS), ""))
 
@@ -123,13 +124,10 @@ def ways(view: Tables) -> dict[str, Tables]:
     return {"": view, AS_IS: other} if as_is & _entries(view.results, "") else {AS_IS: other}
 
 
-def _entries(rows: pd.DataFrame, variant: str) -> set[tuple[str, str]]:
+def _entries(rows: pd.DataFrame, variant: str) -> set[Entry]:
     """Methods with their residuals that have rows of a variant."""
-    return {_of_row(row) for row in records(rows.loc[rows["variant"].eq(variant)])}
-
-
-def _of_row(row: Mapping[str, Any]) -> tuple[str, str]:
-    return row["method"], row["residual"]
+    found = {entry_of(row) for row in records(rows)}
+    return {entry._replace(variant="") for entry in found if entry.variant == variant}
 
 
 class Standing(NamedTuple):
@@ -171,10 +169,10 @@ class Matrix(NamedTuple):
 
 def matrix(found: Mapping[World, Tables]) -> Matrix:
     """The matrix of the views of worlds."""
-    values = {world: _competing(seed_values(scored(t), "score")) for world, t in found.items()}
+    values = {world: seed_values(scored(t), "score") for world, t in found.items()}
     scale = TO_UPPER
     if not all(values.values()):
-        values, scale = {w: _competing(recovered(t)) for w, t in found.items()}, TO_PERFECT
+        values, scale = {w: recovered(t) for w, t in found.items()}, TO_PERFECT
     entries = sorted({e for own in values.values() for entries in own.values() for e in entries})
     shared, some = _shared([e for e in entries if settings_of(e) == ""], values)
     standings = [_standing(entry, values, found, shared) for entry in entries]
@@ -207,14 +205,6 @@ def _shared(
         every = [{(c.task, c.team_size) for c in own} for own in values.values()]
         flown = [set.intersection(*every)]
     return set.intersection(*flown), set.union(*flown)
-
-
-def _competing(values: Values) -> Values:
-    """The values of all methods but the upper reference, which competes with nobody."""
-    return {
-        cell: {e: own for e, own in entries.items() if e.method != UPPER}
-        for cell, entries in values.items()
-    }
 
 
 def _standing(

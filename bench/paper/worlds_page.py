@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.paper.claims import DEPLOYED, OWN, PAPER
-from bench.paper.figures import data_uri, write_gaps
+from bench.paper.figures import write_gaps
 from bench.paper.page import judged, word_of
 from bench.paper.values import name_of_method
 from bench.paper.world_views import (
@@ -31,13 +31,13 @@ from bench.paper.world_views import (
     views,
     ways,
 )
-from bench.report.page import write_page
+from bench.report.page import write_both
 from bench.stats.statistics import Entry
 from bench.stats.verdicts import Verdict
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.numbers import MISSING, measured, number, significant
-from bench.text.pages import read_notes, refuse_folder, write_text
+from bench.text.pages import read_notes, refuse_folder
 from bench.text.say import say
 
 TITLE = "Worlds that differ: which way of training survives"
@@ -103,7 +103,6 @@ def document(
     if made is None:
         return f"# {title}\n\nThese tables hold fewer than {FEWEST_WORLDS} worlds.\n"
     cells = "; ".join(markdown.escape(cell.label) for cell in made.cells) or "none"
-    claims = _claims(found)
     names = [world.name for world in made.worlds]
     parts = [f"# {title}", *_summary(made, cells)]
     if picture:
@@ -121,7 +120,15 @@ def document(
         left_out = "; ".join(markdown.escape(cell.label) for cell in made.left_out)
         parts += [f"Left out, because not every method flew there in every world: {left_out}."]
     parts += [markdown.table(("method", *names, *HEADINGS), lines(made), (0, len(names) + 1))]
-    tenths = [
+    parts += [*_worst_tenths(made), *_claims_table(found)]
+    legend = [f"- `{w.name}`: {markdown.escape(w.text)}" for w in made.worlds if w.name != w.text]
+    parts += ["## The worlds", "\n".join(legend)] if legend else []
+    return "\n\n".join(parts) + "\n"
+
+
+def _worst_tenths(made: Matrix) -> list[str]:
+    """Settled reward of the worst tenth of the drones, a line a method; empty where unknown."""
+    lines = [
         (
             markdown.escape(_name(s.entry)),
             *(significant(s.deciles[w], 3) if w in s.deciles else MISSING for w in made.worlds),
@@ -129,25 +136,28 @@ def document(
         for s in _travelled(made)
         if s.deciles
     ]
-    if tenths:
-        parts += ["## The worst tenth of all drones", WORST_TENTH]
-        parts += [markdown.table(("method", *names), tenths)]
-    parts += ["## What of the claims holds where"]
-    parts += [
-        "Claims about policies that train or fly in a world, judged there by settled rewards as on "
-        "the page of the paper. A claim about more cells than were flown in a world is undecided "
-        "there unless what was flown refutes it. If two worlds have different cells, their "
-        "verdicts may differ because of the cells, not because of the worlds."
-    ]
+    if not lines:
+        return []
+    headings = ("method", *(world.name for world in made.worlds))
+    return ["## The worst tenth of all drones", WORST_TENTH, markdown.table(headings, lines)]
+
+
+def _claims_table(found: Mapping[World, Tables]) -> list[str]:
+    """Verdicts on the claims by world."""
+    claims = _claims(found)
     where = list(dict.fromkeys(place for own in claims.values() for place in own))
-    rows = [
+    lines = [
         (title, *(word_of(own.get(place, Verdict.UNTESTED)) for place in where))
         for title, own in claims.items()
     ]
-    parts += [markdown.table(("claim", *where), rows, range(len(where) + 1))]
-    legend = [f"- `{w.name}`: {markdown.escape(w.text)}" for w in made.worlds if w.name != w.text]
-    parts += ["## The worlds", "\n".join(legend)] if legend else []
-    return "\n\n".join(parts) + "\n"
+    return [
+        "## What of the claims holds where",
+        "Claims about policies that train or fly in a world, judged there by settled rewards as on "
+        "the page of the paper. A claim about more cells than were flown in a world is undecided "
+        "there unless what was flown refutes it. If two worlds have different cells, their "
+        "verdicts may differ because of the cells, not because of the worlds.",
+        markdown.table(("claim", *where), lines, range(len(where) + 1)),
+    ]
 
 
 def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
@@ -241,9 +251,7 @@ def _write(found: Mapping[World, Tables], made: Matrix | None, path: Path, notes
     text = document(found, made, picture.name if drawn else "", title)
     if notes:
         text += f"\n{notes}\n"
-    write_text(path, text)
-    page = text.replace(f"({picture.name})", f"({data_uri(picture)})") if drawn else text
-    write_page(page, path.with_suffix(".html"), title)
+    write_both(path, text, title, [picture] if drawn else [])
 
 
 def _draw(made: Matrix, path: Path) -> bool:

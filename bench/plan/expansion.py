@@ -179,21 +179,10 @@ def _make_recipe(
     team = {"n_drones": team_size}
     flown = _describe(task_class, row.task_settings, where, **team)
     default_task = _describe(task_class, {}, where, **team)
-    plugins = {"method": row.method, "task": task} | ({"residual": residual} if residual else {})
-    found = {f"{kind} {name}": registry.load(kind, name) for kind, name in plugins.items()}
     (nominal, changed, added), reality = _nominal(row), _reality(row)
-    flown_in = (NOMINAL, reality.name)
-    found |= {f"simulator {name}": registry.load("simulator", name) for name in flown_in}
+    found = _plugins({"method": row.method, "task": task, "residual": residual}, reality, added)
     home = row.simulator or REALITY
-    if row.deploys and not row.tracked and written(reality) == home:
-        raise PlanError(
-            f"Method '{row.method}': `deployed_in` must name an effect, such as "
-            f"'{home}+mass(e=0.2)', or another simulator. Leave it out to deploy in {home} without "
-            "effects."
-        )
-    effects = map(type, (*reality.effects, *added))
-    found |= {f"effect {effect.__name__}": effect for effect in effects}
-    found |= {"drawn team": DrawnState} if isinstance(reality, Drawn) else {}
+    flying = _flying(row, reality, home)
     resolved = {
         "protocol": PROTOCOL,
         "method": row.method,
@@ -210,9 +199,6 @@ def _make_recipe(
         | {f"simulator {NOMINAL}": nominal},
         "numerics": _numerics(),
     }
-    elsewhere = {"deployed_in" if row.deploys else "reality": written(reality)}
-    flying = elsewhere if written(reality) != home else {}
-    flying |= {"tracked": True} if row.tracked else {}
     resolved |= flying | ({"deploys": True} if row.deploys else {})
     resolved |= {"simulator": home} if home != REALITY else {}
     others = flying | ({"nominal": changed} if changed else {})
@@ -236,6 +222,45 @@ def _make_recipe(
         "tracked": row.tracked,
     }
     return _Recipe(resolved, given, parents)
+
+
+def _plugins(
+    names: Mapping[str, str], reality: AbstractSimulator, added: Effects
+) -> dict[str, type]:
+    """Every class that decides a result, by its kind and name.
+
+    Args:
+        names: Method, task and residual by kind; empty for none.
+        reality: Where the policy is deployed.
+        added: Effects of the low-fidelity simulator.
+    """
+    chosen = [(kind, name) for kind, name in names.items() if name]
+    chosen += [("simulator", NOMINAL), ("simulator", reality.name)]
+    found = {f"{kind} {name}": registry.load(kind, name) for kind, name in chosen}
+    effects = map(type, (*reality.effects, *added))
+    found |= {f"effect {effect.__name__}": effect for effect in effects}
+    return found | ({"drawn team": DrawnState} if isinstance(reality, Drawn) else {})
+
+
+def _flying(row: Row, reality: AbstractSimulator, home: str) -> dict[str, Setting]:
+    """What of a row's deployment is not as by default: another world than `home`, a controller.
+
+    Raises:
+        PlanError: It only deploys a policy, and everything is as by default.
+    """
+    place = written(reality)
+    if row.deploys and not row.tracked and place == home:
+        raise PlanError(
+            f"Method '{row.method}': `deployed_in` must name an effect, such as "
+            f"'{home}+mass(e=0.2)', or another simulator. Leave it out to deploy in {home} without "
+            "effects."
+        )
+    flying: dict[str, Setting] = {}
+    if place != home:
+        flying["deployed_in" if row.deploys else "reality"] = place
+    if row.tracked:
+        flying["tracked"] = True
+    return flying
 
 
 def _nominal(row: Row) -> tuple[dict[str, Setting], dict[str, Setting], Effects]:

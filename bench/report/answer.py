@@ -2,12 +2,11 @@
 
 from collections.abc import Iterable
 
-from bench.stats.choices import Choice, choices
-from bench.stats.leaderboard_rows import Row
-from bench.stats.scores import UPPER
+from bench.stats.choices import Choice, better_settings, choices
+from bench.stats.leaderboard_rows import Row, best_rows
 from bench.store.tables import Tables
 from bench.text import markdown
-from bench.text.numbers import significant
+from bench.text.numbers import number, significant
 
 ONE_SEED = "One seed a method, so no order is claimed. Highest settled reward: "
 UNSCORED = "Without an upper reference nothing is pooled over cells. Best mean of each cell: "
@@ -24,6 +23,30 @@ def answer(tables: Tables, rows: Iterable[Row]) -> list[str]:
     if found:
         return [_sentence(n, own) for n, own in found.items()]
     return _best_of_cells(rows)
+
+
+def chosen(choice: Choice, tables: Tables) -> list[str]:
+    """A choice in sentences: the method, its cost and score, its ties, better settings."""
+    lines = [
+        f"N = {choice.team_size}, up to {choice.budget:g} fleet-minutes: {choice.best.label}.",
+        f"It needs {significant(choice.minutes)} fleet-minutes. Its mean score is "
+        f"{number(choice.score, 3)} on {', '.join(choice.tasks)} "
+        "(0: a team that stays at its spawn, 1: the upper reference).",
+    ]
+    lines += [
+        f"Not shown to be worse: {tie.entry.label}, score {number(tie.score, 3)}, at most "
+        f"{significant(tie.high)} below."
+        for tie in choice.tied
+    ]
+    lines += [
+        f"With other settings: {b.entry.label} on {', '.join(b.tasks)} "
+        f"({b.entry._replace(variant='').label} elsewhere), score {number(b.score, 4)}, "
+        f"{significant(b.minutes)} fleet-minutes. It was found by comparing many settings on "
+        "these tables, so the score is a little too good."
+        for b in better_settings(tables)
+        if b.team_size == choice.team_size and b.minutes <= choice.budget and b.score > choice.score
+    ]
+    return lines
 
 
 def _sentence(team_size: int, own: list[Choice]) -> str:
@@ -50,18 +73,15 @@ def _ties(choice: Choice) -> str:
 
 def _best_of_cells(rows: Iterable[Row]) -> list[str]:
     """The best mean of each cell, where nothing is scored or ranked."""
+    first = best_rows(rows)
     best: dict[str, list[str]] = {}
-    seeds, seen = 0, set()
-    for row in rows:
-        competes = row["n"] and row["default"] is None and row["entry"].method != UPPER
-        if competes and row["cell"] not in seen:
-            seen.add(row["cell"])
-            best.setdefault(row["method"], []).append(row["cell"].label)
-            seeds = max(seeds, row["n"])
+    for cell, row in first.items():
+        best.setdefault(row["method"], []).append(cell.label)
     if not best:
         return []
+    one_seed = all(row["n"] == 1 for row in first.values())
     named = (
         f"**{markdown.escape(method)}** on {markdown.escape('; '.join(cells))}"
         for method, cells in best.items()
     )
-    return [(ONE_SEED if seeds == 1 else UNSCORED) + ", ".join(named) + "."]
+    return [(ONE_SEED if one_seed else UNSCORED) + ", ".join(named) + "."]

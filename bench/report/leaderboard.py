@@ -1,7 +1,7 @@
-"""Who does how well, cell by cell and overall, as Markdown.
+"""Who does how well, cell by cell and pooled over cells, as Markdown.
 
-The numbers are those of `bench/stats/leaderboard_rows.py` (cells), `bench/report/standings.py`
-(over cells) and `bench/stats/pooled.py` (scores pooled).
+The numbers are those of `bench/stats/leaderboard_rows.py` (cells) and `bench/stats/pooled.py`
+(scores pooled).
 """
 
 import math
@@ -19,17 +19,9 @@ from bench.report.pooled_text import (
     pool_remarks,
     pool_title,
 )
-from bench.report.standings import (
-    AXIS_HEADINGS,
-    HOW_TO_READ_STANDINGS,
-    STANDING_HEADINGS,
-    axis_lines,
-    standing_lines,
-)
-from bench.stats.leaderboard_rows import AXES, TARGET_MINUTES, TARGET_SECONDS, Row, leaderboard_rows
+from bench.stats.leaderboard_rows import AXES, Row, leaderboard_rows
 from bench.stats.pooled import Pool, pools
 from bench.stats.statistics import Estimate
-from bench.stats.target import REFERENCE, TOLERANCE
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.markdown import text_table
@@ -62,11 +54,7 @@ HOW_TO_READ = (
     "Numbers have as many digits as their intervals allow. `#` is the first rank on an axis other "
     "than the reward, by the same rule; the lowest value is the best. The crashes, fleet-minutes "
     "and time of a training are its own; those of the run that it starts from are not added. A "
-    "row that only deploys another run's policy trains nothing, and has no rank on these three. "
-    "To target: what it costs until the return of an "
-    f"episode comes within {100 * TOLERANCE:.0f} % (of the return at the spawn) of the mean of "
-    f"`{REFERENCE.label}`, the costs of all runs over the runs that get there. Methods are ranked "
-    "on it only if all their runs get there.",
+    "row that only deploys another run's policy trains nothing, and has no rank on these three.",
     "A crash is the onset of a contact, per agent: another drone closer than 0.30 m, or the "
     "floor. Contacts are flags: drones push each other only in worlds with `collision`.",
 )
@@ -94,11 +82,6 @@ def write_leaderboard(tables: Tables, path: Path) -> None:
     else:
         for pool in pools(tables):
             parts += _pool_parts(pool)
-        if any(row["rank"] for row in rows):
-            parts += ["## Overall", text_table(STANDING_HEADINGS, standing_lines(rows))]
-            parts += [HOW_TO_READ_STANDINGS]
-            parts += ["## In how many cells the rank may be the first"]
-            parts += [text_table(AXIS_HEADINGS, axis_lines(rows))]
     for columns, own in split(rows):
         for cell in dict.fromkeys(row["cell"] for row in own):
             here = [row for row in own if row["cell"] == cell]
@@ -177,28 +160,11 @@ def _metric(heading: str, name: str, text: Callable[[float], str]) -> Column:
         rank = row["axis_ranks"].get(name)
         return text(row["metrics"][name]) + (f" (#{rank.first})" if rank is not None else "")
 
-    def order(row: Row) -> float:
-        value = row["metrics"][name]
-        return value if math.isfinite(value) else math.nan
-
-    return Column(heading, cell, order)
+    return Column(heading, cell, lambda row: row["metrics"][name])
 
 
 def _axis(name: str, text: Callable[[float], str]) -> Column:
     return _metric(AXES[name], name, text)
-
-
-def _target(name: str, text: Callable[[float], str]) -> Column:
-    """The expected cost to reach the target, with how many runs reach it."""
-    axis = _axis(name, text)
-
-    def cell(row: Row) -> str:
-        if row["reached"] is None:
-            return MISSING
-        reached, n = row["reached"]
-        return axis.text(row) if reached == n else f"{axis.text(row)} ({reached} of {n} runs)"
-
-    return axis._replace(text=cell)
 
 
 def _three(value: float) -> str:
@@ -223,8 +189,6 @@ _COSTS = (
     _metric("LF training collisions", "lf_collisions", significant),
     _metric("epochs", "epochs", significant),
     _axis("train_seconds", seconds),
-    _target(TARGET_MINUTES, significant),
-    _target(TARGET_SECONDS, seconds),
     _RUNS,
 )
 COLUMNS = (

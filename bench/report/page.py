@@ -5,8 +5,9 @@ its content security policy forbids the rest. A click on a method or run opens i
 metrics, training curve and flight.
 """
 
+import base64
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,7 +35,6 @@ from bench.report.pooled_text import (
     pool_title,
 )
 from bench.report.run_details import details, first_runs, run_lines, settings_groups, version_groups
-from bench.report.standings import HOW_TO_READ_STANDINGS, STANDING_HEADINGS, standing_lines
 from bench.stats.pooled import Pool, pools
 from bench.store.tables import Tables
 from bench.text import markdown
@@ -73,14 +73,12 @@ def write_report(tables: Tables, path: Path, suite: str = "", home: str = "") ->
         title=f"{suite}: which method at which cost" if suite else "Which method at which cost",
         home=home,
         facts=facts(tables),
-        answer=[render_markdown(line, inline=True) for line in answer(tables, rows)],
+        answer=[render_line(line) for line in answer(tables, rows)],
         cost=cost_panels(tables),
-        how_to_read=[_inline(line) for line in (*HOW_TO_READ, HOW_TO_READ_STANDINGS)],
+        how_to_read=[render_line(line) for line in HOW_TO_READ],
         filters=filters(rows),
         boards=boards(rows, first_runs(tables, lines)),
-        standing_headings=STANDING_HEADINGS,
-        standings=standing_lines(rows) if any(row["rank"] for row in rows) else [],
-        how_to_read_pooled=[_inline(line) for line in HOW_TO_READ_POOLED],
+        how_to_read_pooled=[render_line(line) for line in HOW_TO_READ_POOLED],
         pools=[_pooled(pool, f"pool-{i}") for i, pool in enumerate(pools(tables))],
         sections=_sections(tables),
         runs=lines,
@@ -92,20 +90,48 @@ def write_report(tables: Tables, path: Path, suite: str = "", home: str = "") ->
     write_text(path, text)
 
 
+def write_both(
+    path: Path,
+    text: str,
+    title: str,
+    pictures: Iterable[Path] = (),
+    pages: Iterable[Path] = (),
+) -> None:
+    """Writes a Markdown text, and beside it an HTML page that is complete in itself.
+
+    Args:
+        path: Markdown file to write.
+        text: Its content.
+        title: Of the page.
+        pictures: Files in or below the folder of `path`, which the page holds itself.
+        pages: Other Markdown files with HTML beside them, which the page links instead.
+    """
+    write_text(path, text)
+    for picture in pictures:
+        name = picture.relative_to(path.parent).as_posix()
+        text = text.replace(f"]({name})", f"]({data_uri(picture)})")
+    for page in pages:
+        text = text.replace(f"]({page.name}", f"]({page.with_suffix('.html').name}")
+    write_page(text, path.with_suffix(".html"), title)
+
+
+def data_uri(path: Path) -> str:
+    """A PNG file as a link that needs no file."""
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
+
+
 def write_page(markdown_text: str, path: Path, title: str) -> None:
     """Writes a Markdown text as an HTML page in the style of the report."""
     page = environment().get_template("page.html.j2")
     write_text(path, page.render(title=title, body=render_markdown(markdown_text), home=""))
 
 
-def render_markdown(text: str, inline: bool = False) -> Markup:
+def render_markdown(text: str) -> Markup:
     """Markdown as HTML; HTML in `text` is shown, never interpreted.
 
     The first heading of each text has the `id` that `markdown.anchor` makes, so that links find it.
     """
-    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
-    if inline:
-        return Markup(parser.renderInline(text))
+    parser = _parser()
     tokens, seen = parser.parse(text), set[str]()
     for heading, content in itertools.pairwise(tokens):
         place = markdown.anchor(content.content)
@@ -115,13 +141,18 @@ def render_markdown(text: str, inline: bool = False) -> Markup:
     return Markup(parser.renderer.render(tokens, parser.options, {}))
 
 
+def render_line(text: str) -> Markup:
+    """A line of Markdown as HTML, without a paragraph around it."""
+    return Markup(_parser().renderInline(text))
+
+
+def _parser() -> MarkdownIt:
+    return MarkdownIt("commonmark", {"html": False}).enable("table")
+
+
 def library(name: str) -> Markup:
     """A file of `VENDOR`, for a script element."""
     return Markup((VENDOR / name).read_text(encoding="utf-8").replace("</script", "<\\/script"))
-
-
-def _inline(line: str) -> Markup:
-    return render_markdown(line, inline=True)
 
 
 def _sections(tables: Tables) -> list[Section]:

@@ -22,7 +22,7 @@ class NoFlightError(UsageError):
 
 
 def replay(run: str, tables_dir: Path | None, out: Path | None, video: Path | None) -> int:
-    """Writes the page, and the film if one is asked for; exit status 1 if that could not be made.
+    """Writes the page, and the film if one is asked for.
 
     Args:
         run: Name of a run, as the report and the table `runs` have it, or path of its folder.
@@ -34,7 +34,7 @@ def replay(run: str, tables_dir: Path | None, out: Path | None, video: Path | No
         NoFlightError: There is no such run or no flight of it.
         UsageError: The film's ending says no format that can be written.
     """
-    console, errors = Console(), Console(stderr=True)
+    console = Console()
     if video is not None and video.suffix.lower() not in film.FORMATS:
         raise UsageError(
             f"`--video` must end in {', '.join(film.FORMATS)} (animated pictures), got '{video}'."
@@ -47,11 +47,7 @@ def replay(run: str, tables_dir: Path | None, out: Path | None, video: Path | No
     if video is None:
         return 0
     t, _, pos = positions(_rows(tables.trajectories, name))
-    try:
-        film.write_film(t, pos, video)
-    except film.NoGraphicsError as error:
-        say(errors, str(error))
-        return 1
+    film.write_film(t, pos, video)
     say(console, f"Film: {video}")
     return 0
 

@@ -27,7 +27,6 @@ NARROW = {
 
 def rebuild_leaderboard(tables: Tables, directory: Path, console: Console) -> None:
     """Writes leaderboard.md into a folder and shows the leaderboard on `console`."""
-    directory.mkdir(parents=True, exist_ok=True)
     path = directory / "leaderboard.md"
     write_leaderboard(tables, path)
     show(tables, console)
@@ -36,7 +35,6 @@ def rebuild_leaderboard(tables: Tables, directory: Path, console: Console) -> No
 
 def rebuild_report(tables: Tables, directory: Path, console: Console) -> None:
     """Writes report.html into a folder."""
-    directory.mkdir(parents=True, exist_ok=True)
     path = directory / "report.html"
     write_report(tables, path, directory.absolute().name)
     say(console, f"Report: {path}")

@@ -17,14 +17,12 @@ from rich.console import Console
 from bench.diagnosis_report import tables as diagnosis_tables
 from bench.diagnosis_report.page import diagnosis_page
 from bench.diagnosis_report.sentences import verdict
-from bench.paper.figures import data_uri
 from bench.report.answer import answer
 from bench.report.leaderboard import COLUMNS, leaderboard_rows
-from bench.report.page import facts, render_markdown, write_report
+from bench.report.page import data_uri, facts, render_line, render_markdown, write_report
 from bench.report.run_details import first_runs, run_lines
 from bench.site.collect import Document, Suite, diagnoses, documents, replays, suites
-from bench.stats.leaderboard_rows import Row
-from bench.stats.scores import UPPER
+from bench.stats.leaderboard_rows import best_rows
 from bench.text.errors import UsageError
 from bench.text.pages import environment, write_text
 from bench.text.say import say
@@ -82,17 +80,13 @@ def _suite(suite: Suite, texts: list[Document], out: Path) -> dict[str, Any]:
     write_report(suite.tables, out / place, suite.name, home="../index.html")
     rows = leaderboard_rows(suite.tables)
     opens = first_runs(suite.tables, run_lines(suite.tables))
-    best: dict[Any, Row] = {}
-    for row in rows:
-        if row["n"] and row["default"] is None and row["entry"].method != UPPER:
-            best.setdefault(row["cell"], row)
     return {
         "name": suite.name,
         "description": suite.description,
         "report": place,
         "claims": next((d for d in texts if d.place == suite.name), None),
         "facts": facts(suite.tables),
-        "answer": [render_markdown(line, inline=True) for line in answer(suite.tables, rows)],
+        "answer": [render_line(line) for line in answer(suite.tables, rows)],
         "cells": [
             {
                 "cell": cell.label,
@@ -101,7 +95,7 @@ def _suite(suite: Suite, texts: list[Document], out: Path) -> dict[str, Any]:
                 "reward": REWARD.text(row),
                 "run": f"{place}#{opens[cell, row['entry']]}",
             }
-            for cell, row in best.items()
+            for cell, row in best_rows(rows).items()
         ],
     }
 

@@ -5,10 +5,11 @@ Of the affordable ones that have a score on every task, the best has the highest
 is not shown to be below it (`bench/stats/verdicts.py`, all tasks pooled) is tied with it.
 """
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from bench.stats.scores import UPPER, at_home, scored, undisturbed
+from bench.stats.scores import at_home, scored, undisturbed
 from bench.stats.statistics import (
     FEWEST_SEEDS,
     Entry,
@@ -18,13 +19,13 @@ from bench.stats.statistics import (
     on_top,
     seed_values,
 )
-from bench.stats.verdicts import Verdict, over_cells
+from bench.stats.verdicts import Verdict, above, over_cells
 from bench.store.tables import Tables
 
 BUDGETS = (0.0, 0.5, 5.0, 50.0, 500.0, 5000.0)
 """Fleet-minutes that are asked about."""
-
-
+BUDGET_VARIANT = re.compile(r"flights=\d+|trainer\.share=[\d.]+")
+"""Variants that differ from the default in their budget of flight alone."""
 NEAR = 0.01
 """A method is named beside the best where the 95 % interval of its deficit ends at most here: a
 hundredth of the way from the spawn to the upper reference; a choice."""
@@ -135,11 +136,12 @@ def better_settings(tables: Tables) -> list[Better]:
             if best is None:
                 continue
             pairs = [(scores[cell][e], scores[cell][best.best]) for cell, e in flown.items()]
-            if over_cells(pairs).verdict is Verdict.SUPPORTED:
+            apart = over_cells(pairs)
+            if above(apart, apart.p) is Verdict.SUPPORTED:
                 tasks = tuple(sorted(cell.task for cell, e in flown.items() if e == entry))
                 common = [matched(own, other) for own, other in pairs]
-                score, above = (_mean(both[i].values() for both in common) for i in (0, 1))
-                found.append(Better(n, entry, tasks, score, minutes, best.best, above))
+                score, below = (_mean(both[i].values() for both in common) for i in (0, 1))
+                found.append(Better(n, entry, tasks, score, minutes, best.best, below))
     return found
 
 
@@ -181,19 +183,26 @@ def minutes_of(tables: Tables) -> dict[tuple[Entry, int], list[float]]:
     return found
 
 
-def _default(values: Values) -> Values:
-    """Default settings, at least two seeds, no reference."""
+def at_budgets(values: Values, fewest: int = 1) -> Values:
+    """Default settings and other budgets, with at least so many seeds in a cell."""
     settings = on_top(entry for own in values.values() for entry in own)
     return {
         cell: {
             entry: seeds
             for entry, seeds in own.items()
-            if not entry.variant
-            and entry.method != UPPER
+            if len(seeds) >= fewest
             and entry not in settings
-            and len(seeds) >= FEWEST_SEEDS
+            and (not entry.variant or BUDGET_VARIANT.fullmatch(entry.variant))
         }
         for cell, own in values.items()
+    }
+
+
+def _default(values: Values) -> Values:
+    """Default settings, at least two seeds."""
+    return {
+        cell: {entry: seeds for entry, seeds in own.items() if not entry.variant}
+        for cell, own in at_budgets(values, FEWEST_SEEDS).items()
     }
 
 
@@ -212,9 +221,9 @@ def _choose(
         if e != best
     }
     tied = tuple(
-        Tie(e, mean[e], test.low, test.high)
-        for e, test in apart.items()
-        if test.verdict is not Verdict.SUPPORTED
+        Tie(e, mean[e], behind.low, behind.high)
+        for e, behind in apart.items()
+        if above(behind, behind.p) is not Verdict.SUPPORTED
     )
     tasks = tuple(sorted(cell.task for cell in cells))
     return Choice(team_size, budget, best, mean[best], bills[best], tied, tasks)

@@ -8,7 +8,6 @@ cell weighing alike (`bench/stats/verdicts.py`). Diverged runs count with the po
 """
 
 import dataclasses
-import enum
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from bench.stats import verdicts
 from bench.stats.pooled import improvement
 from bench.stats.scores import PRIMARY, UPPER, flown_settings, scored
 from bench.stats.statistics import (
@@ -30,7 +28,7 @@ from bench.stats.statistics import (
     matched,
     seed_values,
 )
-from bench.stats.verdicts import over_cells
+from bench.stats.verdicts import Verdict, above, over_cells
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 from bench.text.numbers import mean_std, measured, number, places, seconds, significant, span
@@ -48,13 +46,13 @@ Stratum = tuple[Cell, Entry | None]
 """A cell; with the entry where whole folders are compared."""
 
 
-class Verdict(enum.IntEnum):
-    """The answer about the first side; its value is the exit status."""
-
-    BETTER = 0
-    WORSE = 3
-    NO_DIFFERENCE = 4
-    NOT_COMPARABLE = 5
+STATUSES = {
+    Verdict.SUPPORTED: 0,
+    Verdict.REFUTED: 3,
+    Verdict.UNDECIDED: 4,
+    Verdict.UNTESTED: 5,
+}
+"""Exit status of each verdict on "the first side is better"; untested: they cannot be compared."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,6 +85,7 @@ class Comparison:
     """The answer, and what it rests on."""
 
     verdict: Verdict
+    """On "the first side is better"."""
     lines: list[str]
     """What was found, for people."""
 
@@ -157,15 +156,15 @@ def report(a: Side, b: Side, console: Console) -> int:
     """Prints the comparison; its exit status."""
     found = compare(a, b)
     words = {
-        Verdict.BETTER: f"{a.label} is better than {b.label}.",
-        Verdict.WORSE: f"{a.label} is worse than {b.label}.",
-        Verdict.NO_DIFFERENCE: f"No difference between {a.label} and {b.label} can be shown.",
-        Verdict.NOT_COMPARABLE: f"{a.label} and {b.label} cannot be compared.",
+        Verdict.SUPPORTED: f"{a.label} is better than {b.label}.",
+        Verdict.REFUTED: f"{a.label} is worse than {b.label}.",
+        Verdict.UNDECIDED: f"No difference between {a.label} and {b.label} can be shown.",
+        Verdict.UNTESTED: f"{a.label} and {b.label} cannot be compared.",
     }
     console.print(Text(words[found.verdict], "bold"), soft_wrap=True)
     for line in found.lines:
         console.print(Text(line), soft_wrap=True)
-    return int(found.verdict)
+    return STATUSES[found.verdict]
 
 
 def _one(a: Mapping[int, float], b: Mapping[int, float]) -> tuple[Verdict, list[str]]:
@@ -180,9 +179,7 @@ def _one(a: Mapping[int, float], b: Mapping[int, float]) -> tuple[Verdict, list[
         f"Settled reward {means[0]} against {means[1]}: difference "
         f"{measured(apart.mean, apart.low, apart.high)}, 95 % t-interval."
     )
-    if not apart.excludes_zero:
-        return Verdict.NO_DIFFERENCE, [text]
-    return (Verdict.BETTER if apart.mean > 0.0 else Verdict.WORSE), [text]
+    return above(apart, apart.p), [text]
 
 
 def _with_scores(
@@ -213,8 +210,7 @@ def _several(a: Side, b: Side, shared: list[Stratum]) -> tuple[Verdict, list[str
         f"Probability that a run of the first is better: {number(better.value, 2)}, 95 % "
         f"percentile-bootstrap interval {span(better.low, better.high, 2)}.",
     ]
-    answers = {verdicts.Verdict.SUPPORTED: Verdict.BETTER, verdicts.Verdict.REFUTED: Verdict.WORSE}
-    return answers.get(found.verdict, Verdict.NO_DIFFERENCE), lines
+    return above(found, found.p), lines
 
 
 def _secondary(a: Side, b: Side, shared: list[Stratum]) -> list[str]:
@@ -249,7 +245,7 @@ def _other_task(a: Side, b: Side, cell: Cell) -> str:
 
 
 def _not_comparable(reason: str) -> Comparison:
-    return Comparison(Verdict.NOT_COMPARABLE, [f"Reason: {reason}."])
+    return Comparison(Verdict.UNTESTED, [f"Reason: {reason}."])
 
 
 def _cells(strata: list[Stratum]) -> str:

@@ -6,29 +6,24 @@ own, by the same rule. The upper reference stands among the rows and has no rank
 other than the default: they are compared with their own default.
 """
 
-import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TypedDict
 
 from bench.stats.ranking import Rank, ranks
-from bench.stats.scores import PRIMARY, UPPER, upper_returns
+from bench.stats.scores import PRIMARY, UPPER
 from bench.stats.statistics import (
     Cell,
     Endings,
     Entry,
     Estimate,
-    cell_of,
     default_of,
     difference,
     endings,
     endings_text,
     estimate,
-    lost,
-    records,
     seed_values,
     without_world,
 )
-from bench.stats.target import ToTarget, costs_to_target
 from bench.store.tables import Tables
 
 METRICS = (
@@ -44,16 +39,11 @@ METRICS = (
 )
 """Metrics shown beside the reward, as means over seeds."""
 
-TARGET_MINUTES, TARGET_SECONDS = "target_minutes", "target_seconds"
-"""Expected cost to reach the target (`bench/stats/target.py`): fleet-minutes, training time [s]."""
-
 AXES = {
     "crashes": "crashes per episode",
     "training_crashes": "HF training crashes",
     "fleet_minutes": "HF fleet-minutes",
     "train_seconds": "training time",
-    TARGET_MINUTES: "HF fleet-minutes to target",
-    TARGET_SECONDS: "training time to target",
 }
 """What entries are ranked by beside the reward, lower is better, and what it is called."""
 
@@ -77,8 +67,6 @@ class Row(TypedDict):
     """The same with default settings, which a variant is compared with; None where it is that."""
     beside_default: Estimate | None
     """Settled reward less that of `default`; None without such a row."""
-    scale: float
-    """Settled reward at score 1 less that at score 0; NaN without an upper reference."""
     reward_mean: float
     reward_std: float
     reward_low: float
@@ -86,13 +74,9 @@ class Row(TypedDict):
     n: int
     """Seeds in the means."""
     metrics: dict[str, float]
-    """Means of `METRICS`, expected costs to reach the target (infinite if no run does)."""
+    """Means of `METRICS`."""
     axis_ranks: dict[str, Rank | None]
     """Rank on each of `AXES`; None where no order is claimed."""
-    reached: tuple[int, int] | None
-    """Runs that reach the target, and all runs; None where there is no target."""
-    lost: int
-    """Runs that failed or diverged."""
     runs: str
     """Runs by status, with the seeds of those that are not `ok`."""
 
@@ -101,37 +85,41 @@ def leaderboard_rows(tables: Tables) -> list[Row]:
     """Rows by cell; within one, higher mean reward first, entries without a number last."""
     rewards = seed_values(tables.results, PRIMARY)
     metrics = {name: seed_values(tables.results, name) for name in METRICS}
-    ended, targets, scales = endings(tables), costs_to_target(tables), _scales(tables)
+    ended = endings(tables)
     rows: list[Row] = []
     for cell in sorted({*rewards, *ended}):
-        samples, how, goals = rewards.get(cell, {}), ended.get(cell, {}), targets.get(cell, {})
+        samples, how = rewards.get(cell, {}), ended.get(cell, {})
         own = {name: values.get(cell, {}) for name, values in metrics.items()}
         rank = ranks(_competing(samples))
-        axes = _axis_ranks(own, goals, how)
+        axes = _axis_ranks(own)
         found = []
         for entry in {*samples, *how}:
-            row = _row(cell, entry, samples, goals.get(entry), how.get(entry, {}))
+            row = _row(cell, entry, samples, how.get(entry, {}))
             row["rank"] = rank.get(entry)
             row["best"] = row["rank"] is not None and row["rank"].first == 1
             row["axis_ranks"] = {axis: rank_on.get(entry) for axis, rank_on in axes.items()}
-            means = {name: estimate(v.get(entry, {}).values()).mean for name, v in own.items()}
-            row["metrics"] = means | row["metrics"]
-            row["scale"] = scales.get(cell, math.nan)
+            row["metrics"] = {
+                name: estimate(values.get(entry, {}).values()).mean for name, values in own.items()
+            }
             found.append(row)
         rows += sorted(found, key=lambda row: (row["n"] == 0, -_finite(row), row["method"]))
     return rows
 
 
+def best_rows(rows: Iterable[Row]) -> dict[Cell, Row]:
+    """The first row of each cell with a number, of methods with their default settings."""
+    found: dict[Cell, Row] = {}
+    for row in rows:
+        if row["n"] and row["default"] is None and row["entry"].method != UPPER:
+            found.setdefault(row["cell"], row)
+    return found
+
+
 def _axis_ranks(
     metrics: Mapping[str, Mapping[Entry, Mapping[int, float]]],
-    goals: Mapping[Entry, ToTarget],
-    how: Mapping[Entry, Endings],
 ) -> dict[str, dict[Entry, Rank]]:
-    """Ranks by axis; on costs to target only of entries of which every run reaches it."""
-    sure = {e: goal for e, goal in goals.items() if len(goal.minutes) == _n_runs(how.get(e, {}))}
+    """Ranks by axis."""
     values = dict(metrics)
-    values[TARGET_MINUTES] = {entry: goal.minutes for entry, goal in sure.items()}
-    values[TARGET_SECONDS] = {entry: goal.seconds for entry, goal in sure.items()}
     for axis in OF_TRAINING:
         values[axis] = {e: own for e, own in values[axis].items() if not _deployed(e)}
     return {
@@ -152,27 +140,12 @@ def _competing(values: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Mappi
     return {e: own for e, own in values.items() if e.method != UPPER and default_of(e) == e}
 
 
-def _scales(tables: Tables) -> dict[Cell, float]:
-    """Settled reward at score 1 less that at score 0, by cell."""
-    zeros, found = tables.by_run("spawn_settled_reward"), {}
-    for row in records(tables.results.drop_duplicates("run")):
-        if (zero := zeros.get(row["run"])) is not None:
-            found.setdefault(cell_of(row), []).append(zero)
-    uppers = upper_returns(tables)
-    return {c: uppers[c] - estimate(own).mean for c, own in found.items() if c in uppers}
-
-
 def _row(
-    cell: Cell,
-    entry: Entry,
-    samples: Mapping[Entry, Mapping[int, float]],
-    goal: ToTarget | None,
-    ended: Endings,
+    cell: Cell, entry: Entry, samples: Mapping[Entry, Mapping[int, float]], ended: Endings
 ) -> Row:
     """A row without what rests on the other rows of its cell."""
     sample, default = samples.get(entry, {}), default_of(entry)
     reward = estimate(sample.values())
-    costs = (goal.expected_minutes, goal.expected_seconds) if goal else (math.nan, math.nan)
     return Row(
         cell=cell,
         entry=entry,
@@ -185,22 +158,15 @@ def _row(
             if default != entry and default in samples and sample
             else None
         ),
-        scale=math.nan,
         reward_mean=reward.mean,
         reward_std=reward.std,
         reward_low=reward.low,
         reward_high=reward.high,
         n=reward.n,
-        metrics={TARGET_MINUTES: costs[0], TARGET_SECONDS: costs[1]},
+        metrics={},
         axis_ranks={},
-        reached=(len(goal.minutes), _n_runs(ended)) if goal else None,
-        lost=lost(ended),
         runs=endings_text(ended, set(sample)),
     )
-
-
-def _n_runs(ended: Endings) -> int:
-    return sum(len(seeds) for seeds in ended.values())
 
 
 def _finite(row: Row) -> float:

@@ -13,6 +13,7 @@ ones count.
 """
 
 import itertools
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -31,6 +32,7 @@ from bench.stats.statistics import (
     FEWEST_SEEDS,
     Cell,
     Entry,
+    Estimate,
     Values,
     default_of,
     endings,
@@ -39,7 +41,7 @@ from bench.stats.statistics import (
     matched,
     seed_values,
 )
-from bench.stats.verdicts import Test, Verdict, by_cell, over_cells
+from bench.stats.verdicts import Verdict, by_cell, over_cells
 from bench.store.tables import Tables
 
 MOST_SETS = 10_000
@@ -60,7 +62,7 @@ class PooledRow(NamedTuple):
     """First and last rank that the differences of all pairs leave open."""
     groups: str
     """Letters of its tie groups; entries that share one are not separated."""
-    behind: Test | None
+    behind: Estimate | None
     """Mean score of the first row less its own, over the cells of both; None for the first."""
     shares: list[Interval]
     """Share of its runs with a score above each of the pool's thresholds."""
@@ -104,16 +106,15 @@ def pools(tables: Tables) -> list[Pool]:
         for rows, name in ((scored(tables), "score"), (tables.results, "reward"))
     )
     scores = {cell: own for cell, own in scores.items() if own}
-    gone = {
-        (cell, entry): lost(ended)
-        for cell, own in endings(tables).items()
-        for entry, ended in own.items()
-    }
-    worlds = {(cell.simulator, cell.deployed_effects) for cell in rewards}
+    gone = Counter[tuple[tuple[str, str], Entry]]()
+    for cell, own in endings(tables).items():
+        for entry, ended in own.items():
+            gone[_world(cell), entry] += lost(ended)
+    worlds = {_world(cell) for cell in rewards}
     fallen, found = fallen_references(tables), []
     for world in sorted(worlds, key=lambda w: (w != ("crazyflow", ""), w)):
-        own = {cell: values for cell, values in scores.items() if _in(cell, world)}
-        flown = {cell: values for cell, values in rewards.items() if _in(cell, world)}
+        own = {cell: values for cell, values in scores.items() if _world(cell) == world}
+        flown = {cell: values for cell, values in rewards.items() if _world(cell) == world}
         cells, entries = _largest(own)
         if len(entries) >= 2 and len(cells) >= 2:
             without = _without(cells, entries, own, flown, fallen)
@@ -121,9 +122,9 @@ def pools(tables: Tables) -> list[Pool]:
     return found
 
 
-def _in(cell: Cell, world: tuple[str, str]) -> bool:
-    """Whether that is where the cell is deployed."""
-    return (cell.simulator, cell.deployed_effects) == world
+def _world(cell: Cell) -> tuple[str, str]:
+    """Where a cell is deployed: simulator and effects."""
+    return cell.simulator, cell.deployed_effects
 
 
 def _largest(values: Values) -> tuple[list[Cell], list[Entry]]:
@@ -157,7 +158,7 @@ def _pool(
     entries: list[Entry],
     scores: Values,
     rewards: Values,
-    gone: Mapping[tuple[Cell, Entry], int],
+    gone: Mapping[tuple[tuple[str, str], Entry], int],
     without: list[tuple[Cell, str]],
 ) -> Pool:
     samples = _matched(cells, entries, scores)
@@ -173,7 +174,6 @@ def _pool(
     rows = []
     for entry, rank, groups in zip(entries, intervals(above), letters(above), strict=True):
         seeds = [len(samples[entry][cell]) for cell in cells]
-        missing = sum(n for (cell, own), n in gone.items() if own == entry and _in(cell, world))
         beyond = profile(samples[entry], [*thresholds, *grid])
         rows.append(
             PooledRow(
@@ -187,7 +187,7 @@ def _pool(
                 profile=beyond[len(thresholds) :],
                 seeds=(min(seeds), max(seeds)),
                 n=sum(seeds),
-                lost=missing,
+                lost=gone[world, entry],
             )
         )
     return Pool(
@@ -218,7 +218,7 @@ def _matched(
     return found
 
 
-def behind(best: Entry, entry: Entry, scores: Values) -> Test:
+def behind(best: Entry, entry: Entry, scores: Values) -> Estimate:
     """How far `entry` scores below `best`: mean over the cells of both, as in `bench compare`."""
     return over_cells(
         (own[best], own[entry]) for own in scores.values() if best in own and entry in own

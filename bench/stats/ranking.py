@@ -50,11 +50,6 @@ class Rank(NamedTuple):
         """The interval, e.g. `1 to 3`."""
         return str(self.first) if self.first == self.last else f"{self.first} to {self.last}"
 
-    @property
-    def separated(self) -> bool:
-        """Whether it is shown to be below the best."""
-        return self.behind is not None and self.behind.low > 0.0
-
 
 def ranks(samples: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Rank]:
     """Rank of each entry with two seeds or more, higher values first.

@@ -92,14 +92,14 @@ Values = dict[Cell, dict[Entry, dict[int, float]]]
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A mean over seeds, or a difference of two."""
+    """A mean over seeds, or a difference of two, in one cell or over many."""
 
     mean: float
     """Mean, or difference of means; NaN without values."""
     std: float
-    """Sample standard deviation (n - 1); NaN below two seeds and for Welch differences."""
+    """Sample standard deviation (n - 1); NaN below two seeds, for Welch differences, over cells."""
     n: int
-    """Number of seeds; in a Welch difference, of the smaller sample."""
+    """Number of seeds; in a Welch difference, of the smaller sample; over many cells, pairs."""
     low: float
     """Lower end of the 95 % t-interval; NaN below two seeds."""
     high: float
@@ -116,6 +116,17 @@ class Estimate:
     def excludes_zero(self) -> bool:
         """Whether the interval exists and does not contain 0."""
         return self.has_interval and not self.low <= 0.0 <= self.high
+
+    @property
+    def p(self) -> float:
+        """Two-sided p-value of "it is 0"; NaN without an interval."""
+        if math.isnan(self.low):
+            return math.nan
+        half = 0.5 * (self.high - self.low)
+        if half == 0.0:
+            return float(self.mean == 0.0)
+        error = half / _quantile(self.freedom)
+        return float(2.0 * stats.t.sf(abs(self.mean) / error, self.freedom))
 
 
 def estimate(values: Iterable[float]) -> Estimate:

@@ -16,12 +16,11 @@ Sources: Student (1908); Satterthwaite (1946); Holm (1979).
 import enum
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from bench.stats.statistics import LEVEL, Estimate, difference, matched
+from bench.stats.statistics import LEVEL, Estimate, matched
 
 
 class Verdict(enum.Enum):
@@ -33,53 +32,27 @@ class Verdict(enum.Enum):
     UNTESTED = "not tested"
 
 
-class Test(NamedTuple):
-    """A difference with its interval and p-value, two-sided."""
-
-    __test__ = False  # no test of pytest's
-
-    mean: float
-    low: float
-    """Lower end of the 95 % interval; NaN without one."""
-    high: float
-    p: float
-    """NaN without an interval."""
-    n: int
-    """Seeds; over many cells, pairs."""
-
-    @property
-    def verdict(self) -> Verdict:
-        """On "the first is above the second"."""
-        return above(self, self.p)
-
-
 Pair = tuple[Mapping[int, float], Mapping[int, float]]
 """Two samples of one cell, values by seed."""
 
 
-def in_cell(a: Mapping[int, float], b: Mapping[int, float]) -> Test:
-    """`a` minus `b` in one cell."""
-    return test_of(difference(a, b))
-
-
-def over_cells(pairs: Iterable[Pair]) -> Test:
+def over_cells(pairs: Iterable[Pair]) -> Estimate:
     """Mean over cells of `a` minus `b`; cells without two common seeds are left out."""
     common = [matched(a, b) for a, b in pairs]
     apart = [np.asarray([a[s] - b[s] for s in a]) for a, b in common if set(a) == set(b)]
     apart = [d for d in apart if d.size >= 2]
     if not apart:
-        return Test(math.nan, math.nan, math.nan, math.nan, 0)
+        return Estimate(math.nan, math.nan, 0, math.nan, math.nan)
     mean = float(np.mean([d.mean() for d in apart]))
     variances = np.asarray([d.var(ddof=1) / d.size for d in apart])
     freedoms = np.asarray([d.size - 1 for d in apart])
     n = sum(d.size for d in apart)
     if variances.sum() == 0.0:
-        return Test(mean, mean, mean, 0.0 if mean else 1.0, n)
+        return Estimate(mean, math.nan, n, mean, mean)
     error = float(np.sqrt(variances.sum())) / len(apart)
     freedom = float(variances.sum() ** 2 / np.sum(variances**2 / freedoms))
     half = float(stats.t.ppf(0.5 + LEVEL / 2.0, freedom)) * error
-    p = float(2.0 * stats.t.sf(abs(mean) / error, freedom))
-    return Test(mean, mean - half, mean + half, p, n)
+    return Estimate(mean, math.nan, n, mean - half, mean + half, freedom)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -92,18 +65,18 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected
 
 
-def by_cell(tests: Sequence[Test]) -> list[Verdict]:
+def by_cell(apart: Sequence[Estimate]) -> list[Verdict]:
     """Verdicts on "the first is above the second" in each cell, after Holm's correction."""
-    return [above(test, p) for test, p in zip(tests, holm([t.p for t in tests]), strict=True)]
+    return [above(one, p) for one, p in zip(apart, holm([one.p for one in apart]), strict=True)]
 
 
-def above(test: Test, p: float) -> Verdict:
-    """The verdict on "above", by a p-value that may be corrected."""
+def above(apart: Estimate, p: float) -> Verdict:
+    """The verdict on "the first is above the second", by a p-value that may be corrected."""
     if math.isnan(p):
         return Verdict.UNTESTED
     if p >= 1.0 - LEVEL:
         return Verdict.UNDECIDED
-    return Verdict.SUPPORTED if test.mean > 0.0 else Verdict.REFUTED
+    return Verdict.SUPPORTED if apart.mean > 0.0 else Verdict.REFUTED
 
 
 def every(verdicts: Iterable[Verdict]) -> Verdict:
@@ -123,16 +96,3 @@ def below(bound: float, low: float, high: float) -> Verdict:
     if high <= bound:
         return Verdict.SUPPORTED
     return Verdict.REFUTED if low > bound else Verdict.UNDECIDED
-
-
-def test_of(apart: Estimate) -> Test:
-    """The test that an interval stands for."""
-    if not apart.has_interval or math.isnan(apart.low):
-        return Test(apart.mean, math.nan, math.nan, math.nan, apart.n)
-    half = 0.5 * (apart.high - apart.low)
-    if half == 0.0:
-        return Test(apart.mean, apart.low, apart.high, float(apart.mean == 0.0), apart.n)
-    freedom = apart.freedom
-    error = half / float(stats.t.ppf(0.5 + LEVEL / 2.0, freedom))
-    p = float(2.0 * stats.t.sf(abs(apart.mean) / error, freedom))
-    return Test(apart.mean, apart.low, apart.high, p, apart.n)

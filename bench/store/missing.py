@@ -1,20 +1,12 @@
 """Which runs of a plan a store holds, which are missing and why; it only reads."""
 
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from bench.plan.planned_run import Run
 from bench.plan.settings import flatten
-from bench.store.record import Outcome
-from bench.store.resume import (
-    failed_row,
-    finished_rows,
-    lost_parents,
-    outdated_rows,
-    resumed_names,
-    unfit,
-)
+from bench.store.resume import failed_row, finished_rows, outdated_rows
 from bench.store.store import Store, UnreadableRunError
 from bench.store.tables import IDENTITY, Tables
 
@@ -61,32 +53,6 @@ def states(runs: list[Run], store: Store, recorded: Tables) -> list[State]:
         return State(run, None, "never run")
 
     return [state(run) for run in runs]
-
-
-def with_lost_parents(
-    found: list[State],
-    failed: Collection[str],
-    store: Store,
-    kept: Callable[[Run], Outcome | None],
-) -> list[State]:
-    """`found`, where finished runs that are trained again for a child's sake are missing, too.
-
-    Args:
-        found: States of all runs of a plan.
-        failed: Names of missing runs that are not tried again.
-        store: Where their folders are.
-        kept: What can be restored of a run from its kept policy.
-    """
-    finished = {state.run.name for state in found if not state.reason}
-    missing = [s.run for s in found if s.reason and s.run.name not in failed]
-    resumed = resumed_names(missing)
-
-    def lost(run: Run) -> bool:
-        return run.name in finished and unfit(run.name, store.content(run.name), resumed)
-
-    again, _ = lost_parents(missing, {s.run.name: s.run for s in found}, lost, kept, resumed)
-    reason = "trained again, because others start from their lost policies"
-    return [state._replace(reason=reason) if state.run in again else state for state in found]
 
 
 def _of_folder(run: Run, store: Store, causes: Mapping[str, str]) -> State:

@@ -67,11 +67,7 @@ def make_standing(
         foreign = foreign_rows(plan, recorded) & rows
         standing.outdated.update({name: name for name in foreign})
         rows -= foreign
-        sound = {
-            name: content
-            for name, content in sound.items()
-            if name not in foreign or made_by(by_name[name], content)
-        }
+        sound = _without_foreign(sound, {name: by_name[name] for name in foreign})
     causes = recorded.column("cause")
     for run in plan.runs:
         content = sound.get(run.name) or failed_row(run.name, causes)
@@ -90,6 +86,15 @@ def make_standing(
 
     again, restored = lost_parents(standing.missing, by_name, lost, kept, resumed)
     return dataclasses.replace(standing, again=again, restored=restored)
+
+
+def _without_foreign(sound: Mapping[str, dict], foreign: Mapping[str, Run]) -> Mapping[str, dict]:
+    """`sound` without the folders that are of other programs or machines, as their rows are."""
+    return {
+        name: content
+        for name, content in sound.items()
+        if name not in foreign or made_by(foreign[name], content)
+    }
 
 
 def resumed_names(runs: Iterable[Run]) -> frozenset[str]:

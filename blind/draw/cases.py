@@ -6,9 +6,10 @@ import json
 import os
 import secrets
 import shutil
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,7 +17,10 @@ from blind.draw import catalogue
 from blind.draw.catalogue import SIZES, UNKNOWN, Withheld
 from blind.fly import flying, references
 from blind.fly.realities import DRONE, DT, MASS
+from diagnosis.logs.flights import FlightSet, load_flights
 from simulators.effects.card import Input, load_card
+
+C = TypeVar("C")
 
 KINDS = ("single", "pair", "clean", "unknown", "excluded")
 """What a case can be: one effect, two, none, one outside the library, one withheld from it."""
@@ -56,6 +60,13 @@ class Case:
     """Duration of each flight [s]."""
     noise: float = 1.0
     """Measurement noise over the usual one."""
+
+    @classmethod
+    def of(cls, label: Mapping[str, Any]) -> "Case":
+        """The case of a label that `write_labels` wrote."""
+        fields: dict[str, Any] = {name: value for name, value in label.items() if name != "exclude"}
+        fields["effects"] = tuple(Withheld(**effect) for effect in label["effects"])
+        return cls(**fields)
 
     @property
     def exclude(self) -> tuple[str, ...]:
@@ -173,6 +184,13 @@ def write_flights(folder: Path, tables: Sequence[Any]) -> None:
     os.replace(part, folder)
 
 
+def read_back(tables: Sequence[Any]) -> FlightSet:
+    """The flights that a diagnosis reads where `write_flights` has written `tables`."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_flights(Path(folder) / "flown", tables)
+        return load_flights(Path(folder) / "flown")
+
+
 def write_cases(directory: Path, labels_directory: Path, cases: Sequence[Case]) -> None:
     """Flies `cases` into `directory`/ID, and into `labels_directory`/true/ID without noise.
 
@@ -205,29 +223,18 @@ def seal(path: Path, labels: Mapping[str, Mapping[str, Any]]) -> str:
     return digest(path)
 
 
-def read_labels(path: Path, sha256: str | None = None) -> dict[str, Case]:
-    """Cases by their folders' names.
-
-    Raises:
-        ValueError: The file is not the one whose `sha256` was printed.
-    """
-    cases = {}
-    for name, fields in unseal(path, sha256).items():
-        del fields["exclude"]
-        effects = tuple(Withheld(**effect) for effect in fields.pop("effects"))
-        cases[name] = Case(effects=effects, **fields)
-    return cases
-
-
-def unseal(path: Path, sha256: str | None = None) -> dict[str, dict[str, Any]]:
-    """Labels by case.
+def read_labels(
+    path: Path, make: Callable[[Mapping[str, Any]], C], sha256: str | None = None
+) -> dict[str, C]:
+    """Cases by their folders' names, each made of its label.
 
     Raises:
         ValueError: The file is not the one whose `sha256` was printed.
     """
     if sha256 is not None and (found := digest(path)) != sha256:
         raise ValueError(f"`{path}` has changed: its SHA-256 is {found}, not {sha256}.")
-    return json.loads(path.read_text())["cases"]
+    labels = json.loads(path.read_text())["cases"]
+    return {name: make(label) for name, label in labels.items()}
 
 
 def digest(path: Path) -> str:

@@ -17,7 +17,6 @@ are flown again from its seeds.
 import dataclasses
 import json
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -135,25 +134,6 @@ def scaled_counts(total: int | None) -> dict[str, int]:
         many = [kind for kind in KINDS if counts[kind] > 1]
         counts[max(many, key=lambda kind: counts[kind] - exact[kind])] -= 1
     return counts
-
-
-def check_state(folders: Folders, reality: str, counts: Mapping[str, int] | None) -> None:
-    """Nothing, if a run that is there already is the one that is asked for.
-
-    Raises:
-        UsageError: It is another one.
-    """
-    state = folders.read_state()
-    elsewhere = "Give another folder with `--out`."
-    if state["reality"] != reality:
-        raise UsageError(
-            f"{folders.runs} holds cases of reality {state['reality']}, not {reality}. {elsewhere}"
-        )
-    if counts is not None and state["counts"] != dict(counts):
-        total = sum(state["counts"].values())
-        raise UsageError(
-            f"{folders.runs} holds {total} cases, not {sum(counts.values())}. {elsewhere}"
-        )
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -5,7 +5,6 @@ as they were flown, and whatever a diagnosis finds there is a false alarm.
 """
 
 import dataclasses
-import hashlib
 import secrets
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,11 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from blind.draw.cases import unseal
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import ALL, able
 from blind.draw.folders import Folders
-from diagnosis.logs.flights import FlightSet, VehicleFile, write_flights
+from diagnosis.logs.flights import FlightSet, write_flights
 
 FEWEST_FLIGHTS = 4
 """Fewest flights that can be split into halves of which each tells a scatter."""
@@ -46,10 +44,11 @@ class Injected:
     reference: tuple[str, ...]
     """The other flights."""
 
-    @property
-    def exclude(self) -> tuple[str, ...]:
-        """Effects that the diagnosis must do without: none."""
-        return ()
+    @classmethod
+    def of(cls, label: Mapping[str, Any]) -> "Injected":
+        """The case of a label."""
+        names = {half: tuple(label[half]) for half in ("target", "reference")}
+        return cls(**{**label, **names})
 
     @property
     def answers(self) -> Mapping[str, Parameters]:
@@ -122,37 +121,6 @@ def write_unnamed(place: Path, flights: FlightSet) -> None:
     vehicle = dataclasses.replace(flights.vehicle, name=UNNAMED)
     write_flights(half_written, vehicle, flights.flights)
     half_written.rename(place)
-
-
-def read_injected_labels(path: Path, sha256: str | None = None) -> dict[str, Injected]:
-    """Cases by their folders' names.
-
-    Raises:
-        ValueError: The file is not the one whose `sha256` was printed.
-    """
-    tuples = ("target", "reference")
-    found: dict[str, Injected] = {}
-    for name, fields in unseal(path, sha256).items():
-        own: dict[str, Any] = fields | {key: tuple(fields[key]) for key in tuples}
-        found[name] = Injected(**own)
-    return found
-
-
-def flights_digest(flights: FlightSet) -> str:
-    """SHA-256 of everything that was flown and believed."""
-    found = hashlib.sha256(repr(_believed(flights.vehicle)).encode())
-    for flight in flights.flights:
-        for drone in flight.drones:
-            for name, column in vars(drone).items():
-                if column is not None:
-                    found.update(f"{flight.name} {name} {column.shape}\n".encode())
-                    found.update(np.ascontiguousarray(column).tobytes())
-    return found.hexdigest()
-
-
-def _believed(vehicle: VehicleFile) -> tuple:
-    own = () if vehicle.airframe is None else (vehicle.airframe,)
-    return vehicle.drone, vehicle.mass, *own
 
 
 def _some(flights: FlightSet, names: Sequence[str]) -> FlightSet:

@@ -26,6 +26,8 @@ from simulators.vehicle import GRAVITY
 
 CHUNK = 5000
 """Physics steps that one call of the compiled program flies."""
+DROPPED = 0.02
+"""Share of the rows that a log lacks here and there."""
 _KP = np.asarray([7.0, 7.0, 12.0], np.float32)
 _KD = np.asarray([4.5, 4.5, 6.0], np.float32)
 _KI = np.asarray([4.0, 4.0, 12.0], np.float32)
@@ -112,10 +114,10 @@ def fly(
     ]
 
 
-def drop_rows(flown: Flown, rng: np.random.Generator, share: float = 0.02) -> Flown:
-    """The flight without `share` of its rows and without up to two stretches of 0.1 to 0.4 s."""
+def drop_rows(flown: Flown, rng: np.random.Generator) -> Flown:
+    """The flight without `DROPPED` of its rows and without up to two stretches of 0.1 to 0.4 s."""
     times = np.unique(flown.logged["t"].to_numpy())
-    kept = rng.random(len(times)) >= share
+    kept = rng.random(len(times)) >= DROPPED
     for _ in range(rng.integers(0, 3)):
         start = rng.uniform(times[0] + 0.5, times[-1] - 0.5)
         kept &= ~((times >= start) & (times < start + rng.uniform(0.1, 0.4)))

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from rich.progress import track
 
-from blind.draw.cases import read_labels
+from blind.draw.cases import Case, read_labels
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import ALL, ONE_SIZE
 from blind.draw.folders import Folders
@@ -140,7 +140,7 @@ def main() -> None:
     parser.add_argument("draws", type=Path, nargs="+", help="folders that bench blind wrote")
     said: list[Said] = []
     for draw in parser.parse_args().draws:
-        labels = read_labels(Folders(draw).labels)
+        labels = read_labels(Folders(draw).labels, Case.of)
         for name, case in track(labels.items(), f"checking {draw.name}"):
             flights = load_flights(Folders(draw).cases / name)
             said += say_all(case.kind, flights)

@@ -9,14 +9,13 @@ from typing import Any
 
 import pandas as pd
 
-from bench.report.page import write_page
+from bench.report.page import write_both
 from bench.stats.statistics import records
 from bench.text import markdown
-from bench.text.errors import UsageError
 from bench.text.numbers import MISSING, percent
 from blind.draw.injected import NOTHING
 from blind.report.sections import several_programs
-from blind.report.tables import save_tables
+from blind.report.tables import load_tables, save_tables
 from blind.score.injected import power, shares
 from blind.score.scoring import proportion
 
@@ -38,6 +37,8 @@ WORDS = (
     "the part of the interface is wrong that has the fault. *Wrong effect*: the answer blames "
     "effects, and none of them describes the fault. Intervals are 95 %, Clopper and Pearson's."
 )
+FRAMES = ("cases", "numbers")
+"""Tables by file name."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +54,7 @@ class InjectedTables:
 
     def save(self, directory: Path) -> None:
         """Writes them all."""
-        save_tables(directory, {"cases": self.cases, "numbers": self.numbers}, run=self.run)
+        save_tables(directory, {name: getattr(self, name) for name in FRAMES}, run=self.run)
 
     @classmethod
     def load(cls, directory: Path) -> "InjectedTables":
@@ -62,25 +63,12 @@ class InjectedTables:
         Raises:
             UsageError: A table is missing or cannot be read.
         """
-        try:
-            frames = {n: pd.read_parquet(directory / f"{n}.parquet") for n in ("cases", "numbers")}
-            run = json.loads((directory / "run.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            reason = str(error).splitlines()[0]
-            raise UsageError(
-                f"A table in {directory} is missing or cannot be read; `bench blind --inject` "
-                f"writes it when a run has ended: {reason}"
-            ) from error
-        return cls(**frames, run=run)
+        return cls(**load_tables(directory, FRAMES, ("run",)))
 
 
 def is_injected(directory: Path) -> bool:
     """Whether the tables in a folder are those of injected faults."""
-    try:
-        run = json.loads((directory / "run.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return "injected" in run
+    return all((directory / f"{name}.parquet").is_file() for name in FRAMES)
 
 
 def report(runs: Sequence[InjectedTables]) -> list[str]:
@@ -112,9 +100,7 @@ def by_size(runs: Sequence[InjectedTables]) -> list[str]:
 def write_injected(tables: InjectedTables, path: Path) -> Path:
     """The Markdown file that was written; HTML stands beside it."""
     text = "\n\n".join([f"# {TITLE}", *report([tables]), *by_size([tables])]) + "\n"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
-    write_page(text, path.with_suffix(".html"), TITLE)
+    write_both(path, text, TITLE)
     return path
 
 

@@ -6,11 +6,10 @@ effect, the baselines, and how small effects may be.
 
 import dataclasses
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bench.paper.figures import data_uri
-from bench.report.page import write_page
+from bench.report.page import write_both
 from bench.text import markdown
 from bench.text.pages import read_notes
 from blind.report import failures, injected_section, sections
@@ -23,8 +22,6 @@ from blind.report.tables import Tables
 
 TITLE = "Diagnosis of effects that were withheld"
 DETAILS = "Diagnosis of withheld effects, by effect"
-Link = Callable[[Path], str]
-"""What a page writes for a picture."""
 INTRODUCTION = (
     "Flights were simulated, most of them with an effect, and the diagnosis was not told which. "
     "Every diagnosis ran in a process "
@@ -65,31 +62,28 @@ def write_report(
         injected: Tables of faults that were injected into logs, a run a flight set.
     """
     remarks, rest = _notes(notes)
-    pictures = {id(tables): write_pictures(tables, path.with_name(path.stem)) for tables in found}
     details = path.with_name(f"{path.stem}_details.md")
+    pictures, drawn = [], []
+    for tables in found:
+        own = write_pictures(tables, path.with_name(path.stem))
+        pictures += [picture for picture, _ in own]
+        shown = {p.stem: (f"{path.stem}/{p.name}", caption) for p, caption in own}
+        drawn.append((tables, _Figures(tables.run["reality"], shown)))
 
-    def figures(tables: Tables, link: Link) -> _Figures:
-        shown = {p.stem: (link(p), caption) for p, caption in pictures[id(tables)]}
-        return _Figures(tables.run["reality"], shown)
-
-    def answers(link: Link) -> list[str]:
-        more = f"By effect and size, and beside baselines: [{DETAILS}]({details.name})."
-        parts = [*in_short(found, injected), more]
-        parts += ["## How it was done", INTRODUCTION, DECIDABLE]
-        for tables in found:
-            parts += _answers(tables, figures(tables, link), remarks)
-        if injected:
-            parts += [f"## {injected_section.TITLE}", *injected_section.report(injected)]
-        return [*parts, *rest]
-
-    def by_effect(link: Link) -> list[str]:
-        parts = [f"The [answers]({path.name}) say how the cases were made and counted."]
-        for tables in found:
-            parts += _by_effect(tables, figures(tables, link))
-        return [*parts, *injected_section.by_size(injected)]
-
-    _write(path, path.stem, TITLE, answers)
-    _write(details, path.stem, DETAILS, by_effect)
+    more = f"By effect and size, and beside baselines: [{DETAILS}]({details.name})."
+    answers = [f"# {TITLE}", *in_short(found, injected), more]
+    answers += ["## How it was done", INTRODUCTION, DECIDABLE]
+    by_effect = [f"# {DETAILS}"]
+    by_effect += [f"The [answers]({path.name}) say how the cases were made and counted."]
+    for tables, figures in drawn:
+        answers += _answers(tables, figures, remarks)
+        by_effect += _by_effect(tables, figures)
+    if injected:
+        answers += [f"## {injected_section.TITLE}", *injected_section.report(injected)]
+    answers += rest
+    by_effect += injected_section.by_size(injected)
+    write_both(path, "\n\n".join(answers) + "\n", TITLE, pictures)
+    write_both(details, "\n\n".join(by_effect) + "\n", DETAILS, pictures)
     return path
 
 
@@ -107,17 +101,6 @@ class _Figures:
             return []
         link, caption = self.shown[f"{self.reality}_{kind}"]
         return [f"![{caption}]({link})", f"*{caption}.*"]
-
-
-def _write(path: Path, pictures: str, title: str, made: Callable[[Link], list[str]]) -> None:
-    """A page as Markdown, which links the folder `pictures`, and as HTML, which holds them."""
-
-    def text(link: Link) -> str:
-        return "\n\n".join([f"# {title}", *made(link)]) + "\n"
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text(lambda p: f"{pictures}/{p.name}"), encoding="utf-8")
-    write_page(text(data_uri), path.with_suffix(".html"), title)
 
 
 def _answers(tables: Tables, figures: _Figures, remarks: Mapping[str, str]) -> list[str]:

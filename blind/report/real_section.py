@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.report.page import write_page
+from bench.report.page import write_both
 from bench.stats.statistics import records
 from bench.text import markdown
 from bench.text.numbers import MISSING
@@ -35,8 +35,7 @@ def write_real(
     save_tables(directory, {"sets": rows, "numbers": numbers}, run=run)
     text = "\n\n".join([f"# {TITLE}", *_section(rows, numbers, run)]) + "\n"
     path = directory / "real.md"
-    path.write_text(text, encoding="utf-8")
-    write_page(text, path.with_suffix(".html"), TITLE)
+    write_both(path, text, TITLE)
     return path
 
 

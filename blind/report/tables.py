@@ -13,7 +13,7 @@
 import dataclasses
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,24 +67,9 @@ class Tables:
         Raises:
             UsageError: A table is missing or cannot be read.
         """
-        files = [f"{name}.parquet" for name in FRAMES] + ["summary.json", "run.json"]
-        for name in files:
-            if not (directory / name).is_file():
-                raise UsageError(
-                    f"{directory / name} is missing; `bench blind` writes it when a run has ended."
-                )
-        try:
-            frames = {name: pd.read_parquet(directory / f"{name}.parquet") for name in FRAMES}
-            texts = {
-                name: json.loads((directory / f"{name}.json").read_text(encoding="utf-8"))
-                for name in ("summary", "run")
-            }
-            others = (p for p in directory.glob("*.parquet") if p.stem not in FRAMES)
-            studies = {path.stem: pd.read_parquet(path) for path in others}
-        except (OSError, ValueError) as error:
-            reason = str(error).splitlines()[0]
-            raise UsageError(f"A table in {directory} cannot be read: {reason}") from error
-        return cls(**frames, **texts, studies=studies)
+        others = [p.stem for p in directory.glob("*.parquet") if p.stem not in FRAMES]
+        studies = load_tables(directory, others)
+        return cls(**load_tables(directory, FRAMES, ("summary", "run")), studies=studies)
 
 
 def make_tables(
@@ -96,10 +81,9 @@ def make_tables(
     run: Json,
 ) -> Tables:
     """The tables; cases that could not be measured count as decidable."""
-    decidable = {name: bool(found["decidable"]) for name, found in measures.items()}
-    ours = score(cases, answers, decidable, measures)
+    ours = score(cases, answers, measures)
     everybody = {OURS: ours} | {
-        name: score(cases, given, decidable, measures) for name, given in baselines.items()
+        name: score(cases, given, measures) for name, given in baselines.items()
     }
     rows = [
         row
@@ -131,6 +115,27 @@ def save_tables(directory: Path, frames: Mapping[str, pd.DataFrame], **documents
         part.replace(directory / f"{name}.parquet")
     for name, content in documents.items():
         write_json(directory / f"{name}.json", content)
+
+
+def load_tables(
+    directory: Path, frames: Sequence[str], documents: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Frames and documents that `save_tables` wrote, by name.
+
+    Raises:
+        UsageError: One of them is missing or cannot be read.
+    """
+    files = {name: directory / f"{name}.parquet" for name in frames}
+    texts = {name: directory / f"{name}.json" for name in documents}
+    for path in (*files.values(), *texts.values()):
+        if not path.is_file():
+            raise UsageError(f"{path} is missing; `bench blind` writes it when a run has ended.")
+    try:
+        read = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in texts.items()}
+        return read | {name: pd.read_parquet(path) for name, path in files.items()}
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise UsageError(f"A table in {directory} cannot be read: {reason}") from error
 
 
 def save_labels(folders: Folders) -> None:

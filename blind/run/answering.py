@@ -43,11 +43,6 @@ class Asked(Protocol):
         """Random name of its folder."""
         ...
 
-    @property
-    def exclude(self) -> tuple[str, ...]:
-        """Effects that the diagnosis must do without."""
-        ...
-
 
 C = TypeVar("C", bound=Asked)
 
@@ -63,10 +58,12 @@ def answer_all(
     jobs: int,
     on_end: Callable[[C, Mapping[str, Any]], None],
     reference_of: Callable[[C], Path | None] = lambda _: None,
+    exclude_of: Callable[[C], Sequence[str]] = lambda _: (),
 ) -> None:
     """Diagnoses cases, `jobs` at a time; `on_end` gets each case with its status.
 
-    `reference_of` says beside which flights of the undisturbed vehicle a case is diagnosed.
+    `reference_of` says beside which flights of the undisturbed vehicle a case is diagnosed, and
+    `exclude_of` without which effects.
     """
     sources = sources_digest()
     by_name = {case.id: case for case in cases}
@@ -75,7 +72,7 @@ def answer_all(
 
         def make(case: C) -> Callable[[], Task]:
             flights, reference = folders.cases / case.id, reference_of(case)
-            return lambda: _task(flights, work, case.exclude, reference)
+            return lambda: _task(flights, work, exclude_of(case), reference)
 
         def end(ended: Ended) -> None:
             status = _kept(ended, work / ended.name, folders.answers, sources)
@@ -91,6 +88,7 @@ def answer_shown(
     jobs: int,
     console: Console,
     reference_of: Callable[[C], Path | None] = lambda _: None,
+    exclude_of: Callable[[C], Sequence[str]] = lambda _: (),
     name_of: Callable[[C], str] = lambda case: case.id,
 ) -> None:
     """Diagnoses the cases that have no answer yet, with a progress bar that calls each by name."""
@@ -103,7 +101,7 @@ def answer_shown(
         def on_end(case: C, status: Mapping[str, Any]) -> None:
             display.finished(name_of(case), status["cause"], status["seconds"])
 
-        answer_all(folders, left, jobs, on_end, reference_of)
+        answer_all(folders, left, jobs, on_end, reference_of, exclude_of)
 
 
 def read_answers(

@@ -10,8 +10,8 @@ from rich.console import Console
 
 from bench.execution.executor import cores
 from bench.text.errors import UsageError
-from blind.draw.cases import Case, read_labels
-from blind.draw.folders import INJECTED, RESULTS, Folders, check_state, scaled_counts
+from blind.draw.cases import Case
+from blind.draw.folders import INJECTED, RESULTS, Folders, scaled_counts
 from blind.fly.realities import REALITIES
 from blind.report.injected_section import InjectedTables, is_injected, write_injected
 from blind.report.page import write_report
@@ -21,7 +21,14 @@ from blind.run.answering import answer_shown, read_answers
 from blind.run.children import Task, python, run_one
 from blind.run.display import CasesProgress
 from blind.run.measuring import measure_all, read_measures, unmeasured
-from blind.run.place import alone, check_no_tables, check_request, tampered, tell_end
+from blind.run.place import (
+    alone,
+    answer_sealed,
+    check_draw,
+    check_no_tables,
+    check_request,
+    tell_end,
+)
 
 DOCUMENT = Path("reports") / "blind.md"
 """The report on the runs in `RESULTS`."""
@@ -45,33 +52,28 @@ def run_blind(
     """
     counts = None if cases is None else scaled_counts(cases)
     folders = Folders(out or RESULTS / reality)
-    jobs = _check(folders, seed, jobs)
-    if folders.state.is_file():
-        check_state(folders, reality, counts)
+    _check(folders, reality, counts, seed, jobs)
     console = Console()
     with alone(folders):
         if not folders.state.is_file():
-            check_no_tables(folders)
             _generate(folders, reality, counts or scaled_counts(None), seed, console)
-        return _work(folders, jobs, console, out, notes)
+        return _work(folders, jobs or cores(), console, out, notes)
 
 
 def _work(
     folders: Folders, jobs: int, console: Console, out: Path | None, notes: Path | None
 ) -> int:
     """Exit status after everything that is still to be done with cases that were flown."""
-    if tampered(folders, console):
+
+    def answer(labels: Mapping[str, Case]) -> None:
+        if folders.gone(len(labels)):
+            console.print("Flights of the draw are gone; its seeds fly them again.")
+            _fly(folders, {"out": str(folders.out.resolve())}, len(labels), console)
+        _answer(folders, labels, jobs, console)
+
+    labels = answer_sealed(folders, Case.of, answer, console)
+    if labels is None:
         return 1
-    state = folders.read_state()
-    console.print(f"SHA-256 of the labels: {state['sha256']}", soft_wrap=True, highlight=False)
-    labels = read_labels(folders.labels, state["sha256"])
-    if folders.gone(len(labels)):
-        console.print("Flights of the draw are gone; its seeds fly them again.")
-        _fly(folders, {"out": str(folders.out.resolve())}, len(labels), console)
-    _answer(folders, labels, jobs, console)
-    if tampered(folders, console, "Nothing is scored."):
-        return 1
-    console.print("The labels are still those.")
     _measure(folders, labels, jobs, console)
     with console.status("Answering with the baselines"):
         baselines = answer_baselines(folders)
@@ -117,14 +119,25 @@ def _injected() -> list[InjectedTables]:
     return [InjectedTables.load(place) for place in places if is_injected(place)]
 
 
-def _check(folders: Folders, seed: int | None, jobs: int | None) -> int:
-    """The number of processes, after everything that was asked for was checked."""
+def _check(
+    folders: Folders,
+    reality: str,
+    counts: Mapping[str, int] | None,
+    seed: int | None,
+    jobs: int | None,
+) -> None:
+    """Nothing, if the request makes sense and is that of a run which is there already."""
     check_request(folders, seed, jobs)
-    if seed is not None and folders.state.is_file() and folders.read_state()["seed"] != seed:
-        raise UsageError(
-            f"{folders.runs} was not drawn with seed {seed}. Give another folder with `--out`."
-        )
-    return jobs or cores()
+    if not folders.state.is_file():
+        check_no_tables(folders)
+        return
+    state = folders.read_state()
+    asked = {
+        "reality": (reality, f"of reality {state['reality']}"),
+        "counts": (counts, f"of {sum(state['counts'].values())} cases"),
+        "seed": (seed, f"with the seed {state['seed']}"),
+    }
+    check_draw(folders, asked)
 
 
 def _generate(
@@ -159,7 +172,7 @@ def _answer(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Co
     # Beside crazyflow itself nothing needs a reference: its equations are the diagnosis's own.
     own = folders.read_state()["reality"] == "crazyflow"
     reference = None if own else folders.reference
-    answer_shown(folders, labels, jobs, console, lambda _: reference)
+    answer_shown(folders, labels, jobs, console, lambda _: reference, lambda case: case.exclude)
 
 
 def _measure(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from blind.draw.cases import (
+    Case,
     draw_cases,
     fly_case,
     make_case,
@@ -69,7 +70,7 @@ def fly_again(folders: Folders) -> None:
     """Flies what is gone of a draw whose `run.json` and labels are there."""
     state = folders.read_state()
     _fly_undisturbed(folders, state["reality"], state["entropy"], state["undisturbed"])
-    cases = read_labels(folders.labels, state["sha256"])
+    cases = read_labels(folders.labels, Case.of, state["sha256"])
     write_cases(folders.cases, folders.labels.parent, list(cases.values()))
 
 

@@ -16,17 +16,19 @@ from bench.text.errors import UsageError
 from blind.draw.cases import seal
 from blind.draw.faults import ALL
 from blind.draw.folders import INJECTED, RESULTS, Folders, write_json
-from blind.draw.injected import (
-    Injected,
-    draw_injected,
-    flights_digest,
-    read_injected_labels,
-    write_injected,
-)
+from blind.draw.injected import Injected, draw_injected, write_injected
+from blind.draw.manifest import files_digest
 from blind.report import injected_section as report
 from blind.report.tables import save_labels
 from blind.run.answering import answer_shown, read_documents, sources_digest
-from blind.run.place import alone, check_no_tables, check_request, tampered, tell_end
+from blind.run.place import (
+    alone,
+    answer_sealed,
+    check_draw,
+    check_no_tables,
+    check_request,
+    tell_end,
+)
 from blind.score.injected import injected_rows
 from diagnosis.logs.flights import FlightSet, LogError, load_flights
 
@@ -85,22 +87,12 @@ def _check(
         return
     state = folders.read_state()
     asked = {
-        "digest": flights_digest(flown),
-        "reference": reference,
-        "cases": state.get("cases") if cases is None else cases,
-        "seed": state["seed"] if seed is None else seed,
+        "digest": (files_digest(flown.path), "of other flights, or of these before they changed"),
+        "reference": (reference, f"{'without' if reference else 'with'} `--reference`"),
+        "cases": (cases, f"of {state.get('cases')} cases"),
+        "seed": (seed, f"with the seed {state['seed']}"),
     }
-    words = {
-        "digest": "of other flights, or of these before they changed",
-        "reference": "with `--reference`" if state.get("reference") else "without `--reference`",
-        "cases": f"of {state.get('cases')} cases",
-        "seed": f"with the seed {state['seed']}",
-    }
-    for key, wanted in asked.items():
-        if state.get(key) != wanted:
-            raise UsageError(
-                f"{folders.runs} holds a draw {words[key]}. Give another folder with `--out`."
-            )
+    check_draw(folders, asked)
 
 
 def _draw(
@@ -120,7 +112,7 @@ def _draw(
         folders.state,
         {
             "injected": flown.path.resolve().name,
-            "digest": flights_digest(flown),
+            "digest": files_digest(flown.path),
             "flights": len(flown.flights),
             "reference": reference,
             "cases": count,
@@ -135,20 +127,18 @@ def _draw(
 
 def _work(folders: Folders, flown: FlightSet, jobs: int, console: Console) -> int:
     """Exit status after everything that is still to be done with cases that were drawn."""
-    if tampered(folders, console):
-        return 1
     state = folders.read_state()
-    console.print(f"SHA-256 of the labels: {state['sha256']}", soft_wrap=True, highlight=False)
-    labels = read_injected_labels(folders.labels, state["sha256"])
-    write_injected(folders, flown, list(labels.values()))
 
     def beside(case: Injected) -> Path | None:
         return folders.references / case.id if state["reference"] else None
 
-    answer_shown(folders, labels, jobs, console, beside)
-    if tampered(folders, console, "Nothing is scored."):
+    def answer(labels: Mapping[str, Injected]) -> None:
+        write_injected(folders, flown, list(labels.values()))
+        answer_shown(folders, labels, jobs, console, beside)
+
+    labels = answer_sealed(folders, Injected.of, answer, console)
+    if labels is None:
         return 1
-    console.print("The labels are still those.")
     return _finish(folders, labels, state, console)
 
 

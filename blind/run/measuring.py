@@ -67,7 +67,7 @@ def _measure(folders: Folders, names: list[str]) -> int:
 
     program = {"program": sources_digest(with_generator=True)}
 
-    cases = read_labels(folders.labels)
+    cases = read_labels(folders.labels, Case.of)
     desk = Workbench(folders.runs, folders.read_state()["reality"] != "crazyflow")
     status = 0
     for name in names:

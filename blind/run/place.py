@@ -1,14 +1,18 @@
 """What each command of the laboratory asks of its folders, and what it says of them at the end."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any, TypeVar
 
 import filelock
 from rich.console import Console
 
 from bench.text.errors import UsageError
+from blind.draw.cases import read_labels
 from blind.draw.folders import Folders
+
+C = TypeVar("C")
 
 
 def check_request(folders: Folders, seed: int | None, jobs: int | None) -> None:
@@ -38,6 +42,24 @@ def check_no_tables(folders: Folders) -> None:
         )
 
 
+def check_draw(folders: Folders, asked: Mapping[str, tuple[Any, str]]) -> None:
+    """Refuses a folder that holds another draw than the one that is asked for.
+
+    Args:
+        folders: Where the draw is.
+        asked: By key of `run.json`, the wanted value, None for any, and what the draw there is.
+
+    Raises:
+        UsageError: A value is another one.
+    """
+    state = folders.read_state()
+    for key, (wanted, words) in asked.items():
+        if wanted is not None and state.get(key) != wanted:
+            raise UsageError(
+                f"{folders.runs} holds a draw {words}. Give another folder with `--out`."
+            )
+
+
 @contextlib.contextmanager
 def alone(folders: Folders) -> Iterator[None]:
     """A context in which no other process works in these folders.
@@ -53,7 +75,30 @@ def alone(folders: Folders) -> Iterator[None]:
         raise UsageError(f"Another `bench blind` works in {folders.runs}.") from error
 
 
-def tampered(folders: Folders, console: Console, consequence: str = "") -> bool:
+def answer_sealed(
+    folders: Folders,
+    make: Callable[[Mapping[str, Any]], C],
+    answer: Callable[[dict[str, C]], None],
+    console: Console,
+) -> dict[str, C] | None:
+    """The cases after `answer` answered them; None if the labels are not those of the draw.
+
+    The SHA-256 of the labels is checked and printed before the first answer, and checked again
+    after the last. `make` makes a case of its label.
+    """
+    if _tampered(folders, console):
+        return None
+    sha256 = folders.read_state()["sha256"]
+    console.print(f"SHA-256 of the labels: {sha256}", soft_wrap=True, highlight=False)
+    cases = read_labels(folders.labels, make, sha256)
+    answer(cases)
+    if _tampered(folders, console, "Nothing is scored."):
+        return None
+    console.print("The labels are still those.")
+    return cases
+
+
+def _tampered(folders: Folders, console: Console, consequence: str = "") -> bool:
     """Whether the labels are not those of the draw; prints that, and the consequence."""
     if wrong := folders.tampered():
         console.print(f"[red]{f'{wrong} {consequence}'.strip()}[/]", soft_wrap=True)

@@ -42,8 +42,6 @@ class RealCase:
     """Its folder."""
     reference: Path | None
     """The folder beside which it is diagnosed."""
-    exclude: tuple[str, ...] = ()
-    """Effects that the diagnosis must do without: none."""
 
 
 def run_real(path: Path, *, out: Path | None = None, jobs: int | None = None) -> int:
@@ -104,7 +102,7 @@ def _answer(folders: Folders, cases: Mapping[str, RealCase], jobs: int, console:
     def beside(case: RealCase) -> Path | None:
         return folders.references / case.id if case.reference else None
 
-    answer_shown(folders, by_id, jobs, console, beside, lambda case: case.name)
+    answer_shown(folders, by_id, jobs, console, beside, name_of=lambda case: case.name)
 
 
 def _copy(source: Path, place: Path) -> None:

@@ -30,6 +30,9 @@ Array = np.ndarray
 
 _ALL = range(len(SIGNATURES))
 
+SPARSITY = 0.1
+"""RMS below which a signature's part is dropped from a sparse fit, in units of noise."""
+
 EFFECTS = tuple(dict.fromkeys(s.effect for s in SIGNATURES))
 """What a baseline can name."""
 
@@ -87,12 +90,12 @@ def correlation(flights: FlightSet, reference: FlightSet) -> Finding:
     return Finding((best,), coefficients, errors, onset)
 
 
-def stlsq(flights: FlightSet, reference: FlightSet, threshold: float = 0.1) -> Finding:
+def stlsq(flights: FlightSet, reference: FlightSet) -> Finding:
     """The effects that survive; strength is the RMS of an effect's part, in units of noise."""
     onset, problem = _problem(flights, reference)
     scale = np.sqrt(np.mean(problem.columns**2, axis=0))
     used = scale > 1e-9
-    optimizer = pysindy.STLSQ(threshold=threshold, alpha=1e-6)
+    optimizer = pysindy.STLSQ(threshold=SPARSITY, alpha=1e-6)
     with warnings.catch_warnings():
         # pysindy warns where nothing survives, which is an answer here.
         warnings.filterwarnings("ignore", message="Sparsity parameter is too big")

@@ -30,6 +30,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import signal
+from scipy.spatial.transform import Rotation
 
 from diagnosis.logs.flights import DroneLog, FlightSet
 from simulators.vehicle import GRAVITY, VehicleSpec
@@ -140,7 +141,7 @@ def _of_drone(
     middle = np.flatnonzero(t[2:] - t[:-2] < 2 * _LONGEST_GAP) + 1
     span = (t[middle + 1] - t[middle - 1])[:, None]
     acc = (log.vel[middle + 1] - log.vel[middle - 1]) / span
-    body = _matrices(log.quat[middle])
+    body = Rotation.from_quat(log.quat[middle]).as_matrix()
     held = np.diff(t)[:, None] * log.cmd[:-1, 3:]
     thrust = (held[middle - 1] + held[middle]) / span / mass  # mean over the difference's span
     rise = (log.cmd[middle, 3:] - log.cmd[middle - 1, 3:]) / np.diff(t)[middle - 1, None] / mass
@@ -185,10 +186,8 @@ def _below(t: Array, pos: Array, others: list[DroneLog]) -> Array:
 def _attitude(log: DroneLog) -> tuple[Array, Array]:
     """Residual and columns of roll, pitch and yaw."""
     assert log.cmd is not None
-    body = _matrices(log.quat)
-    roll = np.arctan2(body[:, 2, 1], body[:, 2, 2])
-    yaw = np.unwrap(np.arctan2(body[:, 1, 0], body[:, 0, 0]))
-    rpy = np.stack([roll, -np.arcsin(body[:, 2, 0]), yaw], axis=1)
+    rpy = Rotation.from_quat(log.quat).as_euler("xyz")
+    rpy[:, 2] = np.unwrap(rpy[:, 2])
     grid = np.arange(log.t[0], log.t[-1] + _GRID, _GRID)
     held = log.cmd[np.searchsorted(log.t, grid, side="right") - 1, :3]
     held = np.unwrap(held, axis=0)
@@ -207,19 +206,3 @@ def _attitude(log: DroneLog) -> tuple[Array, Array]:
     columns = [model * tilt, *(ones * np.eye(3)[i] for i in range(3)), -slope, -bend]
     residual = rpy - model
     return residual.ravel(), np.stack([np.ravel(column) for column in columns], axis=1)
-
-
-def _matrices(quat: Array) -> Array:
-    """Rotation matrices, body to world."""
-    x, y, z, w = quat.T
-    return np.moveaxis(
-        np.asarray(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        ),
-        -1,
-        0,
-    )

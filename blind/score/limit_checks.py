@@ -1,13 +1,12 @@
 """The rows of the study of limits: predictions for every effect, and diagnoses that check some."""
 
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from blind.draw.cases import Case, fly_case, write_flights
+from blind.draw.cases import Case, fly_case, read_back
 from blind.draw.catalogue import Withheld
 from blind.fly.references import N_KINDS
 from blind.score.limits import (
@@ -28,7 +27,6 @@ from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decide.verdict import Verdict, judge
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.shrinkage import split
-from diagnosis.logs.flights import load_flights
 from diagnosis.logs.noise import estimate_noise
 from diagnosis.replay.library import Library
 
@@ -103,9 +101,7 @@ class Survey:
 
     def diagnosed(self, case: Case) -> Verdict:
         """What the diagnosis says of a case, as `diagnose` would: from noisy logs alone."""
-        with tempfile.TemporaryDirectory() as folder:
-            write_flights(Path(folder) / case.id, [one.logged for one in fly_case(case)])
-            flights = load_flights(Path(folder) / case.id)
+        flights = read_back([one.logged for one in fly_case(case)])
         logs = flights.flights
         chosen, _ = split(len(logs))
         likelihood = make_likelihood(

@@ -92,7 +92,7 @@ def drawn(name: str, size: int = 1, seed: int = SEED) -> Withheld:
     return catalogue.draw_effect(name, size, np.random.default_rng(seed), SECONDS)
 
 
-def make_single(effect: Withheld, n_flights: int, noise: float = 1.0, seed: int = SEED) -> Case:
+def make_single(effect: Withheld, n_flights: int, seed: int = SEED) -> Case:
     """A case in which nothing but `effect` is different; two drones fly where it needs them."""
     return Case(
         id=f"{seed:016x}",
@@ -103,7 +103,6 @@ def make_single(effect: Withheld, n_flights: int, noise: float = 1.0, seed: int 
         drones=2 if Input.NEIGHBOUR in load_card(effect.name).inputs else 1,
         n_flights=n_flights,
         seconds=SECONDS,
-        noise=noise,
     )
 
 

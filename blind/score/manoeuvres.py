@@ -8,15 +8,13 @@ effect alone beyond that of the truth; 25 decides (`diagnosis.decide.decidable`)
 
 import dataclasses
 import itertools
-import tempfile
 from collections.abc import Callable, Collection, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from blind.draw import catalogue
-from blind.draw.cases import write_flights
+from blind.draw.cases import read_back
 from blind.draw.catalogue import Withheld
 from blind.fly import flying, paths
 from blind.fly.realities import DT
@@ -28,7 +26,7 @@ from diagnosis.decision import Decision
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Set
 from diagnosis.fit.search import Fits, refit
-from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.logs.flights import FlightSet
 from diagnosis.replay.believed import nominal_simulator
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import Replay, make_replay
@@ -217,6 +215,4 @@ def _fly(effect: Withheld, flights: Flights) -> FlightSet:
         disturbance = catalogue.make_disturbance((effect,), 1, rng)
         flown = flying.fly(OWN, disturbance, [[flights.path(t)]], flying.Noise(), rng)
         tables.append(flown[0].true)
-    with tempfile.TemporaryDirectory() as folder:
-        write_flights(Path(folder) / "flown", tables)
-        return load_flights(Path(folder) / "flown")
+    return read_back(tables)

@@ -8,14 +8,13 @@ the diagnosis has a reference, so has this, and what it leaves open is counted.
 """
 
 import dataclasses
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from blind.draw.cases import Case, fly_case, make_case, write_flights
+from blind.draw.cases import Case, fly_case, make_case, read_back
 from blind.fly.flying import Noise
 from diagnosis.decide.decidable import (
     Decidability,
@@ -108,9 +107,7 @@ class Workbench:
 def without_noise(case: Case) -> FlightSet:
     """The case flown in the nominal simulator's reality, as it was and not as it was measured."""
     flown = fly_case(dataclasses.replace(case, reality=OWN))
-    with tempfile.TemporaryDirectory() as folder:
-        write_flights(Path(folder) / case.id, [one.true for one in flown])
-        return load_flights(Path(folder) / case.id)
+    return read_back([one.true for one in flown])
 
 
 def _several(flights: FlightSet) -> bool:

@@ -23,6 +23,9 @@ from blind.score.identifiable import Bounds, Comparison, compare, distance, over
 FLAGGED = 0.1
 """Unexplained share from which an answer that names an effect also says that more is there [-]."""
 
+BINS = 5
+"""Bins of stated probabilities."""
+
 Answer = Mapping[str, Any]
 """An answer in the form of `answers.scored_form`; `verdict` and `effects` are required."""
 
@@ -86,23 +89,11 @@ def proportion(hits: int, n: int) -> Proportion:
 def score(
     cases: Mapping[str, Case],
     answers: Mapping[str, Answer],
-    decidable: Mapping[str, bool] | None = None,
     measured: Mapping[str, Measured] | None = None,
 ) -> Scores:
-    """All tables. A case that is not in `decidable` counts as decidable.
-
-    Raises:
-        ValueError: An answer, a decidability or a measure belongs to no case.
-    """
-    allowed = {"answers": answers, "decidable": decidable or {}, "measured": measured or {}}
-    for what, given in allowed.items():
-        if strange := sorted(set(given) - set(cases)):
-            raise ValueError(f"`{what}` names a case that has no label: {strange[0]}.")
+    """All tables. A case that was not measured counts as decidable."""
     own = {name: (measured or {}).get(name, {}) for name in cases}
-    judged = [
-        _judge(case, answers.get(name), (decidable or {}).get(name, True), own[name])
-        for name, case in cases.items()
-    ]
+    judged = [_judge(case, answers.get(name), own[name]) for name, case in cases.items()]
     parameters = [
         row
         for name, case in cases.items()
@@ -122,8 +113,9 @@ def score(
     )
 
 
-def _judge(case: Case, answer: Answer | None, decidable: bool, measured: Measured) -> Row:
+def _judge(case: Case, answer: Answer | None, measured: Measured) -> Row:
     truth = {effect.name for effect in case.effects}
+    decidable = bool(measured.get("decidable", True))
     verdict = "failed" if answer is None else str(answer["verdict"])
     chosen = list(answer["effects"]) if answer is not None and verdict == "effect" else []
     chosen.sort(key=lambda effect: -(effect.get("probability") or 0.0))
@@ -264,12 +256,12 @@ def _by_effect(singles: list[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _reliability(stated: list[tuple[float, bool]], n_bins: int = 5) -> pd.DataFrame:
+def _reliability(stated: list[tuple[float, bool]]) -> pd.DataFrame:
     """Bins of equal width, those without an answer left out; probabilities count to six digits."""
     rows = []
-    for i in range(n_bins):
-        low, high = i / n_bins, (i + 1) / n_bins
-        here = [(p, t) for p, t in stated if min(int(round(p, 6) * n_bins), n_bins - 1) == i]
+    for i in range(BINS):
+        low, high = i / BINS, (i + 1) / BINS
+        here = [(p, t) for p, t in stated if min(int(round(p, 6) * BINS), BINS - 1) == i]
         if here:
             row = _row("", "", sum(true for _, true in here), len(here), None)
             mean = float(np.mean([p for p, _ in here]))
@@ -292,15 +284,11 @@ def _summary(
     probability, true = np.asarray(stated, float).reshape(-1, 2).T
     return {
         "median_parameter_error": _of(np.median, errors),
-        "p90_parameter_error": _of(lambda x: np.quantile(x, 0.9), errors),
         "rms_over_cramer_rao": _of(lambda x: np.sqrt(np.mean(x**2)), over),
-        "median_over_cramer_rao": _of(np.median, over),
         "median_shrink_over_oracle": _of(np.median, (found / oracle)[oracle > 0]),
         "median_shrink": _of(np.median, found[beside]),
         "median_shrink_of_best_wrong": _of(np.median, wrong[beside]),
         "brier": _of(np.mean, (probability - true) ** 2),
-        "mean_probability": _of(np.mean, probability),
-        "share_true": _of(np.mean, true),
     }
 
 

@@ -26,14 +26,13 @@ Row = tuple[str, float, float, int]
 many answers or intervals it comes from."""
 
 
-def derived(
-    cases: Sequence[Case], parameters: Sequence[Case], decision: Decision = Decision()
-) -> list[Row]:
+def derived(cases: Sequence[Case], parameters: Sequence[Case]) -> list[Row]:
     """Each threshold beside what these cases say of it.
 
     Structure and shares are the largest that a right answer left: every true effect and no other,
     or none in a clean case. Shares of true effects are of those that were named.
     """
+    decision = Decision()
     clean, named = [c for c in cases if c["kind"] == "clean"], [c for c in cases if c["exact"]]
     right = [*named, *(c for c in clean if c["quiet"])]
     slight = [c for c in named if c["structure"] > decision.slight_structure]

@@ -6,12 +6,9 @@ from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
 from methods.training.meter import Meter, metered
-from methods.training.policy import AbstractPolicy
 
 
-def train_metered(
-    method: AbstractMethod, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None
-) -> Trained:
+def train_metered(method: AbstractMethod, setup: Setup, key: PRNGKeyArray) -> Trained:
     """What `method` trains, its high-fidelity flight billed by the reality that it was given.
 
     The ledger's `hf_fleet_seconds` is what the meter counted and what the run inherits; what the
@@ -19,7 +16,7 @@ def train_metered(
     """
     meter = Meter()
     given = dataclasses.replace(setup, reality=metered(setup.reality, meter))
-    trained = method.train(given, key, init)
+    trained = method.train(given, key)
     if not isinstance(trained, Trained):
         raise TypeError(
             f"`train` of `{type(method).__name__}` must return a Trained, got {trained!r:.80}."

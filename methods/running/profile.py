@@ -12,7 +12,7 @@ program repeats do not count.
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -127,17 +127,49 @@ def profile(task: AbstractTask, simulator: AbstractSimulator, trainer: BPTT) -> 
     policy = make_policy(task, simulator.spec, simulator.action_space, _KEY)
     state = optimizer(trainer.clip).init(eqx.filter(policy, eqx.is_inexact_array))
     n_worlds, n_drones = trainer.worlds(task.n_drones), task.n_drones
-    keys = jax.random.split(_KEY, n_worlds)
     rates = (trainer.learning_rate(0), _KEY)
     given = (trainer.rule(n_drones), task, simulator, policy, state, *rates)
-    room = [trainer.room(policy, task)]
+    kept = trainer.room(policy, task)
+    compile_seconds, memory = _compiled(given, kept)
+    whole = {name: shortest(call) for name, call in _programs(trainer, given, kept).items()}
+    rows = n_worlds * n_drones
+    flops, rate = attainable(policy, rows, task.horizon)
+    flops += 2.0 * rows * task.horizon * frozen_weights(simulator)
+    return Profile(
+        n_drones=n_drones,
+        n_worlds=n_worlds,
+        seconds={
+            "epoch": whole["epoch"],
+            "physics": whole["physics"],
+            "task": max(whole["task"] - whole["physics"], 0.0),
+            "policy": max(whole["policy"] - whole["task"], 0.0),
+            "backward": max(whole["epoch"] - whole["policy"], 0.0),
+        },
+        compile_seconds=compile_seconds,
+        memory=memory / rows,
+        flops=flops,
+        rate=rate,
+    )
+
+
+def _compiled(given: tuple, kept: Sequence[Array] | None) -> tuple[float, int]:
+    """Time of tracing and compiling an epoch [s], and its memory beside the policy's [byte]."""
     start = time.perf_counter()
-    lowered = update.lower(given, room[0])  # pyright: ignore[reportFunctionMemberAccess]
+    lowered = update.lower(given, kept)  # pyright: ignore[reportFunctionMemberAccess]
     compiled = lowered.compile()
-    compile_seconds = time.perf_counter() - start
+    seconds = time.perf_counter() - start
     memory = compiled.compiled.memory_analysis().temp_size_in_bytes
-    memory += sum(x.nbytes for x in room[0] or ())
-    hover = jnp.zeros((n_drones, 3)).at[:, 2].set(simulator.action_space.hover(simulator.spec.mass))
+    return seconds, memory + sum(x.nbytes for x in kept or ())
+
+
+def _programs(
+    trainer: BPTT, given: tuple, kept: Sequence[Array] | None
+) -> dict[str, Callable[[], Any]]:
+    """Calls that do more and more of an epoch, the last one all of it."""
+    _, task, simulator, policy, *_ = given
+    keys = jax.random.split(_KEY, trainer.worlds(task.n_drones))
+    hover = jnp.zeros((task.n_drones, 3))
+    hover = hover.at[:, 2].set(simulator.action_space.hover(simulator.spec.mass))
 
     def still(state: TaskState) -> Float[Array, "drones 3"]:
         # An observation that is not used would not be computed.
@@ -154,39 +186,19 @@ def profile(task: AbstractTask, simulator: AbstractSimulator, trainer: BPTT) -> 
         return episode(task, simulator, controller, key, trainer.decay, trainer.limit)
 
     def epoch() -> Any:
-        *found, room[0] = update(given, room[0])
+        nonlocal kept
+        *found, kept = update(given, kept)
         return found
 
-    def steps() -> dict[str, Callable[[], Any]]:
-        fly = eqx.filter_jit(jax.vmap(physics))
-        idle = eqx.filter_jit(jax.vmap(lambda key: episode(task, simulator, still, key)))
-        act = eqx.filter_jit(lambda policy: jax.vmap(lambda key: forward(policy, key))(keys))
-        return {
-            "physics": lambda: fly(keys),
-            "task": lambda: idle(keys),
-            "policy": lambda: act(policy),
-            "epoch": epoch,
-        }
-
-    whole = {name: shortest(call) for name, call in steps().items()}
-    rows = n_worlds * n_drones
-    flops, rate = attainable(policy, rows, task.horizon)
-    flops += 2.0 * rows * task.horizon * frozen_weights(simulator)
-    return Profile(
-        n_drones=n_drones,
-        n_worlds=n_worlds,
-        seconds={
-            "epoch": whole["epoch"],
-            "physics": whole["physics"],
-            "task": max(whole["task"] - whole["physics"], 0.0),
-            "policy": max(whole["policy"] - whole["task"], 0.0),
-            "backward": max(whole["epoch"] - whole["policy"], 0.0),
-        },
-        compile_seconds=compile_seconds,
-        memory=memory / (n_worlds * n_drones),
-        flops=flops,
-        rate=rate,
-    )
+    fly = eqx.filter_jit(jax.vmap(physics))
+    idle = eqx.filter_jit(jax.vmap(lambda key: episode(task, simulator, still, key)))
+    act = eqx.filter_jit(lambda policy: jax.vmap(lambda key: forward(policy, key))(keys))
+    return {
+        "physics": lambda: fly(keys),
+        "task": lambda: idle(keys),
+        "policy": lambda: act(policy),
+        "epoch": epoch,
+    }
 
 
 def attainable(policy: Policy, rows: int, steps: int) -> tuple[float, float]:

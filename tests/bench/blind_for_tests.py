@@ -63,7 +63,7 @@ def made(out, *cases):
 
 def answered(folders):
     """Statuses by case after answering what is missing."""
-    cases = read_labels(folders.labels)
+    cases = read_labels(folders.labels, Case.of)
     found = {}
     left = missing(folders, cases)
     answer_all(folders, left, 2, lambda one, status: found.update({one.id: status}))

@@ -11,7 +11,6 @@ from bench.cli.app import main
 from simulators import registry
 
 METHODS = {
-    "joyride": "Joyride",
     "instant": "Instant",
     "child": "Child",
     "failing": "Failing",

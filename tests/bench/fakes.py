@@ -53,31 +53,6 @@ class Instant(AbstractMethod):
         return _trained(policy, setup, self.inner.epochs)
 
 
-class Joyride(AbstractMethod):
-    """Flies the reality for 100 control steps in three worlds, and says nothing of it."""
-
-    version: ClassVar[str] = "1"
-    parents: ClassVar[tuple[str, ...]] = ()
-    simulator: ClassVar[str] = "crazyflow"
-
-    def train(self, setup, key, init=None):
-        reality, pos = setup.reality, setup.task.reset(key)[0]
-
-        @jax.jit
-        def fly(thrusts):
-            def step(state, thrust):
-                return reality.step(state, thrust * np.eye(3)[[2] * len(pos)]), None
-
-            begin = reality.reset(pos, key)
-            one = lambda thrust: jax.lax.scan(step, begin, thrust * np.ones(100))[0].pos  # noqa: E731
-            return jax.vmap(one)(thrusts)
-
-        fly(np.asarray([-0.2, 0.0, 0.2]))
-        policy = make_policy(setup.task, reality.spec, reality.action_space, key)
-        trained = _trained(policy, setup, 1)
-        return dataclasses.replace(trained, ledger=Ledger(epochs=1, train_seconds=0.25))
-
-
 class Child(AbstractMethod):
     """The policy of its parent `instant`, as it is."""
 

@@ -9,7 +9,6 @@ import pytest
 
 import bench
 from bench.plan.keys import SettingsError
-from bench.store.tables import TableError
 
 PAPER = Path(__file__).parents[2] / "results" / "paper"
 
@@ -34,11 +33,6 @@ def test_a_frame_has_a_row_a_run_and_a_column_a_metric():
     grey = frame.query("method == 'grey_box' and task == 'circle' and team_size == 3")
     assert grey["fleet_minutes"].unique() == pytest.approx([0.5])
     assert set(grey["simulator"]) == {"crazyflow"}
-
-
-def test_a_folder_without_tables_is_named(tmp_path):
-    with pytest.raises(TableError, match=r"holds no results\.parquet"):
-        bench.load(tmp_path)
 
 
 def test_run_trains_a_part_of_a_suite_and_returns_its_tables(in_process, write_suite, tmp_path):

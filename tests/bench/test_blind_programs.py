@@ -85,7 +85,9 @@ def test_a_draw_is_that_of_its_seed_in_its_reality(flown, tmp_path):
     generate.generate(folders, "rotorpy", COUNTS, 7, undisturbed=2)
     expected = draw_cases(COUNTS, "rotorpy", 7)
     state = folders.read_state()
-    assert read_labels(folders.labels, state["sha256"]) == {case.id: case for case in expected}
+    assert read_labels(folders.labels, Case.of, state["sha256"]) == {
+        case.id: case for case in expected
+    }
     clean, drawn = flown[:3], flown[3:]
     assert drawn == expected
     assert {(case.kind, case.reality, case.drones) for case in clean} == {("clean", "rotorpy", 1)}
@@ -126,7 +128,7 @@ def test_a_measure_is_a_file_a_case_and_a_failure_costs_no_other(monkeypatch, tm
     monkeypatch.setattr("blind.score.measures.measure", measure)
     assert measuring._measure(folders, [CLEAN.id, MASS.id]) == 1
     assert "no flights" in capsys.readouterr().err
-    found = measuring.read_measures(folders, read_labels(folders.labels))
+    found = measuring.read_measures(folders, read_labels(folders.labels, Case.of))
     assert found[MASS.id] | {"program": ""} == {"decidable": True, "of": MASS.id, "program": ""}
     assert found[MASS.id]["program"]
     assert list(found) == [MASS.id]

@@ -11,9 +11,10 @@ from tables_for_tests import SPAWN_SETTLED, Sheet
 
 from bench.cli.app import main
 from bench.report.leaderboard import write_leaderboard
-from bench.stats.compare import Side, Verdict, compare, load_side
+from bench.stats.compare import Side, compare, load_side
 from bench.stats.pooled import pools
 from bench.stats.statistics import Entry
+from bench.stats.verdicts import Verdict
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 from bench.text.numbers import measured
@@ -49,28 +50,28 @@ def other_seeds(*team_sizes):
 
 def test_one_cell_is_decided_by_the_t_interval_of_settled_rewards():
     found = compare(*sides(both()))
-    assert found.verdict is Verdict.BETTER
+    assert found.verdict is Verdict.SUPPORTED
     assert "Settled reward -51.2 ± 1.3 (n = 3) against -61.2 ± 1.0 (n = 3)" in found.lines[0]
     assert "t-interval" in found.lines[0]
-    assert compare(*sides(both())[::-1]).verdict is Verdict.WORSE
+    assert compare(*sides(both())[::-1]).verdict is Verdict.REFUTED
 
 
 def test_the_means_that_are_shown_are_of_the_seeds_that_are_compared():
     sheet = Sheet().add("good", rewards=(-9.0, -9.11)).add("bad", rewards=(-10.0, -10.1, -1.0))
     found = compare(*sides(sheet))
-    assert found.verdict is Verdict.BETTER
+    assert found.verdict is Verdict.SUPPORTED
     assert "-9.1 ± 0.1 (n = 2) against -10.1 ± 0.1 (n = 2): difference 1.0" in found.lines[0]
 
 
 def test_several_cells_are_decided_by_pooled_scores():
     found = compare(*sides(two_cells()))
-    assert found.verdict is Verdict.BETTER
+    assert found.verdict is Verdict.SUPPORTED
     apart = np.mean([np.mean(GOOD) - np.mean(BAD), np.mean(BAD) + 81.0]) / (-40.0 - SPAWN_SETTLED)
     assert found.lines[0].startswith(f"Score higher by {apart:.4f} (0.0164 to 0.0183), mean over ")
     assert found.lines[0].endswith("(6 pairs of seeds).")
     assert "Probability that a run of the first is better: 1.00, 95 %" in found.lines[1]
     assert "2 cells: spread, N = 3; spread, N = 12, 3 seeds of good, 3 seeds" in found.lines[2]
-    assert compare(*sides(two_cells())[::-1]).verdict is Verdict.WORSE
+    assert compare(*sides(two_cells())[::-1]).verdict is Verdict.REFUTED
 
 
 def test_cells_that_have_no_score_or_no_common_seeds_are_left_out_by_name():
@@ -81,7 +82,7 @@ def test_cells_that_have_no_score_or_no_common_seeds_are_left_out_by_name():
         found.lines
     )
     found = compare(*sides(other_seeds(12)))
-    assert found.verdict is Verdict.BETTER
+    assert found.verdict is Verdict.SUPPORTED
     assert "(3 pairs of seeds)" in found.lines[0]
     assert found.lines[2].startswith("Compared in spread, N = 3, ")
     assert (
@@ -97,7 +98,7 @@ def test_a_lost_seed_does_not_make_a_method_better_in_several_cells():
         sheet.add("good", rewards=(-50.0, -51.0, -52.0), team_size=team_size)
         sheet.add("bad", rewards=(-50.1, -50.9, -52.0, -90.0, -95.0), team_size=team_size)
     found = compare(*sides(sheet))
-    assert found.verdict is Verdict.NO_DIFFERENCE
+    assert found.verdict is Verdict.UNDECIDED
     assert found.lines[0].startswith("Score higher by 0.00000 (")
     assert found.lines[0].endswith("(15 pairs of seeds).")
     better, fewer = Sheet(), Sheet()  # all seeds of the other one would make it better
@@ -108,8 +109,8 @@ def test_a_lost_seed_does_not_make_a_method_better_in_several_cells():
             sheet.add(
                 "good", rewards=(-50.0, -51.0, -52.0, -5.0, -6.0)[:seeds], team_size=team_size
             )
-    assert compare(*sides(better)).verdict is Verdict.BETTER
-    assert compare(*sides(fewer)).verdict is Verdict.NO_DIFFERENCE
+    assert compare(*sides(better)).verdict is Verdict.SUPPORTED
+    assert compare(*sides(fewer)).verdict is Verdict.UNDECIDED
 
 
 def test_compare_and_the_leaderboard_give_one_number_for_one_comparison(tmp_path):
@@ -149,7 +150,7 @@ def test_compare_and_the_leaderboard_give_one_number_for_one_comparison(tmp_path
             assert found.lines[0].startswith(f"Score higher by {said}, mean over cells")
             assert f"| {other.label} |" in board
             assert f" | {said} | " in board.partition(f"| {other.label} |")[2].partition("\n")[0]
-            assert (found.verdict is Verdict.BETTER) == (behind.low > 0.0)
+            assert (found.verdict is Verdict.SUPPORTED) == (behind.low > 0.0)
         if i < j:  # the other way round is the same interval from 1 downwards
             assert (low, high) == pytest.approx(pool.improvement[i][j][1:], abs=0.0051)
             assert shown[one.label][j].endswith("*") == (high < 0.5 or low > 0.5)
@@ -157,9 +158,9 @@ def test_compare_and_the_leaderboard_give_one_number_for_one_comparison(tmp_path
 
 def test_what_the_seeds_do_not_decide_is_no_difference():
     sheet = Sheet().add("good", rewards=(-50.0, -58.0)).add("bad", rewards=(-52.0, -55.0))
-    assert compare(*sides(sheet)).verdict is Verdict.NO_DIFFERENCE
-    assert compare(*sides(both(), "good", "good")).verdict is Verdict.NO_DIFFERENCE
-    assert compare(*sides(two_cells(), "bad", "bad")).verdict is Verdict.NO_DIFFERENCE
+    assert compare(*sides(sheet)).verdict is Verdict.UNDECIDED
+    assert compare(*sides(both(), "good", "good")).verdict is Verdict.UNDECIDED
+    assert compare(*sides(two_cells(), "bad", "bad")).verdict is Verdict.UNDECIDED
 
 
 def changed(tables, about, **columns):
@@ -202,7 +203,7 @@ def changed(tables, about, **columns):
 )
 def test_what_cannot_be_compared_is_refused_with_the_reason(tables, reason):
     found = compare(*sides(tables))
-    assert found.verdict is Verdict.NOT_COMPARABLE
+    assert found.verdict is Verdict.UNTESTED
     assert reason in found.lines[0]
 
 
@@ -221,7 +222,7 @@ def test_other_axes_and_lost_runs_stand_beside_the_answer():
 def test_diverged_runs_count_with_the_policy_that_they_left():
     sheet = Sheet().add("good", rewards=GOOD).add("bad", rewards=BAD, status="diverged")
     found = compare(*sides(sheet))
-    assert found.verdict is Verdict.BETTER
+    assert found.verdict is Verdict.SUPPORTED
     assert "against -61.2 ± 1.0 (n = 3)" in found.lines[0]
     assert "Failed or diverged: 0 of good, 3 of bad." in found.lines
 
@@ -233,11 +234,11 @@ def test_folders_are_compared_entry_by_entry_without_the_upper_reference():
     new = Tables(results, new.curves, new.trajectories, new.runs)
     found = compare(Side("new", new, None), Side("old", old, None))
     assert "4 cells: spread, N = 3 (good); spread, N = 3 (bad)" in "\n".join(found.lines)
-    assert found.verdict is Verdict.BETTER
+    assert found.verdict is Verdict.SUPPORTED
     assert not any("upper_reference" in line for line in found.lines)
-    assert compare(Side("old", old, None), Side("old", old, None)).verdict is Verdict.NO_DIFFERENCE
+    assert compare(Side("old", old, None), Side("old", old, None)).verdict is Verdict.UNDECIDED
     mixed = compare(Side("new", new, None), Side("old", old, Entry("good")))
-    assert mixed.verdict is Verdict.NOT_COMPARABLE
+    assert mixed.verdict is Verdict.UNTESTED
 
 
 def test_the_command_ends_with_a_status_of_its_own_for_each_answer(tmp_path, capsys):
@@ -272,6 +273,6 @@ def test_a_side_is_a_folder_an_entry_or_both(tmp_path):
 def test_the_upper_reference_is_compared_in_one_cell_alone():
     sheet = two_cells().add_upper(first_seed=1).add_upper(first_seed=1, team_size=12)
     found = compare(*sides(sheet, b="upper_reference"))
-    assert found.verdict is Verdict.NOT_COMPARABLE
+    assert found.verdict is Verdict.UNTESTED
     assert "upper_reference defines what a score of 1 is" in found.lines[0]
     assert "to compare over 2 cells" in found.lines[0]

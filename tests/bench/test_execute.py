@@ -276,7 +276,7 @@ def test_a_sweep_on_slurm_leaves_the_same_store_and_loses_only_a_job_that_is_kil
     log = tmp_path / "trainings"
     row = f'method = "child"\nsettings.log = "{log}"'
     suite = write_suite(row, "failing", "dying", simulator="calm")
-    for name in ("POLL_S", "GATHER", "STATE_EVERY"):
+    for name in ("POLL_S", "STATE_EVERY"):
         monkeypatch.setattr(slurm, name, 0.3)
     assert main(["run", str(suite), "--out", str(out), "--executor", "slurm"]) == 1
     runs = runs_of(out)
@@ -384,13 +384,3 @@ def test_rows_in_other_realities_are_deployed_there_and_train_nothing_anew(
     epochs = results[results.metric == "epochs"].set_index("variant").value
     assert (epochs > 0).to_dict() == {v: "deployed_in" not in v for v in epochs.index}
     assert "Wind(x=2, y=0, z=0)" in (out / "leaderboard.md").read_text()
-
-
-def test_a_method_that_hides_its_flight_has_the_minutes_in_its_row(
-    in_process, write_suite, tmp_path
-):
-    """100 steps of 0.02 s, three worlds, two drones: 12 s."""
-    out = tmp_path / "out"
-    assert main(["run", str(write_suite("joyride")), "--out", str(out), "--jobs", "1"]) == 0
-    results = Tables.load(out).results.set_index("metric").value
-    assert results["fleet_minutes"] == pytest.approx(12.0 / 60.0)

@@ -4,11 +4,12 @@ import dataclasses
 import io
 
 import pytest
+from at_once import AtOnce
 from outcomes import FailingDisk
 from rich.console import Console
 
 from bench.execution.execute import execute
-from bench.execution.executor import AbstractExecutor, Ended
+from bench.execution.executor import Ended
 from bench.execution.progress import SweepProgress
 from bench.execution.worker import do_run
 from bench.plan.expansion import expand
@@ -17,42 +18,13 @@ from bench.store.record import Outcome
 from bench.store.store import Store
 
 
-class Idle(AbstractExecutor):
-    """Has nothing to do."""
-
-    slots = 1
-
-    def start(self, slot, task):
-        pytest.fail("nothing can start")
-
-    def events(self, timeout):
-        return []
-
-    def stop(self):
-        pass
-
-
 def test_a_full_disk_costs_the_runs_that_cannot_be_stored(plugins, tmp_path, monkeypatch):
     """Nothing can be stored, not even that they failed; the sweep ends and says so."""
-
-    class Full(AbstractExecutor):
-        slots = 1
-
-        def start(self, slot, task):
-            error = "OSError: [Errno 28] No space left on device"
-            self.given = [Ended(slot, error=error)]
-
-        def events(self, timeout):
-            given, self.given = self.given, []
-            return given
-
-        def stop(self):
-            pass
-
+    full = AtOnce(lambda slot, task: Ended(slot, error="[Errno 28] No space left on device"))
     runs = expand(Suite("test", "", ("spread",), (2,), 2, (Row("child"),))).runs
     store = Store(tmp_path, FailingDisk())
     console = Console(file=io.StringIO(), width=200)
-    status = execute(runs, store, Full(), SweepProgress(runs, console))
+    status = execute(runs, store, full, SweepProgress(runs, console))
     assert status == {run.name: "failed" for run in runs}
     assert store.names() == []
     text = console.file.getvalue()
@@ -67,22 +39,12 @@ def test_what_failed_by_itself_stays_so_when_its_group_dies_later(plugins, tmp_p
     store = Store(tmp_path)
     store.commit(runs[1], Outcome("failed", cause="from an earlier sweep"))
 
-    class Dying(AbstractExecutor):
-        slots = 1
-
-        def start(self, slot, task):
-            store.commit(runs[0], Outcome("failed", cause="the propellers fell off", details="why"))
-            self.given = [Ended(slot, error="its worker process was ended by SIGKILL")]
-
-        def events(self, timeout):
-            given, self.given = self.given, []
-            return given
-
-        def stop(self):
-            pass
+    def fail_and_die(slot, task):
+        store.commit(runs[0], Outcome("failed", cause="the propellers fell off", details="why"))
+        return Ended(slot, error="its worker process was ended by SIGKILL")
 
     display = SweepProgress(runs, Console(file=io.StringIO(), width=200))
-    status = execute(runs, store, Dying(), display, together=3)
+    status = execute(runs, store, AtOnce(fail_and_die), display, together=3)
     assert status == {run.name: "failed" for run in runs}
     found = [store.read(run.name) for run in runs]
     assert [content["interrupted"] for content in found] == [False, True, True]
@@ -98,7 +60,7 @@ def test_a_child_of_two_that_failed_earlier_fails_once(plugins, tmp_path, monkey
     display = SweepProgress([child, grand], Console(quiet=True))
     monkeypatch.setattr(display, "finished", lambda run, *_: ended.append(run.name))
     store, failed = Store(tmp_path), ["one", "other"]
-    status = execute([child, grand], store, Idle(), display, failed=failed)
+    status = execute([child, grand], store, AtOnce(pytest.fail), display, failed=failed)
     assert status == {child.name: "failed", grand.name: "failed"}
     assert ended == [child.name, grand.name]
     assert store.read(child.name)["cause"] == "parent one failed"

@@ -1,12 +1,13 @@
 """What `bench import` takes, prints and refuses."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from import_logs_for_tests import circle
 from log_writers import write_usd
 
 from bench.cli.app import main
-from diagnosis.importing.crazyflie import LOGGED, Variable, crazyflie_streams
+from diagnosis.importing.crazyflie import LOGGED, crazyflie_streams
 from diagnosis.importing.reader import FIELDS, Request
 from diagnosis.importing.ulog import TOPICS
 from diagnosis.logs.flights import load_flights
@@ -85,7 +86,7 @@ def test_what_the_crazyflies_recipe_logs_is_all_that_is_read(capsys):
     ]
     assert tuple(lines[7:]) == LOGGED
     t = np.arange(100.0)
-    named = {name: Variable(t, 0.5 * np.ones(100)) for name in lines[7:]}
+    named = {name: pd.Series(0.5, t) for name in lines[7:]}
     streams, missing = crazyflie_streams(named, Request(mass=0.03, thrust_max=0.5))
     assert missing == []
     assert {stream.field for stream in streams} == set(FIELDS) - {"rotor_vel"}

@@ -209,19 +209,6 @@ def test_a_failed_row_of_another_program_gives_way_to_the_run_that_went_well(
     assert trainer.trained == []
 
 
-def test_a_damaged_folder_costs_no_row(sweep, trainer, out):
-    sweep()
-    before = files(out)
-    for policy in (out / "runs").glob("*/policy.npz"):
-        policy.write_bytes(b"")
-    status, _, error = sweep()
-    assert (status, trainer.trained) == (0, [])
-    assert error.count("policy.npz has changed since it was written") == 4
-    assert {p: files(out)[p] for p in before if p.parent == out} == {
-        p: content for p, content in before.items() if p.parent == out
-    }
-
-
 def test_a_run_that_failed_by_itself_is_not_tried_again_in_a_clone(sweep, trainer, out):
     trainer.failing = {"failing"}
     assert sweep("--method", "failing", "--seeds", "1")[0] == 1

@@ -12,7 +12,7 @@ from tables_for_tests import Sheet
 
 from bench.execution.sweep import recorded_tables
 from bench.report.leaderboard import write_leaderboard
-from bench.store.tables import IDENTITY, SCHEMAS, TableError, Tables
+from bench.store.tables import SCHEMAS, TableError, Tables
 
 RESULTS = Path(__file__).parents[2] / "results"
 
@@ -82,31 +82,6 @@ def test_rows_are_sorted_by_run_and_keep_their_order_within_one():
     for run, rows in new.results.groupby("run"):
         own = found.results.loc[found.results["run"] == run, "metric"]
         assert own.tolist() == rows["metric"].tolist()
-
-
-@pytest.mark.parametrize("programs", ["xx", "xy", "yx"])
-def test_a_failed_run_gives_way_to_its_later_attempt_whatever_program_made_it(programs):
-    first, second = programs
-    failed, fine = made(("a", 0, first, "failed")), made(("a", 0, second, "ok"))
-    assert_equal(failed.merged(fine), fine)
-    assert_equal(fine.merged(failed), fine)
-    again = made(("a", 0, second, "failed"))
-    assert_equal(failed.merged(again), again)
-
-
-def test_a_failed_run_stays_where_nothing_came_instead():
-    failed = made(("a", 0, "x", "failed"))
-    found = failed.merged(made(("a", 1, "x", "ok")))
-    assert found.column("status") == {"a-s0-x": "failed", "a-s1-x": "ok"}
-
-
-def test_a_run_of_another_program_comes_in_only_if_the_row_is_replaced():
-    old, new = made(("a", 0, "x", "ok"), ("b", 0, "x", "ok")), made(("a", 0, "y", "ok"))
-    assert_equal(old.merged(new), old)
-    found = old.merged(new, {"a-s0-x"})
-    assert names(found) == {"a-s0-y", "b-s0-x"}
-    assert_equal(of(found, {"a-s0-y"}), new)
-    assert_equal(of(found, {"b-s0-x"}), of(old, {"b-s0-x"}))
 
 
 def test_a_row_is_replaced_by_one_of_the_same_name():
@@ -182,15 +157,6 @@ def test_merging_agrees_with_a_dictionary_and_is_idempotent(here, there, data):
     assert_equal(of(merged, names(merged) - names(old)), of(new, names(merged) - names(old)))
     assert_equal(again, merged)
     assert_equal(alone, merged)
-
-
-def test_identities_are_those_of_the_columns():
-    tables = made(("a", 1, "x", "ok"))
-    assert tables.identities() == {("a", "", "", "spread", 2, 1): "a-s1-x"}
-    assert len(IDENTITY) == 6
-    metrics = tables.metrics("a-s1-x")
-    assert metrics["settled_reward"] == -101.0 - ord("x") / 7.0
-    assert len(metrics) == len(tables.results)
 
 
 @pytest.mark.parametrize(

@@ -29,13 +29,13 @@ def test_the_display_of_a_terminal_shows_run_stage_epoch_return_and_time_left(pl
     display.started(0, [runs[1]])
     display.progress(0, "HF training", 30, 120, -41.25)
     display.finished(runs[0], "diverged", "", 61.0)
-    console.print(display._render())
+    console.print(display._live.renderable)
     lines = console.file.getvalue().splitlines()
-    assert lines[0] == "[1/2] instant spread n2 s0: diverged, 1 min 01 s"
+    assert lines[0] == "[1/2] instant spread n2 s0: diverged, 61 s"
     assert lines[1].startswith("1/2 runs ")
     assert lines[1].rstrip().endswith(" left")
     words = " ".join(lines[2].split())
-    assert words.startswith("instant spread n2 s1 HF training 30/120 return -41.2 0 s left")
+    assert words == "instant spread n2 s1 HF training 30/120, return -41.2 -:--:--"
 
 
 def test_the_display_of_a_group_names_the_first_and_counts_the_others(plugins):
@@ -45,9 +45,9 @@ def test_the_display_of_a_group_names_the_first_and_counts_the_others(plugins):
     display.started(0, runs)
     display.finished(runs[0], "ok", "", 2.0)
     display.progress(0, "HF training", 30, 120, -41.25)
-    console.print(display._render())
+    console.print(display._live.renderable)
     text = " ".join(console.file.getvalue().split())
     assert "instant spread n2 s1 and 1 like it HF training 30/120" in text
     display.finished(runs[1], "ok", "", 2.0)
     display.finished(runs[2], "ok", "", 2.0)
-    assert not display._lines
+    assert not display._lines.tasks

@@ -16,10 +16,12 @@ from simulators.registry import UnknownPluginError
 LAW = "crazyflow+mass(e~normal(0,0.05))+drag(c=1)"
 
 
-def test_a_distribution_is_written_canonically():
+def test_a_reality_is_written_canonically():
     assert written(parse_reality(LAW)) == "crazyflow+Drag(c=1); Mass(e~normal(0, 0.05))"
     spaced = "crazyflow + drag(c = 1) + mass( e ~ normal( 0 , 5e-2 ) )"
     assert written(parse_reality(spaced)) == written(parse_reality(LAW))
+    plain = parse_reality("crazyflow+wind(x=1, y=-0.5)+mass(e=0.2)")
+    assert written(plain) == "crazyflow+Mass(e=0.2); Wind(x=1, y=-0.5)"
 
 
 def test_a_variant_that_names_a_drawn_world_is_understood():
@@ -52,11 +54,15 @@ def test_a_world_with_a_name_is_what_its_text_says(name):
         ("mass(e~uniform(0, 0.7))", "must rise and lie within"),
         ("mass(e~normal(x, 0.1))", "finite numbers"),
         ("mass(e=0.1, e~normal(0, 0.1))", "given twice"),
+        ("mass(q=1)", "its parameters are e"),
+        ("mass(e=lots)", "each with a number"),
+        ("mass(e=nan)", "each with a number"),
+        ("attitude_loop(damping=1)", "does not have"),
         ("sensing(latency=0.1)", r"latency of 'sensing' must lie in \[0, 0.06\]"),
         ("mass(e~normal(0, 0.1))+collision(radius=0.1)", "Collision acts between drones"),
     ],
 )
-def test_a_distribution_that_makes_no_sense_is_refused(text, match):
+def test_an_effect_that_makes_no_sense_is_refused(text, match):
     with pytest.raises(UsageError, match=match):
         parse_reality(f"crazyflow+{text}")
 

@@ -1,12 +1,12 @@
 """The report: one file, nothing loaded, nothing executed that a name brings along."""
 
-import html.parser
 import json
 import re
 
 import numpy as np
 import pytest
 import tables_for_tests
+from html_for_tests import Page
 from tables_for_tests import Sheet
 
 from bench.report.answer import answer
@@ -20,28 +20,6 @@ from bench.report.pictures.summary import summary_panels
 from bench.report.pictures.top_view import top_views
 from bench.report.run_details import curve, run_lines
 from bench.stats.statistics import Entry
-
-
-class Page(html.parser.HTMLParser):
-    """Collects tags with attributes, scripts by type, and the text outside scripts."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tags, self.scripts, self.text, self._script = [], [], "", None
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        self._script = dict(attrs) if tag == "script" else None
-
-    def handle_endtag(self, tag):
-        self._script = None
-
-    def handle_data(self, data):
-        if self._script is None:
-            self.text += data
-        else:
-            self.scripts.append((self._script.get("type", ""), data))
 
 
 @pytest.fixture(scope="module")
@@ -58,10 +36,7 @@ def page(typical, tmp_path_factory):
 
 
 def test_report_loads_nothing_from_elsewhere(page):
-    for tag, attributes in page.tags:
-        assert not {"src", "srcset", "data", "poster"} & set(attributes), tag
-        assert tag not in ("link", "iframe", "object", "embed", "base")
-        assert attributes.get("href", "#").startswith("#")
+    page.check_loads_nothing()
     policy = next(a["content"] for t, a in page.tags if a.get("http-equiv"))
     assert policy.startswith("default-src 'none'")
     assert "http" not in policy
@@ -88,7 +63,7 @@ def test_a_report_of_the_quick_suites_size_stays_small(tmp_path):
 def test_hostile_names_never_become_markup(page):
     assert "<script>alert(1)</script>|x" in page.text
     assert all(data.strip() != "alert(1)" for _, data in page.scripts)
-    assert not [tag for tag, attrs in page.tags if tag == "script" and attrs.get("src")]
+    assert not [attrs for attrs in page.all("script") if attrs.get("src")]
 
 
 def test_every_picture_has_a_text_for_the_blind(typical, page):
@@ -98,8 +73,7 @@ def test_every_picture_has_a_text_for_the_blind(typical, page):
     assert len(drawn) == 1 + 4
     assert sum(text.startswith("Training return against epoch on") for text in said) == 2
     assert all(said)
-    ids = [attrs["id"] for tag, attrs in page.tags if "id" in attrs]
-    assert len(ids) == len(set(ids))
+    assert len(page.ids) == len(set(page.ids))
 
 
 def test_the_first_screen_names_the_suite_its_origin_and_the_answer(page):
@@ -193,7 +167,7 @@ def test_report_says_that_contacts_are_flags(page):
 
 
 def test_cells_of_the_board_carry_numbers_to_sort_by(page):
-    orders = [a["data-order"] for tag, a in page.tags if tag == "td" and a.get("data-order")]
+    orders = [a["data-order"] for a in page.all("td") if a.get("data-order")]
     numbers = {float(text) for text in orders if re.fullmatch(r"-?[0-9.]+", text)}
     assert {-140.0, -150.0, -200.0, -70.5, -5039.5} <= numbers
 
@@ -308,12 +282,11 @@ def test_every_run_can_be_opened_with_settings_metrics_curve_and_flight(typical,
     details = details_of(page)
     assert sorted(run["run"] for run in details) == sorted(typical.runs["run"])
     drawn = set(typical.trajectories["run"])
-    ids = {attrs["id"] for _, attrs in page.tags if "id" in attrs}
     results = typical.results.set_index(["run", "metric"])["value"]
     for run in details:
         assert (run["flight"] is not None) == (run["run"] in drawn)
         assert (run["curve"] is not None) == (run["run"] in drawn)
-        assert {run["settings"], run["versions"]} <= ids
+        assert {run["settings"], run["versions"]} <= set(page.ids)
         metrics = {name: text for name, text, _ in run["metrics"]}
         if run["status"] == "failed":
             assert metrics == {}
@@ -326,9 +299,8 @@ def test_every_run_can_be_opened_with_settings_metrics_curve_and_flight(typical,
 
 def test_every_row_of_the_leaderboard_leads_to_a_run_of_its_own(typical, page):
     details = details_of(page)
-    links = [attrs["href"] for tag, attrs in page.tags if tag == "a" and "data-run" in attrs]
-    ids = {attrs["id"] for _, attrs in page.tags if "id" in attrs}
-    assert {link.removeprefix("#") for link in links} <= ids
+    links = [attrs["href"] for attrs in page.all("a") if "data-run" in attrs]
+    assert {link.removeprefix("#") for link in links} <= set(page.ids)
     assert {link.removeprefix("#run-") for link in links} == set(map(str, range(len(details))))
     rows = typical.runs[["method", "residual", "variant", "task"]].drop_duplicates()
     first = links[: len(rows)]  # boards come before the runs

@@ -1,7 +1,6 @@
 """The site: every link leads somewhere, each number to its run, from a file and from a server."""
 
 import functools
-import html.parser
 import http.server
 import json
 import re
@@ -12,6 +11,7 @@ import diagnoses_for_tests
 import pytest
 import tables_for_tests
 from browser import needs_axe, needs_chromium, tab
+from html_for_tests import Page
 from rich.console import Console
 from tables_for_tests import Sheet
 
@@ -25,24 +25,6 @@ PIXEL = bytes.fromhex(
     "c0000003010100c9fe92ef0000000049454e44ae426082"
 )
 """A PNG of one pixel."""
-
-
-class Links(html.parser.HTMLParser):
-    """Addresses that a page leads to, and the identifiers in it."""
-
-    def __init__(self, path):
-        super().__init__()
-        self.links, self.ids, self.text = [], set(), ""
-        self.feed(path.read_text(encoding="utf-8"))
-
-    def handle_starttag(self, tag, attrs):
-        attrs = dict(attrs)
-        self.ids |= {attrs["id"]} if "id" in attrs else set()
-        if tag == "a" and "href" in attrs:
-            self.links.append(attrs["href"])
-
-    def handle_data(self, data):
-        self.text += data
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +66,7 @@ def site(world, tmp_path_factory):
 
 
 def pages_of(out):
-    return {path: Links(path) for path in out.rglob("*.html")}
+    return {path: Page(path.read_text(encoding="utf-8")) for path in out.rglob("*.html")}
 
 
 def test_every_link_of_every_page_leads_somewhere(site):
@@ -92,7 +74,7 @@ def test_every_link_of_every_page_leads_somewhere(site):
     assert len(pages) == 1 + 2 + 3 + 1 + 1  # index, suites, documents, diagnosis, replay
     followed = 0
     for path, page in pages.items():
-        for link in page.links:
+        for link in (a["href"] for a in page.all("a") if "href" in a):
             name, _, part = link.partition("#")
             if link == "https://example.org":
                 continue
@@ -152,7 +134,7 @@ def test_a_document_is_complete_and_links_within_the_site(site):
 
 
 def test_the_index_says_what_each_suite_and_diagnosis_found(site):
-    index = Links(site[0] / "index.html")
+    index = Page((site[0] / "index.html").read_text(encoding="utf-8"))
     assert "The paper's grid" in index.text
     assert "Claims & code" in index.text
     assert "N = 3 (spread): without high-fidelity flight" in index.text

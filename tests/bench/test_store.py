@@ -15,7 +15,7 @@ from outcomes import FailingDisk, make_template, outcome, plan
 
 from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
-from bench.store.record import FILES, Outcome, UnreadableRunError
+from bench.store.record import Outcome, UnreadableRunError
 from bench.store.resume import make_standing, stale_lines
 from bench.store.store import ClaimedError, Store
 from bench.store.tables import TableError, Tables
@@ -173,18 +173,6 @@ def test_a_damaged_run_in_a_read_only_store_is_left_out_where_it_is(store, plann
     assert list(sound) == [good.name]
     assert "It stays where it is: Read-only file system." in warnings[0]
     assert set(store.tables(sound, ()).results["run"]) == {good.name}
-
-
-@pytest.mark.parametrize("size", [0, 10])
-@pytest.mark.parametrize("file", [*FILES, "run.json"])
-def test_empty_and_truncated_files_are_found(store, planned, file, size):
-    good, bad = planned
-    for run in planned:
-        store.commit(run, outcome(run))
-    os.truncate(store.runs / bad.name / file, size)
-    warnings = []
-    assert list(store.sound(warnings.append)) == [good.name]
-    assert file in warnings[0]
 
 
 def test_what_killed_processes_left_is_removed(store, planned):

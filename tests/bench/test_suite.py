@@ -218,30 +218,6 @@ def test_a_suite_without_a_quick_part_says_which_have_one(load):
         load(GOOD + QUICK.replace("seeds", "seed"))
 
 
-def test_the_papers_studies_beside_its_grid_are_suites():
-    off_spec, budget = load_suite("off_spec"), load_suite("budget")
-    assert (off_spec.tasks, off_spec.team_sizes) == (("circle", "figure8"), (3, 7, 12))
-    adapted = [
-        row.reality for row in off_spec.methods if row == Row("recalibrated", reality=row.reality)
-    ]
-    assert adapted == ["crazyflow+mass(e=0.2)", "crazyflow+drag(c=2)", "crazyflow+wind(x=1.5)"]
-    for world in adapted:
-        rows = [(r.method, r.tracked) for r in off_spec.methods if r.deployed_in == world]
-        assert rows == [("lf_baseline", False), ("lf_baseline", True), ("hybrid", False)]
-        trained = [row for row in off_spec.methods if row.reality == world]
-        assert trained == [
-            Row("recalibrated", reality=world),
-            Row("recalibrated", settings={"flights": 0}, reality=world),
-            Row("grey_box", reality=world),
-            Row("hf_hotstart", reality=world),
-        ]
-    flights = [
-        (row.method, row.settings["flights"]) for row in budget.methods if "flights" in row.settings
-    ]
-    hybrids = [("hybrid", n) for n in (1, 3, 8, 32, 100)]
-    assert flights == [*hybrids, ("grey_box", 1), ("grey_box", 10)]
-
-
 def test_an_unknown_suite_is_named_with_the_nearest():
     with pytest.raises(SuiteError, match=r"'quik'\. Did you mean 'quick'"):
         load_suite("quik")

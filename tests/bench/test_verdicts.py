@@ -6,19 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.stats import verdicts
-from bench.stats.statistics import estimate
-from bench.stats.verdicts import (
-    Test,
-    Verdict,
-    above,
-    below,
-    by_cell,
-    every,
-    holm,
-    in_cell,
-    over_cells,
-)
+from bench.stats.statistics import Estimate, difference, estimate
+from bench.stats.verdicts import Verdict, above, below, by_cell, every, holm, over_cells
 
 SUPPORTED, REFUTED = Verdict.SUPPORTED, Verdict.REFUTED
 UNDECIDED, UNTESTED = Verdict.UNDECIDED, Verdict.UNTESTED
@@ -26,6 +15,10 @@ UNDECIDED, UNTESTED = Verdict.UNDECIDED, Verdict.UNTESTED
 
 def seeds(*values, first=0):
     return dict(enumerate(values, first))
+
+
+def verdict_of(found):
+    return above(found, found.p)
 
 
 def test_holm_multiplies_the_smallest_by_the_most_and_never_turns_the_order():
@@ -58,7 +51,7 @@ def test_what_has_no_p_value_counts_for_nothing_in_the_correction():
 
 def test_a_paired_test_is_students():
     a, b = np.array([-50.0, -52.0, -51.0, -58.0]), np.array([-55.0, -56.0, -59.0, -60.0])
-    test = in_cell(seeds(*a), seeds(*b))
+    test = difference(seeds(*a), seeds(*b))
     expected = stats.ttest_rel(a, b)
     assert test.p == pytest.approx(float(expected.pvalue))
     interval = expected.confidence_interval(0.95)
@@ -72,7 +65,7 @@ def test_a_paired_test_is_students_for_any_number_of_common_seeds(n, shift):
     rng = np.random.default_rng(n)
     a, b = rng.normal(shift, 1.0, n + 2), rng.normal(0.0, 2.0, n + 1)
     expected = stats.ttest_rel(a[1 : n + 1], b[1:])
-    found = in_cell(seeds(*a[1:], first=1), seeds(*b))
+    found = difference(seeds(*a[1:], first=1), seeds(*b))
     assert found.p == pytest.approx(expected.pvalue, rel=1e-9)
     assert (found.low, found.high) == pytest.approx(tuple(expected.confidence_interval(0.95)))
     assert (found.mean, found.n) == (pytest.approx(np.mean(a[1 : n + 1] - b[1:])), n)
@@ -82,16 +75,16 @@ def test_a_verdict_is_given_exactly_where_the_interval_excludes_0():
     rng = np.random.default_rng(7)
     decided = []
     for _ in range(200):
-        found = in_cell(seeds(*rng.normal(0.7, 1.0, 5)), seeds(*rng.normal(0.0, 1.0, 5)))
+        found = difference(seeds(*rng.normal(0.7, 1.0, 5)), seeds(*rng.normal(0.0, 1.0, 5)))
         expected = {found.low > 0.0: SUPPORTED, found.high < 0.0: REFUTED}.get(True, UNDECIDED)
-        assert found.verdict is expected
+        assert verdict_of(found) is expected
         decided.append(expected is not UNDECIDED)
     assert 20 < sum(decided) < 180
 
 
 def test_samples_of_other_seeds_are_tested_by_welch():
     a, b = [-50.0, -52.0, -51.0], [-60.0, -56.0, -59.0, -70.0]
-    test = in_cell(seeds(*a), seeds(*b, first=10))
+    test = difference(seeds(*a), seeds(*b, first=10))
     expected = stats.ttest_ind(a, b, equal_var=False)
     assert test.p == pytest.approx(float(expected.pvalue))
     assert (test.low, test.high) == pytest.approx(tuple(expected.confidence_interval(0.95)))
@@ -100,7 +93,10 @@ def test_samples_of_other_seeds_are_tested_by_welch():
 
 def test_one_cell_is_tested_alike_alone_and_among_cells():
     a, b = seeds(-50.0, -52.0, -51.0), seeds(-55.0, -56.0, -59.0)
-    assert over_cells([(a, b)]) == pytest.approx(in_cell(a, b))
+    alone, among = difference(a, b), over_cells([(a, b)])
+    assert among.n == alone.n
+    for name in ("mean", "low", "high", "freedom", "p"):
+        assert getattr(among, name) == pytest.approx(getattr(alone, name))
 
 
 def test_cells_weigh_alike_however_many_seeds_they_have():
@@ -135,7 +131,8 @@ def test_many_cells_are_tested_with_satterthwaites_degrees_of_freedom(lost):
         a = seeds(*(b + d)) if not lost else seeds(*(b + d)[1:], first=1)
         pairs.append((dict(sorted(a.items(), reverse=True)), seeds(*b)))
     found = over_cells(pairs)
-    assert found[:4] == pytest.approx(direct([d[lost:] for d in apart]))
+    expected = direct([d[lost:] for d in apart])
+    assert (found.mean, found.low, found.high, found.p) == pytest.approx(expected)
     assert found.n == 12 - 3 * lost
 
 
@@ -147,7 +144,7 @@ def test_intervals_over_cells_cover_what_they_promise():
     for drawn in rng.normal(size=(trials, 4, 5)):
         found = over_cells((seeds(*x), still) for x in shifts[:, None] + scales[:, None] * drawn)
         covered += found.low <= 0.0 <= found.high
-        assert (found.verdict is UNDECIDED) == (found.low <= 0.0 <= found.high)
+        assert (verdict_of(found) is UNDECIDED) == (found.low <= 0.0 <= found.high)
     assert covered / trials == pytest.approx(0.95, abs=0.015)
 
 
@@ -156,7 +153,7 @@ def test_cells_without_two_common_seeds_are_left_out_of_many():
     single = (seeds(9.0), seeds(0.0))
     foreign = (seeds(9.0, 8.0), seeds(0.0, 0.0, first=5))
     assert over_cells([whole, single, foreign]) == over_cells([whole])
-    assert over_cells([single, foreign]).verdict is UNTESTED
+    assert verdict_of(over_cells([single, foreign])) is UNTESTED
     assert over_cells([single, foreign]).n == 0
 
 
@@ -166,24 +163,24 @@ def test_cells_without_two_common_seeds_are_left_out_of_many():
 )
 def test_differences_without_scatter_decide_unless_they_are_zero(apart, verdict):
     pair = (seeds(apart, apart), seeds(0.0, 0.0))
-    assert in_cell(*pair).verdict is verdict
-    assert over_cells([pair]).verdict is verdict
+    assert verdict_of(difference(*pair)) is verdict
+    assert verdict_of(over_cells([pair])) is verdict
 
 
 def test_constant_differences_of_opposite_cells_are_a_tie():
     pair = (seeds(2.0, 3.0), seeds(1.0, 2.0))
-    assert over_cells([pair, pair]) == Test(1.0, 1.0, 1.0, 0.0, 4)
-    assert over_cells([pair, pair[::-1]]) == Test(0.0, 0.0, 0.0, 1.0, 4)
+    assert over_cells([pair, pair]) == Estimate(1.0, math.nan, 4, 1.0, 1.0)
+    assert over_cells([pair, pair[::-1]]) == Estimate(0.0, math.nan, 4, 0.0, 0.0)
 
 
 def test_a_tie_is_undecided_and_not_won():
     tie = over_cells([(seeds(1.0, -1.0, 0.1), seeds(0.0, 0.0, 0.0))])
     assert tie.mean > 0.0
-    assert tie.verdict is above(tie, tie.p) is UNDECIDED
-    found = Test(1.0, math.nan, math.nan, 0.001, 5)
+    assert verdict_of(tie) is UNDECIDED
+    found = estimate((0.9, 1.0, 1.1))
     for p, verdict in ((0.051, UNDECIDED), (0.049, SUPPORTED), (math.nan, UNTESTED)):
         assert above(found, p) is verdict
-    assert above(found._replace(mean=-1.0), 0.049) is REFUTED
+    assert above(estimate((-0.9, -1.0, -1.1)), 0.049) is REFUTED
 
 
 @pytest.mark.parametrize(
@@ -204,14 +201,15 @@ def test_every_cell_must_support_and_one_refutes(found, verdict):
 
 
 def test_the_correction_changes_a_verdict_and_not_its_direction():
-    tests = [Test(mean, 0.0, 0.0, 0.02, 3) for mean in (1.0, -1.0)]
+    tests = [estimate(sign * x for x in (0.75, 1.0, 1.25)) for sign in (1.0, -1.0)]
+    assert [one.p for one in tests] == pytest.approx([0.02, 0.02], abs=0.001)
     assert by_cell(tests) == [SUPPORTED, REFUTED]
     assert by_cell([*tests, tests[0]]) == [UNDECIDED] * 3
 
 
 def test_a_single_seed_has_no_verdict():
-    assert verdicts.test_of(estimate([3.0])).verdict is UNTESTED
-    assert in_cell(seeds(1.0), seeds(0.0)).verdict is UNTESTED
+    assert verdict_of(estimate([3.0])) is UNTESTED
+    assert verdict_of(difference(seeds(1.0), seeds(0.0))) is UNTESTED
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,6 @@ TESTED: dict[str, tuple[str, ...]] = {
     "bench/stats/ranking.py": ("test_ranking",),
     "bench/stats/scores.py": ("test_pooled", "test_compare"),
     "bench/stats/statistics.py": ("test_statistics", "test_verdicts"),
-    "bench/stats/target.py": ("test_target",),
     "bench/stats/verdicts.py": ("test_verdicts",),
     "methods/running/metered.py": ("test_meter",),
     "methods/training/meter.py": ("test_meter",),

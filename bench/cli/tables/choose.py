@@ -28,10 +28,10 @@ def choose(directory: Path, /, *, team_size: int, budget: float, task: str = "")
     check_tables(directory)
     from rich.console import Console
 
-    from bench.stats.choices import better_settings, on_task
+    from bench.report.answer import chosen
     from bench.stats.choices import choose as find
+    from bench.stats.choices import on_task
     from bench.store.tables import Tables
-    from bench.text.numbers import number, significant
     from bench.text.say import say
 
     tables, console = Tables.load(directory), Console()
@@ -47,26 +47,6 @@ def choose(directory: Path, /, *, team_size: int, budget: float, task: str = "")
             f"{directory} has no scored method for {team_size} drones and {budget:g} "
             f"fleet-minutes. It has runs with these numbers of drones: {sizes}."
         )
-    say(console, f"N = {team_size}, up to {budget:g} fleet-minutes: {found.best.label}.")
-    say(
-        console,
-        f"It needs {significant(found.minutes)} fleet-minutes. Its mean score is "
-        f"{number(found.score, 3)} on {', '.join(found.tasks)} "
-        "(0: a team that stays at its spawn, 1: the upper reference).",
-    )
-    for tie in found.tied:
-        say(
-            console,
-            f"Not shown to be worse: {tie.entry.label}, score {number(tie.score, 3)}, at most "
-            f"{significant(tie.high)} below.",
-        )
-    for b in better_settings(tables):
-        if b.team_size == team_size and b.minutes <= budget and b.score > found.score:
-            say(
-                console,
-                f"With other settings: {b.entry.label} on {', '.join(b.tasks)} "
-                f"({b.entry._replace(variant='').label} elsewhere), score {number(b.score, 4)}, "
-                f"{significant(b.minutes)} fleet-minutes. It was found by comparing many settings "
-                "on these tables, so the score is a little too good.",
-            )
+    for line in chosen(found, tables):
+        say(console, line)
     return 0

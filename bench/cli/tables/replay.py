@@ -24,7 +24,7 @@ def replay(
     out
         HTML file to write; default: replays/RUN.html beside the report.
     video
-        Also render a film with MuJoCo into this file: .gif, .webp or animated .png.
+        Also render a film into this file: .gif, .webp or animated .png.
     """
     if tables is not None:
         check_tables(tables)

@@ -94,11 +94,9 @@ def diagnose(
             return change.write(flights, out)
         out = out or place_of(flights)
         return run_diagnosis(flights, simulator, reference, exclude or (), out) or change.write(out)
-    from rich.console import Console
-
     from bench.diagnosis_report.deploy import deploy as deploy_team
 
     assert deploy is not None and reality is not None  # noqa: PT018 - asked above
     place = out or Path("reports") / "diagnosis" / f"deploy-{deploy}"
     team_size, seeds = (3 if team_size is None else team_size), (1 if seeds is None else seeds)
-    return deploy_team(deploy, reality, team_size, seeds, place, Console())
+    return deploy_team(deploy, reality, team_size, seeds, place)

@@ -2,7 +2,7 @@
 
 
 def doctor() -> int:
-    """Show versions, devices and graphics, and name combinations that are known to break.
+    """Show versions and devices, and name combinations that are known to break.
 
     Exit status 1 if something was found that breaks runs.
     """

@@ -9,7 +9,6 @@ A method at its default budget is a large marker. Fewer calibration flights and 
 cut short (suite `budget`) are small ones of the same colour, joined in the order of their bills.
 """
 
-import re
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -19,21 +18,18 @@ from matplotlib.lines import Line2D
 
 from bench.report.pictures.looks import Key, legend, on_page, ordered
 from bench.report.pictures.svg import Panel, name, plain_ticks, render
+from bench.stats.choices import at_budgets
 from bench.stats.scores import at_home, recovered, scored, undisturbed
 from bench.stats.statistics import (
     FEWEST_SEEDS,
-    Cell,
     Entry,
     Values,
     estimate,
-    on_top,
     seed_values,
 )
 from bench.store.tables import Tables
 from bench.text.numbers import number, significant
 
-BUDGET = re.compile(r"flights=\d+|trainer\.share=[\d.]+")
-"""Variants that differ from the default in their budget of flight alone."""
 FINEST = 1e-3
 """Gap below which the axis is linear; scores of five seeds tell no finer apart."""
 GAP = "gap to the upper reference"
@@ -104,8 +100,8 @@ def cost_panels(tables: Tables) -> tuple[list[Panel], list[Key]]:
 def points(tables: Tables, values: Values | None = None) -> dict[int, list[Point]]:
     """What is drawn, by team size: gaps of scores, or of `values`, of which 1 is the best."""
     scores = seed_values(scored(tables), "score") if values is None else values
-    scores = budgets(at_home(scores, tables))
-    bills = budgets(undisturbed(tables, "fleet_minutes"), FEWEST_SEEDS if values is None else 1)
+    scores = at_budgets(at_home(scores, tables))
+    bills = at_budgets(undisturbed(tables, "fleet_minutes"), FEWEST_SEEDS if values is None else 1)
     found: dict[int, list[Point]] = {}
     for n in sorted({cell.team_size for cell in scores}):
         cells = [cell for cell in scores if cell.team_size == n]
@@ -127,21 +123,6 @@ def _point(entry: Entry, minutes: list[float], own: list[Any]) -> Point:
     score = float(np.mean([x.mean for x in own]))
     spread = float(np.sqrt(np.mean(squares))) if squares else None
     return Point(entry, float(np.mean(minutes)), 1.0 - score, spread)
-
-
-def budgets(values: Values, fewest: int = 1) -> dict[Cell, dict[Entry, dict[int, float]]]:
-    """Default settings and other budgets, with at least so many seeds in a cell."""
-    settings = on_top(entry for own in values.values() for entry in own)
-    return {
-        cell: {
-            entry: seeds
-            for entry, seeds in own.items()
-            if len(seeds) >= fewest
-            and entry not in settings
-            and (not entry.variant or BUDGET.fullmatch(entry.variant))
-        }
-        for cell, own in values.items()
-    }
 
 
 def draw_marks(

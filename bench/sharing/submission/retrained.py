@@ -39,15 +39,7 @@ def verify(
 ) -> int:
     """Exit status: 0 the row matches, 3 it differs, 4 nothing can be told, 1 the training failed.
 
-    Args:
-        folder: The submission.
-        console: Where to say what was found.
-        task: Train a row of this task; empty: of any.
-        team_size: And of this number of drones; None: of any.
-        seed: And of this seed; None: of any. Of several rows, the one that trained fastest is
-            trained again.
-        jobs: Number of worker processes.
-        out: Folder for what is trained, from which a second call resumes; None: a temporary one.
+    Options as in `bench verify`.
 
     Raises:
         UsageError: The folder is no sound submission, or has no such row.
@@ -70,6 +62,13 @@ def verify(
         again = Tables.load(place).metrics(run.name)
     if out is None:
         say(console, "What was trained is removed again; --out FOLDER keeps it.")
+    outcome = _say_comparison(tables, row, again, console)
+    say(console, f"{row['run']}: {outcome}.")
+    return STATUSES[outcome]
+
+
+def _say_comparison(tables: Tables, row: Row, again: Mapping[str, float], console: Console) -> str:
+    """Says of each metric whether the row was reproduced; the worst outcome."""
     found = []
     for metric, idle in COMPARED.items():
         one = _compared(tables, row, metric, again[metric], again.get(idle, math.nan))
@@ -77,9 +76,7 @@ def verify(
         values = (significant(again[metric], 4), significant(tables.metrics(row["run"])[metric], 4))
         said = "{} here, {} submitted".format(*values)
         say(console, f"{metric}: {said}: {one.outcome}, {one.reason}.")
-    outcome = worst(found)
-    say(console, f"{row['run']}: {outcome}.")
-    return STATUSES[outcome]
+    return worst(found)
 
 
 def _compared(tables: Tables, row: Row, metric: str, again: float, idle: float) -> Agreement:

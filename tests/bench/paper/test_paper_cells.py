@@ -3,26 +3,10 @@
 import re
 
 import pytest
-from paper_tables import lines_of
 from tables_for_tests import Sheet
 
-from bench.paper.choosing import BETTER, CHOSEN
 from bench.paper.claims import CLAIMS
-from bench.paper.page import SOURCE, variants
-
-
-def test_cells_follow_the_order_of_the_claims(cells):
-    headings = [line.removeprefix("## ") for line in lines_of(cells, "## ")]
-    shown = [claim.title for claim in CLAIMS if claim.title in headings]
-    assert headings == [
-        CHOSEN,
-        BETTER,
-        *shown,
-        "Reward against flight",
-        "Settings that differ from the default",
-        SOURCE,
-    ]
-    assert len(shown) == len(CLAIMS) - 4  # Those of one number have no table.
+from bench.paper.page import variants
 
 
 def test_a_claim_leads_to_its_table_in_markdown_and_in_html(full, text, html, cells):
@@ -35,31 +19,6 @@ def test_a_claim_leads_to_its_table_in_markdown_and_in_html(full, text, html, ce
         assert f'id="{place}"' in cells_html
     assert 'href="paper.html"' in cells_html
     assert ".md" not in re.sub(r"<style.*?</style>|data:[^\"]*", "", html, flags=re.DOTALL)
-
-
-def test_what_decides_stands_over_the_table_that_shows_it(cells):
-    for claim in CLAIMS:
-        if f"## {claim.title}\n" in cells:
-            assert f"## {claim.title}\n\nSupported if {claim.rule.text}.\n\n| " in cells
-    assert cells.count("\n### Reward against flight, N = ") == 3
-
-
-def test_variants_stand_beside_their_default():
-    sheet = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0))
-    sheet.add("hybrid", "mlp", variant="x=1", rewards=(-40.0, -41.5))
-    headings, lines = variants(sheet.tables())
-    assert headings[2:5] == ("default", "variant", "difference")
-    assert lines == [
-        (
-            "spread, N = 3",
-            "hybrid (mlp), x=1",
-            "-50.5 ± 0.7 (n = 2)",
-            "-40.8 ± 1.1 (n = 2)",
-            "9.8",
-            "6.6 to 12.9",
-            "better",
-        )
-    ]
 
 
 @pytest.mark.parametrize(

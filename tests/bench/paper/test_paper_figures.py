@@ -12,7 +12,6 @@ from paper_tables import WORLDS, around
 from tables_for_tests import Sheet, empty, typical
 
 from bench.paper.figures import (
-    data_uri,
     write_flights,
     write_settings,
     write_summary,
@@ -20,6 +19,7 @@ from bench.paper.figures import (
 )
 from bench.paper.pictures import write_cost
 from bench.paper.values import HYBRID
+from bench.report.page import data_uri
 from bench.report.pictures.cost import points
 from bench.report.pictures.looks import BUILT_IN, COLORS
 from bench.stats.scores import home_of, undisturbed

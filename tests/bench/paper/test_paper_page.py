@@ -12,11 +12,9 @@ from paper_tables import TASKS, add_off_spec, lines_of
 from tables_for_tests import Sheet, empty, typical
 
 from bench.paper import claims
-from bench.paper.choosing import CHOSEN
 from bench.paper.claims import CLAIMS
 from bench.paper.page import (
     CELLS,
-    HOW,
     SOURCE,
     TITLE,
     WHY,
@@ -29,7 +27,6 @@ from bench.paper.page import (
 from bench.stats.scores import PRIMARY
 from bench.stats.verdicts import Verdict
 from bench.store.tables import Tables
-from bench.text import markdown
 from bench.text.errors import UsageError
 
 ROOT = Path(__file__).parents[3]
@@ -67,30 +64,6 @@ def test_markdown_html_and_all_figures_are_written(full):
     ]
 
 
-def test_sections_come_in_order(text):
-    assert [line.removeprefix("## ") for line in lines_of(text, "## ")] == [
-        "Which method to choose",
-        "What holds",
-        "Why",
-        claims.PAPER,
-        claims.BUDGET,
-        claims.OFF_SPEC,
-        claims.OWN,
-    ]
-
-
-def test_every_claim_has_a_line_with_both_verdicts(text):
-    for claim in CLAIMS:
-        link = f"[{claim.title}](paper_cells.md#{markdown.anchor(claim.title)})"
-        starts = [f"| {title} | {claim.stated} | " for title in (claim.title, link)]
-        (line,) = (found for start in starts for found in lines_of(text, start))
-        assert re.search(r"\| supported \| supported(: [^|]+)? \|$", line)
-    given = [claim.title for claim in CLAIMS if claim.of == claims.BILLS]
-    assert f"- **Supported** ({len(CLAIMS) - len(given)})\n  - {CLAIMS[0].title}\n" in text
-    bills = "".join(f"  - {title}\n" for title in given)
-    assert f"settings fix the bills** ({len(given)})\n{bills}\n" in text
-
-
 def test_figures_stand_in_the_markdown_by_name_and_in_the_html_whole(text, html):
     parts = ("cost", "pipeline", "summary", "flights", "worlds")
     names = [f"paper_{part}.png" for part in parts]
@@ -108,43 +81,6 @@ def test_notes_are_a_page_whose_headings_the_answers_list(text, html, full):
     assert "<em>lag</em>" in (full / "paper_why.html").read_text(encoding="utf-8")
 
 
-def test_programs_that_made_the_rows_are_named(text, cells, full_tables):
-    n = len(full_tables.runs)
-    link = f"[Commits and machines](paper_cells.md#{markdown.anchor(SOURCE)})"
-    assert text.endswith(f"{n} runs: {n} ok. {link}.\n")
-    assert f"| 0123abcd | a processor | {n:,} |\n" in cells.split(f"## {SOURCE}\n\n")[1]
-
-
-def test_whom_to_choose_is_told_by_team_size_and_budget(text, html, cells, full):
-    assert " Scores are means over circle, figure8, pitchandexpand, spread. " in text
-    lines = lines_of(cells, "| N = 12 | from ")
-    score = (900.0 - 95.0) / (900.0 - 90.0)
-    (line,) = lines_of(text, "| N = 12 | **")
-    assert line == f"| N = 12 | **domain randomization** 0.938 | **grey box** {score:.3f} |"
-    assert f"](paper_cells.md#{markdown.anchor(CHOSEN)})" in text
-    assert f'href="paper_cells.html#{markdown.anchor(CHOSEN)}"' in html
-    cells_html = (full / "paper_cells.html").read_text(encoding="utf-8")
-    assert f'id="{markdown.anchor(CHOSEN)}"' in cells_html
-    assert lines == [
-        "| N = 12 | from 0 | **domain randomization** | 0.938 | 0 | - |",
-        f"| N = 12 | from 0.5 | **grey box** | {score:.3f} | 0.5 | - |",
-    ]
-
-
-def test_the_upper_reference_is_nowhere_among_the_methods(text):
-    assert "upper_reference" not in text
-    assert "-90.0" not in text
-
-
-def test_ties_are_listed_beside_the_choice():
-    sheet = Sheet().add_upper().add(rewards=(-50.0, -51.0, -52.0))
-    sheet.add("hf_scratch", rewards=(-50.9, -50.2, -52.8))
-    found = written(sheet.tables())
-    assert "| **LF baseline** | " in found
-    (line,) = lines_of(found, "| N = 3 | from 0 |")
-    assert line.endswith("| HF scratch: 0.987 (-0.002 to 0.003) |")
-
-
 def test_tasks_stand_beside_a_team_size_where_they_differ():
     sheet = Sheet().add_upper().add(rewards=(-50.0, -51.0))
     cell = {"task": "circle", "team_size": 7}
@@ -153,19 +89,6 @@ def test_tasks_stand_beside_a_team_size_where_they_differ():
     assert lines_of(found, "| N = 3 (spread) | from 0 |")
     assert lines_of(found, "| N = 7 (circle) | from 0 |")
     assert "Scores are means over" not in found
-
-
-def test_refuted_is_bold_and_settled_before_whole():
-    sheet = Sheet()
-    for seed, hybrid in enumerate((-50.0, -51.0, -52.5)):
-        sheet.add("hybrid", "mlp", rewards=(hybrid,), first_seed=seed, reward=hybrid - 90.0)
-        sheet.add(rewards=(-60.0,), first_seed=seed)
-    found = written(sheet.tables())
-    (line,) = lines_of(found, f"| [{CLAIMS[0].title}](cells.md#")
-    whole = "**refuted**: refuted in 1 of 1 (run: 1 of 24)"
-    assert line.endswith(f" (run: 1 of 24) | undecided | {whole} |")
-    assert "| ours, settled reward | verdict | by the whole return, as in the paper |" in found
-    assert f"\n{HOW}\n" in found
 
 
 def test_a_claim_that_every_cell_run_so_far_supports_is_listed_apart():
