@@ -27,7 +27,6 @@ VARIABLES = (
     "JAX_ENABLE_X64",
     "XLA_FLAGS",
     "SCIPY_ARRAY_API",
-    "MUJOCO_GL",
     "RAY_ADDRESS",
 )
 """Variables of the environment that change what happens."""
