@@ -69,6 +69,11 @@ class Folders:
         return self.runs / "measures"
 
     @property
+    def baselines(self) -> Path:
+        """What baselines answer."""
+        return self.runs / "baselines"
+
+    @property
     def reference(self) -> Path:
         """Flights of the undisturbed vehicle."""
         return self.runs / "reference"
@@ -100,7 +105,7 @@ class Folders:
         """All that a draw makes; studies, which lie beside it, are none of it."""
         made = (self.cases, self.labels.parent, self.reference, self.undisturbed)
         made = (*made, self.references)
-        return [*made, self.answers, self.measures, self.runs / "logs"]
+        return [*made, self.answers, self.measures, self.baselines, self.runs / "logs"]
 
     def read_state(self) -> dict[str, Any]:
         """What was drawn, and the SHA-256 of the labels."""

@@ -13,7 +13,7 @@ ALARMS = 0.02
 
 def answer_baselines(folders: Folders) -> dict[str, dict[str, Any]]:
     """Answers by baseline and case, computed if they are not there yet."""
-    path = folders.runs / "baselines.json"
+    path = folders.baselines / "answers.json"
     if not path.is_file():
         write_json(path, _answers(folders))
     return json.loads(path.read_text(encoding="utf-8"))["answers"]
