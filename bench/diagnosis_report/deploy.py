@@ -84,13 +84,15 @@ def document(tables: Tables, cell: Cell) -> str:
         )
         for way, row in sorted(rows.items(), key=lambda item: WAYS.index(item[0]))
     ]
-    corrected = tables.results.loc[tables.results["method"].eq("grey_box"), "trained_effects"]
+    trained_in = tables.results.loc[tables.results["method"].eq("grey_box"), "trained_effects"]
+    identified = sorted(set(trained_in) - {""})
     parts = [
         f"# {cell.label}",
         "Means over seeds. Gap closed: 0 % is the nominal policy, 100 % the hot start; where that "
-        "is no better there is no gap.",
+        "is no better there is no gap. The nominal policy was not trained for this reality, so its "
+        "training is not billed.",
         text_table(HEADINGS, lines),
-        "Identified effects: " + "; ".join(f"`{text}`" for text in sorted(set(corrected))),
+        "Identified effects: " + ("; ".join(f"`{text}`" for text in identified) or "none"),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -98,8 +100,7 @@ def document(tables: Tables, cell: Cell) -> str:
 def closed(returns: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, float]:
     """Share of the gap from the first of `WAYS` to the last that each closes, over common seeds.
 
-    Without ways that have no such seeds, and those whose hot start is no better than the nominal
-    policy.
+    Ways without such seeds are left out, and all whose hot start is no better.
     """
     low, high = returns.get(WAYS[0], {}), returns.get(WAYS[-1], {})
     found = {}

@@ -21,7 +21,7 @@ def test_a_reality_is_written_canonically():
     spaced = "crazyflow + drag(c = 1) + mass( e ~ normal( 0 , 5e-2 ) )"
     assert written(parse_reality(spaced)) == written(parse_reality(LAW))
     plain = parse_reality("crazyflow+wind(x=1, y=-0.5)+mass(e=0.2)")
-    assert written(plain) == "crazyflow+Mass(e=0.2); Wind(x=1, y=-0.5)"
+    assert written(plain) == "crazyflow+Mass(e=0.2); Wind(x=1, y=-0.5, z=0)"
 
 
 def test_a_variant_that_names_a_drawn_world_is_understood():
