@@ -21,7 +21,6 @@ from cells import (
     setup,
     small,
 )
-from jaxtyping import TypeCheckError
 
 from bench.conformance.methods import declarations
 from bench.conformance.suite import execute
@@ -61,7 +60,6 @@ LF = [row for row in ROWS if METHODS[row[0]].simulator == "point_mass"]
 # `make test` has Hybrid with two other residuals, a grey box without one (`test_variants.py` fits
 # one to its rows), and a hot start, whose class the upper reference calls.
 ALIKE = [("hybrid", "sindy"), ("hybrid", "affine"), ("grey_box", "affine"), ("upper_reference", "")]
-MARKS = dict.fromkeys(ALIKE, pytest.mark.exhaustive)
 
 COMPILED: list[str] = []
 """One a program that was compiled, or read from disk instead."""
@@ -101,7 +99,8 @@ def _identified_once():
 
 def of_each(rows):
     """Cases of a test, a row of methods each."""
-    cases = [pytest.param(row, id="".join(row), marks=MARKS.get(row, ())) for row in rows]
+    marks = dict.fromkeys(ALIKE, pytest.mark.exhaustive)
+    cases = [pytest.param(row, id="".join(row), marks=marks.get(row, ())) for row in rows]
     return pytest.mark.parametrize("row", cases)
 
 
@@ -393,12 +392,6 @@ def test_progress_is_told_of_every_epoch(train, row):
     epochs = [message for message in train(row, heard=True) if message[2] == TINY.epochs]
     assert [message[1] for message in epochs] == [1, 2, 3]
     np.testing.assert_allclose([message[3] for message in epochs], trained.curves["reward"])
-
-
-def test_an_unknown_reading_of_the_attitude_is_refused():
-    """By the class, or before that by the type checks that run in tests."""
-    with pytest.raises((ValueError, TypeCheckError), match=r"filtered.*measured"):
-        METHODS["hybrid"](attitude="guessed")
 
 
 @pytest.mark.parametrize("name", sorted(METHODS))

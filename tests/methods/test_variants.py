@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cells import FLIGHTS, METHODS, TINY, Hold, fresh, same, setup, small
+from jaxtyping import TypeCheckError
 
 from methods import hybrid
 from methods.calibration import identification
@@ -124,3 +125,9 @@ def test_the_budget_of_scratch_goes_through_the_papers_epochs():
     assert [HFScratch().budget(n) for n in (0, 12, 18)] == [400, 1400, 1899]
     limited = HFScratch(trainer=dataclasses.replace(HFScratch().trainer, epochs=1000))
     assert limited.budget(18) == 1000
+
+
+def test_an_unknown_reading_of_the_attitude_is_refused():
+    """By the class, or before that by the type checks that run in tests."""
+    with pytest.raises((ValueError, TypeCheckError), match=r"filtered.*measured"):
+        METHODS["hybrid"](attitude="guessed")
