@@ -17,6 +17,7 @@ from methods.training.policy import make_policy
 from simulators.vehicle import VEHICLES, ActionSpace
 from tasks import contact
 from tasks.contract import AbstractTask, TaskState, spawn_grid
+from tasks.rollout import episode
 
 
 class Spacing(AbstractTask):
@@ -66,6 +67,25 @@ def test_it_passes_the_checks_of_a_task():
     for check in checks:
         check.run()
     assert not any("target" in check.sentence for check in checks)
+
+
+@pytest.mark.parametrize("name", SIMULATORS)
+def test_its_gradient_equals_finite_differences(name):
+    with jax.enable_x64(True):
+        simulator = SIMULATORS[name]()
+        hover = simulator.action_space.hover(simulator.spec.mass)
+
+        @jax.jit
+        def smooth(action):
+            controller = lambda _: jnp.broadcast_to(action, (3, 3))  # noqa: E731
+            return episode(Spacing(horizon=8), simulator, controller, KEY).smooth_reward
+
+        start = jnp.asarray([0.05, -0.05, hover + 0.2])
+        slope = np.asarray(jax.grad(smooth)(start))
+        steps = 1e-6 * np.eye(3)
+        rough = [float(smooth(start + h) - smooth(start - h)) / 2e-6 for h in steps]
+        np.testing.assert_allclose(slope, rough, rtol=1e-4, atol=1e-9)
+        assert np.abs(slope).max() > 0.0
 
 
 def test_a_training_improves_it(policy):
