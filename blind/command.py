@@ -96,7 +96,7 @@ def blind(
 
 
 def _check_options(given: Mapping[str, Any], report: bool) -> None:
-    """Nothing, if the options fit together; those that are not given are None."""
+    """Refuses options that do not fit together; an option that is not given is None or False."""
     studies, others = ("--next-flight", "--limits"), ("--cases", "--seed")
 
     def refuse(why: str, *names: str) -> None:

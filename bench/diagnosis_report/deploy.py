@@ -86,11 +86,17 @@ def document(tables: Tables, cell: Cell) -> str:
     ]
     trained_in = tables.results.loc[tables.results["method"].eq("grey_box"), "trained_effects"]
     identified = sorted(set(trained_in) - {""})
+    about = (
+        "Means over seeds. Gap closed: 0 % is the nominal policy, 100 % the hot start; where that "
+        "is no better there is no gap."
+    )
+    if any(row["entry"].variant and row["entry"].method == WAYS[0].method for row in rows.values()):
+        about += (
+            " The nominal policy was not trained for this reality, so its training is not billed."
+        )
     parts = [
         f"# {cell.label}",
-        "Means over seeds. Gap closed: 0 % is the nominal policy, 100 % the hot start; where that "
-        "is no better there is no gap. The nominal policy was not trained for this reality, so its "
-        "training is not billed.",
+        about,
         text_table(HEADINGS, lines),
         "Identified effects: " + ("; ".join(f"`{text}`" for text in identified) or "none"),
     ]

@@ -1,7 +1,7 @@
 """Who does how well, cell by cell and pooled over cells, as Markdown.
 
-The numbers are those of `bench/stats/leaderboard_rows.py` (cells) and `bench/stats/pooled.py`
-(scores pooled).
+`bench/stats/leaderboard_rows.py` computes the numbers of each cell, and `bench/stats/pooled.py` the
+scores over cells.
 """
 
 import math

@@ -5,6 +5,7 @@ as they were flown, and whatever a diagnosis finds there is a false alarm.
 """
 
 import dataclasses
+import hashlib
 import secrets
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import ALL, able
 from blind.draw.folders import Folders
-from diagnosis.logs.flights import FlightSet, write_flights
+from diagnosis.logs.flights import FlightSet, VehicleFile, write_flights
 
 FEWEST_FLIGHTS = 4
 """Fewest flights that can be split into halves of which each tells a scatter."""
@@ -121,6 +122,23 @@ def write_unnamed(place: Path, flights: FlightSet) -> None:
     vehicle = dataclasses.replace(flights.vehicle, name=UNNAMED)
     write_flights(half_written, vehicle, flights.flights)
     half_written.rename(place)
+
+
+def flights_digest(flights: FlightSet) -> str:
+    """SHA-256 of everything that was flown and believed."""
+    found = hashlib.sha256(repr(_believed(flights.vehicle)).encode())
+    for flight in flights.flights:
+        for drone in flight.drones:
+            for name, column in vars(drone).items():
+                if column is not None:
+                    found.update(f"{flight.name} {name} {column.shape}\n".encode())
+                    found.update(np.ascontiguousarray(column).tobytes())
+    return found.hexdigest()
+
+
+def _believed(vehicle: VehicleFile) -> tuple:
+    own = () if vehicle.airframe is None else (vehicle.airframe,)
+    return vehicle.drone, vehicle.mass, *own
 
 
 def _some(flights: FlightSet, names: Sequence[str]) -> FlightSet:

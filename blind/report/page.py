@@ -82,8 +82,9 @@ def write_report(
         answers += [f"## {injected_section.TITLE}", *injected_section.report(injected)]
     answers += rest
     by_effect += injected_section.by_size(injected)
-    write_both(path, "\n\n".join(answers) + "\n", TITLE, pictures)
-    write_both(details, "\n\n".join(by_effect) + "\n", DETAILS, pictures)
+    pages = (path, details)
+    write_both(path, "\n\n".join(answers) + "\n", TITLE, pictures, pages)
+    write_both(details, "\n\n".join(by_effect) + "\n", DETAILS, pictures, pages)
     return path
 
 

@@ -21,14 +21,7 @@ from blind.run.answering import answer_shown, read_answers
 from blind.run.children import Task, python, run_one
 from blind.run.display import CasesProgress
 from blind.run.measuring import measure_all, read_measures, unmeasured
-from blind.run.place import (
-    alone,
-    answer_sealed,
-    check_draw,
-    check_no_tables,
-    check_request,
-    tell_end,
-)
+from blind.run.place import alone, answer_sealed, check_draw, tell_end
 
 DOCUMENT = Path("reports") / "blind.md"
 """The report on the runs in `RESULTS`."""
@@ -52,7 +45,15 @@ def run_blind(
     """
     counts = None if cases is None else scaled_counts(cases)
     folders = Folders(out or RESULTS / reality)
-    _check(folders, reality, counts, seed, jobs)
+    check_draw(
+        folders,
+        seed,
+        jobs,
+        lambda state: {
+            "reality": (reality, f"of reality {state['reality']}"),
+            "counts": (counts, f"of {sum(state['counts'].values())} cases"),
+        },
+    )
     console = Console()
     with alone(folders):
         if not folders.state.is_file():
@@ -117,27 +118,6 @@ def _injected() -> list[InjectedTables]:
     """Tables of injected faults that the report on everything has sections for."""
     places = sorted(path.parent for path in (RESULTS / INJECTED).glob("*/run.json"))
     return [InjectedTables.load(place) for place in places if is_injected(place)]
-
-
-def _check(
-    folders: Folders,
-    reality: str,
-    counts: Mapping[str, int] | None,
-    seed: int | None,
-    jobs: int | None,
-) -> None:
-    """Nothing, if the request makes sense and is that of a run which is there already."""
-    check_request(folders, seed, jobs)
-    if not folders.state.is_file():
-        check_no_tables(folders)
-        return
-    state = folders.read_state()
-    asked = {
-        "reality": (reality, f"of reality {state['reality']}"),
-        "counts": (counts, f"of {sum(state['counts'].values())} cases"),
-        "seed": (seed, f"with the seed {state['seed']}"),
-    }
-    check_draw(folders, asked)
 
 
 def _generate(

@@ -16,19 +16,11 @@ from bench.text.errors import UsageError
 from blind.draw.cases import seal
 from blind.draw.faults import ALL
 from blind.draw.folders import INJECTED, RESULTS, Folders, write_json
-from blind.draw.injected import Injected, draw_injected, write_injected
-from blind.draw.manifest import files_digest
+from blind.draw.injected import Injected, draw_injected, flights_digest, write_injected
 from blind.report import injected_section as report
 from blind.report.tables import save_labels
 from blind.run.answering import answer_shown, read_documents, sources_digest
-from blind.run.place import (
-    alone,
-    answer_sealed,
-    check_draw,
-    check_no_tables,
-    check_request,
-    tell_end,
-)
+from blind.run.place import alone, answer_sealed, check_draw, tell_end
 from blind.score.injected import injected_rows
 from diagnosis.logs.flights import FlightSet, LogError, load_flights
 
@@ -64,35 +56,24 @@ def run_injected(
         raise UsageError(str(error)) from error
     name = flown.path.resolve().name
     folders = Folders(out or RESULTS / INJECTED / name)
-    _check(folders, flown, reference, cases, seed, jobs)
+    check_draw(
+        folders,
+        seed,
+        jobs,
+        lambda state: {
+            "digest": (
+                flights_digest(flown),
+                "of other flights, or of these before they changed",
+            ),
+            "reference": (reference, f"{'without' if reference else 'with'} `--reference`"),
+            "cases": (cases, f"of {state.get('cases')} cases"),
+        },
+    )
     console = Console()
     with alone(folders):
         if not folders.state.is_file():
             _draw(folders, flown, reference, cases or CASES, seed)
         return _work(folders, flown, jobs or cores(), console)
-
-
-def _check(
-    folders: Folders,
-    flown: FlightSet,
-    reference: bool,
-    cases: int | None,
-    seed: int | None,
-    jobs: int | None,
-) -> None:
-    """Nothing, if the request makes sense and is that of a run which is there already."""
-    check_request(folders, seed, jobs)
-    if not folders.state.is_file():
-        check_no_tables(folders)
-        return
-    state = folders.read_state()
-    asked = {
-        "digest": (files_digest(flown.path), "of other flights, or of these before they changed"),
-        "reference": (reference, f"{'without' if reference else 'with'} `--reference`"),
-        "cases": (cases, f"of {state.get('cases')} cases"),
-        "seed": (seed, f"with the seed {state['seed']}"),
-    }
-    check_draw(folders, asked)
 
 
 def _draw(
@@ -112,7 +93,7 @@ def _draw(
         folders.state,
         {
             "injected": flown.path.resolve().name,
-            "digest": files_digest(flown.path),
+            "digest": flights_digest(flown),
             "flights": len(flown.flights),
             "reference": reference,
             "cases": count,

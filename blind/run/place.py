@@ -29,7 +29,7 @@ def check_request(folders: Folders, seed: int | None, jobs: int | None) -> None:
         raise UsageError(f"{folders.out} is not a folder, so nothing can be written there.")
 
 
-def check_no_tables(folders: Folders) -> None:
+def _check_no_tables(folders: Folders) -> None:
     """Refuses a new draw beside the tables of another, whose notes and studies would be mixed.
 
     Raises:
@@ -42,19 +42,32 @@ def check_no_tables(folders: Folders) -> None:
         )
 
 
-def check_draw(folders: Folders, asked: Mapping[str, tuple[Any, str]]) -> None:
-    """Refuses a folder that holds another draw than the one that is asked for.
+def check_draw(
+    folders: Folders,
+    seed: int | None,
+    jobs: int | None,
+    asked: Callable[[Mapping[str, Any]], Mapping[str, tuple[Any, str]]],
+) -> None:
+    """Refuses a request that makes no sense, or a folder that holds another draw or kept tables.
 
     Args:
-        folders: Where the draw is.
-        asked: By key of `run.json`, the wanted value, None for any, and what the draw there is.
+        folders: Where the draw is, or will be.
+        seed: Of the draw; None for any.
+        jobs: Number of processes; None for one a core.
+        asked: Of the content of `run.json`: by key, the wanted value, None for any, and a
+            description of the draw that is there.
 
     Raises:
-        UsageError: A value is another one.
+        UsageError: It is refused.
     """
+    check_request(folders, seed, jobs)
+    if not folders.state.is_file():
+        _check_no_tables(folders)
+        return
     state = folders.read_state()
-    for key, (wanted, words) in asked.items():
-        if wanted is not None and state.get(key) != wanted:
+    wanted = {**asked(state), "seed": (seed, f"with the seed {state['seed']}")}
+    for key, (value, words) in wanted.items():
+        if value is not None and state.get(key) != value:
             raise UsageError(
                 f"{folders.runs} holds a draw {words}. Give another folder with `--out`."
             )
@@ -81,7 +94,7 @@ def answer_sealed(
     answer: Callable[[dict[str, C]], None],
     console: Console,
 ) -> dict[str, C] | None:
-    """The cases after `answer` answered them; None if the labels are not those of the draw.
+    """Lets `answer` answer the cases, and returns them; None if somebody changed the labels.
 
     The SHA-256 of the labels is checked and printed before the first answer, and checked again
     after the last. `make` makes a case of its label.

@@ -91,7 +91,14 @@ def score(
     answers: Mapping[str, Answer],
     measured: Mapping[str, Measured] | None = None,
 ) -> Scores:
-    """All tables. A case that was not measured counts as decidable."""
+    """All tables. A case that was not measured counts as decidable.
+
+    Raises:
+        ValueError: An answer or a measure belongs to no case.
+    """
+    for what, given in {"answers": answers, "measured": measured or {}}.items():
+        if strange := sorted(set(given) - set(cases)):
+            raise ValueError(f"`{what}` names a case that has no label: {strange[0]}.")
     own = {name: (measured or {}).get(name, {}) for name in cases}
     judged = [_judge(case, answers.get(name), own[name]) for name, case in cases.items()]
     parameters = [

@@ -258,7 +258,8 @@ class _Search:
     ) -> dict[str, tuple[str, ...]]:
         """The effects of `at` with others that the flights show beside them, one after another.
 
-        Each has its aliases, those of `at` the `known` ones; none is named beside its alias.
+        Every effect is given with its aliases; `known` has the aliases of the effects of `at`. An
+        effect is never added beside one of its aliases.
         """
         aliases, decision = dict(known), self.decision
         while len(aliases) < decision.largest_set:
@@ -312,9 +313,10 @@ class _Search:
     def sure(self, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
         """Candidates that undisturbed flights show too rarely, and whose size is not zero.
 
-        Each may raise its part of the false alarms. Where all directions together say that
-        something changed, each may raise all of them: with few flights, effects that look alike
-        fail one by one. So may a likelier effect than one that is sure.
+        The candidates share the allowed chance of a false alarm. Where all directions together show
+        a change, each candidate may use the whole chance, because with few flights each of several
+        effects that look alike fails a stricter test. An effect that is likelier than a sure one
+        may use the whole chance, too.
         """
         chance = self.decision.alarm_chance
         each = chance if self.p_none < chance else chance / self.n_tests

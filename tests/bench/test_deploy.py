@@ -52,6 +52,7 @@ def test_all_ways_are_flown_in_the_reality(tmp_path, monkeypatch, world):
     lines = [line.split(" | ") for line in text.splitlines() if line.startswith("| ")][2:]
     assert [line[0] for line in lines] == [f"| {way.label}" for way in WAYS]
     assert all(line[-1].startswith("2 budget") for line in lines)
+    assert ("its training is not billed" in text) == ("+" in world)
     assert [lines[i][2] for i in (0, -1)] in ([["0 %", "100 %"], ["-", "-"]])
     named = {text for text in Tables.load(tmp_path).runs["variant"] if text}
     kinds = {"deployed_in", "reality"} if "+" in world else set()

@@ -213,3 +213,8 @@ def test_an_offset_is_compared_over_the_inertia_and_its_interval_in_metres():
     (row,) = score({offset.id: offset}, {offset.id: given}).parameters.to_dict("records")
     assert row["error"] < 0.06
     assert (row["inside"], row["intervals"]) == (1, 2)
+
+
+def test_an_answer_without_a_case_is_named():
+    with pytest.raises(ValueError, match="`answers` names a case that has no label: stray"):
+        score({MASS.id: MASS}, {"stray": answer()})

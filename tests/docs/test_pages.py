@@ -7,22 +7,43 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import diagnoses_for_tests
+import jax
+import numpy as np
 import pytest
 
 import bench
 import diagnosis
 from bench.cli.app import make_app
+from bench.conformance.command import declarations
+from bench.conformance.suite import execute
 from bench.stats.choices import choose, on_task
 from bench.stats.scores import PRIMARY, undisturbed
 from bench.stats.statistics import Cell, Entry
 from bench.text.numbers import mean_std, significant
 from diagnosis.result import Diagnosis
+from methods.contract import Setup
+from methods.training.bptt import BPTT
 from simulators import registry
+from simulators.point_mass import PointMass
+from tasks.circle import Circle
 from tests.docs.blocks import blocks
 
 HOUSE = Path(__file__).parents[2]
 README = HOUSE / "README.md"
 PAGES = [README, HOUSE / "CONTRIBUTING.md", *sorted((HOUSE / "docs").glob("*.md"))]
+IMPORTS = """
+from typing import ClassVar
+import equinox as eqx
+import jax
+from methods.contract import AbstractMethod
+from methods.training.policy import make_policy
+from methods.training.bptt import BPTT
+from methods.running.low_fidelity import train_in_point_mass
+from simulators.contract import with_effects
+from simulators.effects.delay import Delay
+from simulators.effects.drag import Drag
+"""
+"""What the README's method needs; the page leaves it out."""
 
 
 def commands():
@@ -118,6 +139,21 @@ def test_every_command_is_one_that_the_program_takes(page, command):
 def test_every_command_is_on_a_page():
     shown = {command.split()[0] for _, command in commands()}
     assert {*registry.names("command")} - shown <= {"keep"}
+
+
+def test_the_method_of_the_readme_keeps_its_contract_and_trains(key):
+    (code,) = blocks(README, "python")
+    assert len(code.splitlines()) <= 15
+    names = {}
+    exec(IMPORTS + code, names)
+    method = names["GuessedDrag"]
+    assert not [x.problem for x in execute(method, declarations("method", method, {})) if x.problem]
+    short = method(trainer=BPTT(epochs=2, smoothing=1, n_worlds=1))
+    trained = short.train(Setup(Circle(n_drones=2, horizon=5), PointMass(), PointMass()), key)
+    assert trained.status == "ok"
+    assert trained.ledger.epochs == 2
+    assert trained.ledger.hf_fleet_seconds == 0
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(trained.curves))
 
 
 def test_the_python_of_the_pages_runs(monkeypatch, capsys):
