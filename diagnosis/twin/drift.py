@@ -96,7 +96,7 @@ def _after_in_parts(
     """The same of a single flight, each part in the sizes that its other parts show."""
     width = twin.library.high - twin.library.low
     group = make_group([twin.score(part) for part in parts], width)
-    continued = dataclasses.replace(group, h=group.h + group.H @ at.change)
+    continued = group.continued(at.change)
     out = np.empty((0, N))
     for i, part in enumerate(parts):
         after = _after(twin, part, at, continued.without(i))

@@ -128,10 +128,9 @@ class Hypothesis:
     def _at(self, change: Float[np.ndarray, " params"], target: Group) -> "Hypothesis":
         """The same with the changed flights' scores as they are at a change."""
         reference, every = self.comparison.reference, self.comparison.columns
-        continued = dataclasses.replace(target, h=target.h + target.H @ change)
         return dataclasses.replace(
             self,
-            comparison=compare(reference, continued, every),
+            comparison=compare(reference, target.continued(change), every),
             evidence=weigh_at(self.evidence, compare(reference, target, every)),
             change=change,
         )

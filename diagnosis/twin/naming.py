@@ -208,14 +208,18 @@ class _Search:
     def several(self, alone: Mapping[str, Hypothesis]) -> tuple[str, ...]:
         """The best single effect and, if it is sure, those that the flights show beside it.
 
-        If these do what it seemed to do, so that its interval then holds zero, it is left out.
+        None of them could do its work: that would take a part of its size, and then nothing would
+        speak for either. If they do what it seemed to do, so that its interval then holds zero, it
+        is left out.
         """
         candidates = self.candidates(alone, ())
         sure = self.sure(candidates)
         if not sure:
             return tuple(c.effect for c in candidates[:1])
-        best = alone[sure[0].effect]
-        named = tuple(self.further(best, {sure[0].effect: ()}, self.effects))
+        first, best = sure[0].effect, alone[sure[0].effect]
+        others = [e for e in self.effects if e != first]
+        beside = [e for e in others if not best.looks_alike(first, e, self.decision)]
+        named = tuple(self.further(best, {first: ()}, beside))
         return self.clear(best.of(*named)) or named
 
     def beside(

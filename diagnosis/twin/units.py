@@ -57,6 +57,10 @@ class Group:
     def __len__(self) -> int:
         return len(self.h)
 
+    def continued(self, change: Float[np.ndarray, " params"]) -> "Group":
+        """Scores that were taken at a change, continued to no change."""
+        return dataclasses.replace(self, h=self.h + self.H @ change)
+
     def without(self, i: int) -> "Group":
         """All flights but one."""
         left = (np.delete(x, i, axis=0) for x in vars(self).values())

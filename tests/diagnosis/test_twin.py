@@ -294,6 +294,26 @@ def test_two_large_changes_at_once_are_both_named():
             assert all(p.low < sizes[name][1] < p.high for p in true if p.effect == name)
 
 
+def test_no_effect_is_judged_beside_one_that_can_do_its_work():
+    """What happened is nearly the first effect; a second one is like it, and fits the rest."""
+    at, like = column("attitude_gain", "g"), column("thrust_gain", "e")
+    way = np.random.default_rng(7).normal(size=(6, 6))
+
+    def alike(one, size=0.0):
+        slopes = one.slopes.copy()
+        aside = one.simulated @ way
+        aside *= np.linalg.norm(slopes[at]) / np.linalg.norm(aside)
+        slopes[like] = slopes[at] + 0.5 * aside
+        measured = one.measured + size * (slopes[at] + 0.15 * aside)
+        return dataclasses.replace(one, slopes=slopes, measured=measured)
+
+    twin = make_twin([alike(flight(i, response=())) for i in range(8)], LIBRARY, EVERY)
+    flights = [alike(flight(100 + i, response=()), 0.2) for i in range(8)]
+    found, _ = answer_change(twin, flights)
+    assert found.effects[0] == "attitude_gain"
+    assert found.beside == ()
+
+
 def test_an_effect_that_looks_alike_is_named_where_the_first_does_not_explain_flights(monkeypatch):
     at, like = column("attitude_gain", "g"), column("thrust_gain", "e")
 
