@@ -215,10 +215,10 @@ def write_flights(tables: Tables, path: Path) -> bool:
 
 
 def write_settings(tables: Tables, path: Path) -> bool:
-    """Writes a PNG: what each setting changes beside its default, a row a setting, a mark a cell.
+    """Writes a PNG: what each setting changes beside its default, a row a setting, a point a cell.
 
-    Budgets of flight have a figure of their own. Nothing is written, and False returned, where no
-    setting was varied in two seeds or more.
+    A task has a colour, a team size a mark. Budgets of flight have a figure of their own. Nothing
+    is written, and False returned, where no setting was varied in two seeds or more.
     """
     shown = [
         (one, difference(one.other, one.base), abs(estimate(one.base.values()).mean))
@@ -230,8 +230,11 @@ def write_settings(tables: Tables, path: Path) -> bool:
     cells = sorted({(one.cell.task, one.cell.team_size) for one, _, _ in shown})
     if not entries:
         return False
-    series = {}
+    tasks, sizes = (list(dict.fromkeys(sorted(column))) for column in zip(*cells, strict=True))
+    colors = seaborn.color_palette("colorblind", len(tasks))
+    series, looks = {}, []
     for k, (task, n) in enumerate(cells):
+        looks.append((colors[tasks.index(task)], MARKS[sizes.index(n) % len(MARKS)]))
         own = [x for x in shown if (x[0].cell.task, x[0].cell.team_size) == (task, n)]
         beside = 0.5 * (k + 0.5) / len(cells) - 0.25
         series[f"{task}, N = {n}"] = [
@@ -240,7 +243,7 @@ def write_settings(tables: Tables, path: Path) -> bool:
             for ends in [(apart.mean, apart.low, apart.high)]
         ]
     names = [f"{name_of_method(e)}, {e.variant}" for e in entries]
-    figure, axes = _intervals(names, series)
+    figure, axes = _intervals(names, series, looks)
     axes.axvline(0.0, color="0.4", linewidth=0.8)
     axes.set_xscale("symlog", linthresh=10.0)
     axes.set_xticks([-1000, -100, -10, 0, 10, 100])
@@ -266,14 +269,18 @@ def write_gaps(
         world: [(i, mean, max(low, 0.1 * mean), high) for i, (mean, low, high) in enumerate(values)]
         for world, values in gaps.items()
     }
-    figure, axes = _intervals(names, series)
+    colors = seaborn.color_palette("colorblind", len(series))
+    looks = [(color, MARKS[i % len(MARKS)]) for i, color in enumerate(colors)]
+    figure, axes = _intervals(names, series, looks)
     axes.set(xscale="log", xlabel="1 minus the score, mean over the cells (left is better)")
     figure.savefig(path, dpi=110, bbox_inches="tight")
     plt.close(figure)
 
 
 def _intervals(
-    names: Sequence[str], series: Mapping[str, Sequence[tuple[float, float, float, float]]]
+    names: Sequence[str],
+    series: Mapping[str, Sequence[tuple[float, float, float, float]]],
+    looks: Sequence[tuple[tuple[float, float, float], str]],
 ) -> tuple[Figure, Axes]:
     """A line a name, a colour and mark a series: of each point the line, mean, low and high end.
 
@@ -281,12 +288,11 @@ def _intervals(
     """
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(6.0, 0.8 + 0.3 * len(names)))
-        colors = seaborn.color_palette("colorblind", len(series))
-        for i, (label, points) in enumerate(series.items()):
+        for (label, points), (color, mark) in zip(series.items(), looks, strict=True):
             at, mean, low, high = np.asarray(points, float).T
             axes.errorbar(
-                mean, at, xerr=np.nan_to_num([mean - low, high - mean]), fmt="osD^v<>Ph*"[i % 10],
-                color=colors[i], label=plain(label), markersize=5, elinewidth=1.2,
+                mean, at, xerr=np.nan_to_num([mean - low, high - mean]), fmt=mark,
+                color=color, label=plain(label), markersize=5, elinewidth=1.2,
             )  # fmt: skip
         axes.set(yticks=range(len(names)), yticklabels=[plain(name) for name in names])
         axes.invert_yaxis()
@@ -295,6 +301,8 @@ def _intervals(
     return figure, axes
 
 
+MARKS = "osD^v<>Ph*"
+"""One a series, or a team size; repeated beyond ten."""
 _AT_REST = re.compile(r", \w+=0(?=[,)])")
 """Parameters that are 0; the title of a panel leaves them out."""
 FEW = re.compile(r"flights=(\d+)")
