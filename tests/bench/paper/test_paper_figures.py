@@ -227,6 +227,19 @@ def test_a_setting_is_shown_by_what_it_changes_beside_its_default(tmp_path, figu
     np.testing.assert_allclose(ends, 100.0 * np.asarray([6.573, 12.927]) / 50.5, rtol=1e-3)
 
 
+def test_cells_of_settings_differ_in_colour_or_mark(tmp_path, figures):
+    sheet = Sheet()
+    for task in ("circle", "figure8", "pitchandexpand", "spread"):
+        for n in (3, 7, 12):
+            for variant, rewards in (("", (-50.0, -51.0)), ("x=1", (-40.0, -41.5))):
+                cell = {"task": task, "team_size": n}
+                sheet.add("hybrid", "mlp", variant=variant, rewards=rewards, **cell)
+    assert write_settings(sheet.tables(), tmp_path / "settings.png")
+    (panel,) = figures[0].axes
+    marks = [bar.lines[0] for bar in panel.containers]
+    assert len({(tuple(mark.get_color()), mark.get_marker()) for mark in marks}) == 12
+
+
 def test_a_world_has_a_row_and_every_seed_a_dot(tmp_path, figures, full_tables):
     write_worlds(full_tables, tmp_path / "worlds.png")
     (worlds,) = figures
