@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from bench.paper.rule import relative
 from bench.paper.values import HYBRID, LF, NAMES, name_of, name_of_method, off_spec, sizes, varied
-from bench.report.pictures.looks import look_of, ordered
+from bench.report.pictures.looks import MARKERS, look_of, ordered
 from bench.stats.choices import BUDGET_VARIANT
 from bench.stats.scores import PRIMARY, undisturbed
 from bench.stats.statistics import (
@@ -230,11 +230,11 @@ def write_settings(tables: Tables, path: Path) -> bool:
     cells = sorted({(one.cell.task, one.cell.team_size) for one, _, _ in shown})
     if not entries:
         return False
-    tasks, sizes = (list(dict.fromkeys(sorted(column))) for column in zip(*cells, strict=True))
+    tasks, team_sizes = (sorted(set(column)) for column in zip(*cells, strict=True))
     colors = seaborn.color_palette("colorblind", len(tasks))
     series, looks = {}, []
     for k, (task, n) in enumerate(cells):
-        looks.append((colors[tasks.index(task)], MARKS[sizes.index(n) % len(MARKS)]))
+        looks.append((colors[tasks.index(task)], MARKERS[team_sizes.index(n) % len(MARKERS)]))
         own = [x for x in shown if (x[0].cell.task, x[0].cell.team_size) == (task, n)]
         beside = 0.5 * (k + 0.5) / len(cells) - 0.25
         series[f"{task}, N = {n}"] = [
@@ -270,7 +270,7 @@ def write_gaps(
         for world, values in gaps.items()
     }
     colors = seaborn.color_palette("colorblind", len(series))
-    looks = [(color, MARKS[i % len(MARKS)]) for i, color in enumerate(colors)]
+    looks = [(color, MARKERS[i % len(MARKERS)]) for i, color in enumerate(colors)]
     figure, axes = _intervals(names, series, looks)
     axes.set(xscale="log", xlabel="1 minus the score, mean over the cells (left is better)")
     figure.savefig(path, dpi=110, bbox_inches="tight")
@@ -301,8 +301,6 @@ def _intervals(
     return figure, axes
 
 
-MARKS = "osD^v<>Ph*"
-"""One a series, or a team size; repeated beyond ten."""
 _AT_REST = re.compile(r", \w+=0(?=[,)])")
 """Parameters that are 0; the title of a panel leaves them out."""
 FEW = re.compile(r"flights=(\d+)")

@@ -208,9 +208,9 @@ class _Search:
     def several(self, alone: Mapping[str, Hypothesis]) -> tuple[str, ...]:
         """The best single effect and, if it is sure, those that the flights show beside it.
 
-        None of them could do its work: that would take a part of its size, and then nothing would
-        speak for either. If they do what it seemed to do, so that its interval then holds zero, it
-        is left out.
+        An effect that could do most of what the best one does is not tried beside it: each would
+        take a part of the other's size, and then nothing would speak for either. The best effect is
+        left out if its interval holds zero beside the others.
         """
         candidates = self.candidates(alone, ())
         sure = self.sure(candidates)
