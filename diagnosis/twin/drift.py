@@ -32,6 +32,9 @@ class Scored:
     """Measured minus twin, in the units of `channels.py`."""
     after: Float[np.ndarray, "time 6"]
     """The same with the named effects."""
+    usual: Float[np.ndarray, "time 6"]
+    """The same with these effects in the sizes that the reference flights show on average, which
+    nobody changed: what the effects are judged beside."""
     beyond: Float[np.ndarray, " 6"]
     """By how much each channel's error may be larger than in the reference (`Twin.beyond`)."""
 
@@ -69,13 +72,14 @@ def score_flights(
     """
     made = []
     for i, (plain, flight) in enumerate(zip(unchanged, fitting, strict=True)):
-        before = twin.errors(plain)
-        after = before
+        before = after = usual = twin.errors(plain)
         if at.columns and len(fitting) > 1:
             after = _after(twin, flight, at, at.comparison.target.without(i))
         elif at.columns and len(parts := flight.parts(LENGTH)) > 1:
             after = _after_in_parts(twin, at, parts)
-        made.append(Scored(plain.name, plain.valid, before, after, twin.beyond(plain)))
+        if after is not before:
+            usual = _less(twin, plain, at, at.comparison.levels(at.columns)[0])
+        made.append(Scored(plain.name, plain.valid, before, after, usual, twin.beyond(plain)))
     return tuple(made)
 
 
@@ -83,11 +87,17 @@ def _after(
     twin: Twin, flight: Channels, at: Hypothesis, others: Group
 ) -> Float[np.ndarray, "time 6"]:
     """Measured minus the twin with the effects in the sizes that other flights show."""
+    _, shown = dataclasses.replace(at.comparison, target=others).levels(at.columns)
+    return _less(twin, flight, at, shown - at.change[list(at.columns)])
+
+
+def _less(
+    twin: Twin, flight: Channels, at: Hypothesis, sizes: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, "time 6"]:
+    """Measured minus the twin with the effects, in units of their ranges."""
     columns, width = list(at.columns), twin.library.high - twin.library.low
-    comparison = dataclasses.replace(at.comparison, target=others)
-    further = (comparison.estimate(columns).value - at.change[columns]) * width[columns]
     slopes = twin.memory.respond(flight)[columns]
-    return twin.errors(flight) - np.tensordot(further, slopes, axes=1)
+    return twin.errors(flight) - np.tensordot(sizes * width[columns], slopes, axes=1)
 
 
 def _after_in_parts(
@@ -114,14 +124,14 @@ def misfit(twin: Twin, scored: Sequence[Scored]) -> tuple[float, float]:
 
 
 def misfit_ratios(twin: Twin, scored: Sequence[Scored]) -> Float[np.ndarray, " flights"]:
-    """Logarithm of each flight's misfit with the named effects over that without."""
-    chi2 = [[_squares(twin, one, when).mean() for when in ("before", "after")] for one in scored]
+    """Logarithm of each flight's misfit with the named effects over that in their usual sizes."""
+    chi2 = [[_squares(twin, one, when).mean() for when in ("usual", "after")] for one in scored]
     before, after = np.log(chi2).T
     return after - before
 
 
 def _squares(twin: Twin, one: Scored, when: str) -> Float[np.ndarray, " numbers"]:
-    """Squared whitened errors of a flight, `before` or `after` the named effects."""
+    """Squared whitened errors of a flight: `before`, `after` or with the `usual` sizes."""
     return twin.colour.whiten(getattr(one, when) / one.beyond, one.valid).ravel() ** 2
 
 

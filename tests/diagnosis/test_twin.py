@@ -223,7 +223,7 @@ def long_flight(seed, change=()):
 def test_drift_of_a_constant_acceleration_is_half_of_it_by_time_squared():
     errors = np.zeros((300, 6))
     errors[:, 5] = 0.8
-    one = Scored("", np.ones(300, bool), errors, errors, np.ones(6))
+    one = Scored("", np.ones(300, bool), errors, errors, errors, np.ones(6))
     np.testing.assert_allclose(one.drift(errors), 0.5 * 0.8 * 0.5**2, rtol=1e-6)
 
 
@@ -368,9 +368,28 @@ def test_effects_must_explain_flights_that_they_were_not_fitted_to(others, far, 
         """A flight whose errors in attitude are the twin's, scaled, and whose drift stays."""
         errors = twin.error * rng.normal(size=(300, 6))
         scale = lambda x: errors * np.asarray([x, x, x, 1.0, 1.0, 1.0])  # noqa: E731
-        return Scored(name, np.ones(300, bool), scale(before), scale(after), np.ones(6))
+        without = scale(before)
+        return Scored(name, np.ones(300, bool), without, scale(after), without, np.ones(6))
 
     flights = [scored(f"{i}", 1.0, others) for i in range(7)] + [scored("far", 6.0, far)]
     whole = lambda when: np.mean([np.mean(getattr(f, when) ** 2) for f in flights])  # noqa: E731
     assert whole("after") < whole("before")
     assert helps(twin, flights, Decision()) is expected
+
+
+def test_what_the_twin_misses_in_every_flight_does_not_count_against_a_change():
+    """The reference flights look as if they had less of an effect than the twin.
+
+    The changed flights happen to be as the twin is, and so differ from the reference.
+    """
+    at, size = column("attitude_gain", "g"), 0.02
+    plain = plain_twin()
+    scores = tuple(plain.score(flight(i, [(at, -size)])) for i in range(8))
+    twin = dataclasses.replace(plain, scores=scores)
+    found, scored = answer_change(twin, [flight(100 + i) for i in range(8)])
+    assert found.effects == ("attitude_gain",)
+    named = found.parameters[0]
+    assert named.low < size < named.high
+    assert helps(twin, scored, Decision())
+    as_the_twin = [dataclasses.replace(f, usual=f.after, after=f.usual) for f in scored]
+    assert not helps(twin, as_the_twin, Decision())
