@@ -137,6 +137,7 @@ def helps(twin: Twin, scored: Sequence[Scored], decision: Decision) -> bool:
     what the twin itself misses: of two sets that differ in some other way, something small is
     always like some effect. The misfit is compared flight by flight, and the mean flight decides:
     pooled over samples, one flight that fits far better would outweigh several that fit worse.
+    Without the effects means in the sizes that the reference flights show (`Scored.usual`).
     """
     if all(one.after is one.before for one in scored):
         return True  # there is no other flight, and no other part of the flight

@@ -33,8 +33,8 @@ class Scored:
     after: Float[np.ndarray, "time 6"]
     """The same with the named effects."""
     usual: Float[np.ndarray, "time 6"]
-    """The same with these effects in the sizes that the reference flights show on average, which
-    nobody changed: what the effects are judged beside."""
+    """The same with these effects in the sizes that the reference flights show, which nobody
+    changed: the misfit with the effects is judged beside this."""
     beyond: Float[np.ndarray, " 6"]
     """By how much each channel's error may be larger than in the reference (`Twin.beyond`)."""
 
@@ -70,6 +70,7 @@ def score_flights(
         fitting: The same, simulated where the effects fit.
         at: The effects.
     """
+    shown = at.comparison.level(at.comparison.reference, at.columns)
     made = []
     for i, (plain, flight) in enumerate(zip(unchanged, fitting, strict=True)):
         before = after = usual = twin.errors(plain)
@@ -78,7 +79,7 @@ def score_flights(
         elif at.columns and len(parts := flight.parts(LENGTH)) > 1:
             after = _after_in_parts(twin, at, parts)
         if after is not before:
-            usual = _less(twin, plain, at, at.comparison.levels(at.columns)[0])
+            usual = _errors_with(twin, plain, at, shown)
         made.append(Scored(plain.name, plain.valid, before, after, usual, twin.beyond(plain)))
     return tuple(made)
 
@@ -87,17 +88,20 @@ def _after(
     twin: Twin, flight: Channels, at: Hypothesis, others: Group
 ) -> Float[np.ndarray, "time 6"]:
     """Measured minus the twin with the effects in the sizes that other flights show."""
-    _, shown = dataclasses.replace(at.comparison, target=others).levels(at.columns)
-    return _less(twin, flight, at, shown - at.change[list(at.columns)])
+    shown = at.comparison.level(others, at.columns)
+    return _errors_with(twin, flight, at, shown - at.change[list(at.columns)])
 
 
-def _less(
-    twin: Twin, flight: Channels, at: Hypothesis, sizes: Float[np.ndarray, " k"]
+def _errors_with(
+    twin: Twin, flight: Channels, at: Hypothesis, further: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "time 6"]:
-    """Measured minus the twin with the effects, in units of their ranges."""
+    """Measured minus the twin, with the effects larger by so much than where the flight is.
+
+    `further` is in units of the ranges.
+    """
     columns, width = list(at.columns), twin.library.high - twin.library.low
     slopes = twin.memory.respond(flight)[columns]
-    return twin.errors(flight) - np.tensordot(sizes * width[columns], slopes, axes=1)
+    return twin.errors(flight) - np.tensordot(further * width[columns], slopes, axes=1)
 
 
 def _after_in_parts(

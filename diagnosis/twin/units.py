@@ -122,24 +122,24 @@ class Comparison:
         """Degrees of freedom of every scatter."""
         return len(self.reference) + len(self.target) - 2.0 + PRIOR_FLIGHTS
 
-    def levels(self, columns: Sequence[int]) -> tuple[Float[np.ndarray, " k"], ...]:
-        """The parameters at `columns` as the reference flights show them, and as the others do.
+    def level(self, group: Group, columns: Sequence[int]) -> Float[np.ndarray, " k"]:
+        """The parameters at `columns` as one group shows them, estimated together.
 
-        A twin misses flights that it does not know by something that is the same in all of them,
-        and that resembles effects a little.
+        Of the reference flights, which nobody changed, that is what the twin misses in all flights
+        that it does not know, as far as it resembles these effects.
         """
-        groups, inverse = self._parts(columns)
-        return tuple(i @ g.h.sum(axis=0) for i, g in zip(inverse, groups, strict=True))
+        part = _part(group, list(columns))
+        return self._inverse(part) @ part.h.sum(axis=0)
 
-    def _parts(self, columns: Sequence[int]) -> tuple[list[Group], list[np.ndarray]]:
-        """Both groups with these parameters alone, and the inverse of their information."""
-        groups = [_part(g, list(columns)) for g in (self.reference, self.target)]
-        ridge = self.phi * np.eye(len(columns))
-        return groups, [np.linalg.inv(g.H.sum(axis=0) + ridge) for g in groups]
+    def _inverse(self, part: Group) -> Float[np.ndarray, "k k"]:
+        """Inverse of a group's information."""
+        return np.linalg.inv(part.H.sum(axis=0) + self.phi * np.eye(part.h.shape[1]))
 
     def estimate(self, columns: Sequence[int]) -> Estimate:
         """The change of the parameters at `columns`, estimated together."""
-        (groups, inverse), theta = self._parts(columns), self.levels(columns)
+        groups = [_part(g, list(columns)) for g in (self.reference, self.target)]
+        inverse = [self._inverse(g) for g in groups]
+        theta = [i @ g.h.sum(axis=0) for i, g in zip(inverse, groups, strict=True)]
         scatter, dof, mean = _scatter(groups, theta)
         moderated = (PRIOR_FLIGHTS * self.phi * mean + scatter) / (PRIOR_FLIGHTS + dof)
         cov = sum(

@@ -391,5 +391,5 @@ def test_what_the_twin_misses_in_every_flight_does_not_count_against_a_change():
     named = found.parameters[0]
     assert named.low < size < named.high
     assert helps(twin, scored, Decision())
-    as_the_twin = [dataclasses.replace(f, usual=f.after, after=f.usual) for f in scored]
-    assert not helps(twin, as_the_twin, Decision())
+    swapped = [dataclasses.replace(f, usual=f.after, after=f.usual) for f in scored]
+    assert not helps(twin, swapped, Decision())
