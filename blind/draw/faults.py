@@ -149,6 +149,7 @@ FAULTS: Mapping[str, Fault] = {
         signed("rate", 0.005, 0.01, 0.02),
         lambda log, p, v: made.shifted(log, 0.0, p["rate"]),
         made.INPUTS,
+        lambda p: {"clock_drift": {"rate": p["rate"]}},
         parts=("command clock", "motor clock since the reference"),
     ),
     "pwm_scale": Fault(

@@ -65,6 +65,7 @@ class Studied:
 STUDIED: Mapping[str, Studied] = {
     "thrust": Studied("thrust_gain", "e", "-", 0.05),
     "delay": Studied("delay", "seconds", "s", 0.02),
+    "clock drift": Studied("clock_drift", "rate", "s/s", 0.01),
     "roll offset": Studied("trim", "roll", "rad", float(np.deg2rad(1.5)), {"pitch": 0.0}),
     "pitch offset": Studied("trim", "pitch", "rad", float(np.deg2rad(1.5)), {"roll": 0.0}),
     "attitude gain": Studied("attitude_gain", "g", "-", 0.1),
@@ -176,11 +177,11 @@ def told(flights: FlightSet, replay: Replay) -> list[str]:
 
 
 def fly(
-    flights: FlightSet, scales: Sequence[float]
+    flights: FlightSet, scales: Sequence[float], faults: Collection[str] = tuple(STUDIED)
 ) -> tuple[Mapping[Case, Flown], Callable[[Sequence[Channels]], Twin]]:
-    """Every case as it flies, and what makes a twin of some flights."""
+    """Every case of some faults as it flies, and what makes a twin of some flights."""
     replay = twin_replay(flights, choose_inputs(flights), "crazyflow")
-    cases, known = [CLEAN], told(flights, replay)
+    cases, known = [CLEAN], [name for name in told(flights, replay) if name in faults]
     for name in known:
         cases += [((name, STUDIED[name].aim * scale),) for scale in scales]
     cases += [case for case in TOGETHER if {name for name, _ in case} <= {*known}]
@@ -344,13 +345,16 @@ def main() -> None:
     parser.add_argument(
         "--scales", type=float, nargs="*", default=[1.0, -1.0], help="sizes over those aimed at"
     )
+    parser.add_argument(
+        "--faults", nargs="*", choices=STUDIED, default=[*STUDIED], help="those to put in"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the splits")
     parser.add_argument(
         "--once", action="store_true", help="do not fly again at what is found, which is faster"
     )
     given = parser.parse_args()
     flights, sizes = load_flights(given.flights), (given.reference, given.target)
-    flown, twin_of = fly(flights, given.scales)
+    flown, twin_of = fly(flights, given.scales, given.faults)
     counts = given.splits, given.fault_splits
     tallies = measure(flown, twin_of, *counts, sizes, given.seed, given.once)
     turned = turns_named(flights, given.splits, sizes, given.seed)

@@ -60,21 +60,32 @@ class Delay(CommandEffect):
     )
 
     def init(self, n_drones: int, dt: float) -> Memory:
-        """Past commands, newest first, their ages [s], and whether there was a command yet."""
-        length = round(LONGEST_DELAY_S / dt) + 2
-        age = jnp.arange(length) * (LONGEST_DELAY_S / (length - 2))
-        return jnp.zeros((length, n_drones, 4)), age, jnp.asarray(0.0)
+        return no_commands(n_drones, dt)
 
     def command(
         self, memory: Memory, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
     ) -> tuple[Memory, Float[Array, "drones 4"]]:
-        past, age, started = memory
-        past, age = jnp.where(started > 0, past, cmd), age + dt
-        early = age[1] < 1.001 * LONGEST_DELAY_S / (len(age) - 2)
-        past = jnp.concatenate([cmd[None], jnp.where(early, past[1:], past[:-1])])
-        age = jnp.concatenate([jnp.zeros(1), jnp.where(early, age[1:], age[:-1])])
-        older = jnp.clip(jnp.searchsorted(age, self.seconds, side="right"), 1, len(age) - 1)
-        part = (self.seconds - age[older - 1]) / (age[older] - age[older - 1])
-        part = jnp.minimum(part, 1.0)  # beyond the buffer, its oldest command
-        delayed = past[older - 1] * (1.0 - part) + past[older] * part
-        return (past, age, jnp.ones_like(started)), delayed
+        return command_ago(self.seconds, memory, cmd, dt)
+
+
+def no_commands(n_drones: int, dt: float) -> Memory:
+    """Past commands, newest first, their ages [s], and whether there was a command yet."""
+    length = round(LONGEST_DELAY_S / dt) + 2
+    age = jnp.arange(length) * (LONGEST_DELAY_S / (length - 2))
+    return jnp.zeros((length, n_drones, 4)), age, jnp.asarray(0.0)
+
+
+def command_ago(
+    seconds: Float[Array, ""], memory: Memory, cmd: Float[Array, "drones 4"], dt: float
+) -> tuple[Memory, Float[Array, "drones 4"]]:
+    """The memory with a command that comes now, and the command of some time ago."""
+    past, age, started = memory
+    past, age = jnp.where(started > 0, past, cmd), age + dt
+    early = age[1] < 1.001 * LONGEST_DELAY_S / (len(age) - 2)
+    past = jnp.concatenate([cmd[None], jnp.where(early, past[1:], past[:-1])])
+    age = jnp.concatenate([jnp.zeros(1), jnp.where(early, age[1:], age[:-1])])
+    older = jnp.clip(jnp.searchsorted(age, seconds, side="right"), 1, len(age) - 1)
+    part = (seconds - age[older - 1]) / (age[older] - age[older - 1])
+    part = jnp.minimum(part, 1.0)  # beyond the buffer, its oldest command
+    delayed = past[older - 1] * (1.0 - part) + past[older] * part
+    return (past, age, jnp.ones_like(started)), delayed

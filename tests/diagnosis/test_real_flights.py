@@ -61,6 +61,7 @@ def test_undisturbed_halves_differ_by_nothing():
     ("fault", "given", "named", "parameter"),
     [
         ("delay", {"seconds": 0.03}, "delay", "seconds"),
+        ("clock_drift", {"rate": 0.01}, "clock_drift", "rate"),
         ("trim", {"roll": 0.0, "pitch": np.radians(3.0)}, "trim", "pitch"),
         ("thrust_gain", {"e": 0.07}, "thrust_gain", "e"),
         ("tilt_turned_in_yaw", {"angle": np.radians(10.0)}, "frame_misalignment", "angle"),

@@ -29,6 +29,7 @@ from bench.conformance.flights import demand_structure
 from bench.conformance.suite import execute
 from simulators.contract import MissingDoorError, with_effects
 from simulators.effects import chain
+from simulators.effects.clock_drift import ClockDrift
 from simulators.effects.contract import DOORS, StiffEffect
 from simulators.effects.delay import LONGEST_DELAY_S, Delay
 
@@ -49,6 +50,7 @@ INTERIOR = {
         **{"radius": 0.08, "clearance": 0.08, "stiffness": 500.0},
         **{"restitution": 0.6, "friction": 0.2},
     },
+    "clock_drift": {"rate": 0.033},
     "delay": {"seconds": 0.033},
     "downwash": {"strength": 3.0, "width": 0.12},
     "drag": {"c": 1.3},
@@ -291,3 +293,15 @@ def test_a_delay_beyond_its_buffer_is_that_of_the_oldest_command():
     for cmd in cmds:
         memory, late = effect.command(memory, flight, cmd, 0.01)
     np.testing.assert_allclose(late, cmds[-len(memory[0])], atol=1e-6)
+
+
+def test_a_drifting_clock_makes_a_ramp_less_steep():
+    """U(t) = a t becomes u(t - r t) = (1 - r) a t."""
+    simulator, slope = SIMULATORS["point_mass"](), jnp.asarray([[0.1, -0.2, 0.3, 0.4]])
+    flight = simulator.flight(hovering(simulator, positions(1)))
+    effect = ClockDrift(rate=0.05)
+    memory = effect.init(1, 0.01)
+    for t in 0.01 * jnp.arange(120):
+        now = eqx.tree_at(lambda f: f.t, flight, t)
+        memory, late = effect.command(memory, now, t * slope, 0.01)
+        np.testing.assert_allclose(late, 0.95 * t * slope, atol=1e-6)

@@ -1,0 +1,54 @@
+"""Clock drift: commands act later the longer the flight lasts, u_eff(t) = u(t - r t).
+
+t is the time since the reset. Two clocks whose speeds differ by a rate r stamp commands so, and a
+queue that is filled faster than it is emptied delays them so.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from simulators.effects.card import EffectCard, Input, Shown
+from simulators.effects.contract import CommandEffect, Parameter
+from simulators.effects.delay import LONGEST_DELAY_S, Memory, command_ago, no_commands
+from simulators.flight import Flight
+
+
+class ClockDrift(CommandEffect):
+    """A delay that grows with time, up to `LONGEST_DELAY_S`. Source: the two clocks' equation."""
+
+    rate: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    """Growth of the delay [s/s]."""
+
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "rate": Parameter(unit="s/s", low=0.0, high=0.05, neutral=0.0, source="a guess")
+    }
+    order: ClassVar[int] = 8
+    version: ClassVar[str] = "1"
+    card: ClassVar[EffectCard] = EffectCard(
+        label="clock drift",
+        noun="a drifting clock",
+        physics="Commands take effect the later, the longer the flight lasts.",
+        more="commands that come ever later, by {}",
+        less="commands that come ever earlier, by {}",
+        shown={"rate": Shown("drift", 1000.0, "ms a second")},
+        inputs=frozenset({Input.ATTITUDE_CMD, Input.TWIN}),
+        flight="attitude steps of 0.3 rad every 0.4 s, for ten seconds",
+        separated_from={
+            "delay": "attitude steps of 0.3 rad every 0.4 s, for ten seconds: a drift grows"
+        },
+        check=(
+            "compare the clock that stamps commands with the one that stamps the path, and look "
+            "for a queue that fills up"
+        ),
+    )
+
+    def init(self, n_drones: int, dt: float) -> Memory:
+        return no_commands(n_drones, dt)
+
+    def command(
+        self, memory: Memory, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
+    ) -> tuple[Memory, Float[Array, "drones 4"]]:
+        return command_ago(self.rate * flight.t, memory, cmd, dt)
