@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Shown
 from simulators.effects.contract import CommandEffect, Parameter
-from simulators.effects.delay import LONGEST_DELAY_S, Memory, command_ago, no_commands
+from simulators.effects.delay import Memory, command_ago, no_commands
 from simulators.flight import Flight
 
 
