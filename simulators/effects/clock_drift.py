@@ -1,7 +1,7 @@
 """Clock drift: commands act later the longer the flight lasts, u_eff(t) = u(t - r t).
 
-t is the time since the reset. Two clocks whose speeds differ by a rate r stamp commands so, and a
-queue that is filled faster than it is emptied delays them so.
+t is the time since the reset. Logs look so if the clocks that stamp commands and path differ in
+speed by a rate r. A queue that is filled faster than it is emptied delays commands so, too.
 """
 
 from typing import ClassVar
@@ -11,12 +11,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Shown
-from simulators.effects.contract import CommandEffect, Parameter
-from simulators.effects.delay import Memory, command_ago, no_commands
+from simulators.effects.contract import Parameter
+from simulators.effects.delay import LateEffect
 from simulators.flight import Flight
 
 
-class ClockDrift(CommandEffect):
+class ClockDrift(LateEffect):
     """A delay that grows with time, up to `LONGEST_DELAY_S`. Source: the two clocks' equation."""
 
     rate: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
@@ -45,10 +45,5 @@ class ClockDrift(CommandEffect):
         ),
     )
 
-    def init(self, n_drones: int, dt: float) -> Memory:
-        return no_commands(n_drones, dt)
-
-    def command(
-        self, memory: Memory, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
-    ) -> tuple[Memory, Float[Array, "drones 4"]]:
-        return command_ago(self.rate * flight.t, memory, cmd, dt)
+    def late(self, flight: Flight) -> Float[Array, ""]:
+        return self.rate * flight.t

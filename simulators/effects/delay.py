@@ -5,6 +5,7 @@ between the two entries around the age d, so the output is differentiable in d e
 whole steps. Commands that follow each other faster than the buffer's step share its newest entry.
 """
 
+import abc
 from typing import ClassVar
 
 import equinox as eqx
@@ -21,7 +22,36 @@ LONGEST_DELAY_S = 0.1
 Memory = tuple[Float[Array, "steps drones 4"], Float[Array, " steps"], Float[Array, ""]]
 
 
-class Delay(CommandEffect):
+class LateEffect(CommandEffect):
+    """Commands that come late; each effect says by how much."""
+
+    @abc.abstractmethod
+    def late(self, flight: Flight) -> Float[Array, ""]:
+        """How old the command is that takes effect now [s]."""
+
+    def init(self, n_drones: int, dt: float) -> Memory:
+        """Past commands, newest first, their ages [s], and whether there was a command yet."""
+        length = round(LONGEST_DELAY_S / dt) + 2
+        age = jnp.arange(length) * (LONGEST_DELAY_S / (length - 2))
+        return jnp.zeros((length, n_drones, 4)), age, jnp.asarray(0.0)
+
+    def command(
+        self, memory: Memory, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
+    ) -> tuple[Memory, Float[Array, "drones 4"]]:
+        past, age, started = memory
+        past, age = jnp.where(started > 0, past, cmd), age + dt
+        early = age[1] < 1.001 * LONGEST_DELAY_S / (len(age) - 2)
+        past = jnp.concatenate([cmd[None], jnp.where(early, past[1:], past[:-1])])
+        age = jnp.concatenate([jnp.zeros(1), jnp.where(early, age[1:], age[:-1])])
+        seconds = self.late(flight)
+        older = jnp.clip(jnp.searchsorted(age, seconds, side="right"), 1, len(age) - 1)
+        part = (seconds - age[older - 1]) / (age[older] - age[older - 1])
+        part = jnp.minimum(part, 1.0)  # beyond the buffer, its oldest command
+        delayed = past[older - 1] * (1.0 - part) + past[older] * part
+        return (past, age, jnp.ones_like(started)), delayed
+
+
+class Delay(LateEffect):
     """Latency between the policy and the autopilot. Source: 0 to 60 ms in radio-linked fleets."""
 
     seconds: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
@@ -59,33 +89,5 @@ class Delay(CommandEffect):
         ),
     )
 
-    def init(self, n_drones: int, dt: float) -> Memory:
-        return no_commands(n_drones, dt)
-
-    def command(
-        self, memory: Memory, flight: Flight, cmd: Float[Array, "drones 4"], dt: float
-    ) -> tuple[Memory, Float[Array, "drones 4"]]:
-        return command_ago(self.seconds, memory, cmd, dt)
-
-
-def no_commands(n_drones: int, dt: float) -> Memory:
-    """Past commands, newest first, their ages [s], and whether there was a command yet."""
-    length = round(LONGEST_DELAY_S / dt) + 2
-    age = jnp.arange(length) * (LONGEST_DELAY_S / (length - 2))
-    return jnp.zeros((length, n_drones, 4)), age, jnp.asarray(0.0)
-
-
-def command_ago(
-    seconds: Float[Array, ""], memory: Memory, cmd: Float[Array, "drones 4"], dt: float
-) -> tuple[Memory, Float[Array, "drones 4"]]:
-    """The memory with a command that comes now, and the command of some time ago."""
-    past, age, started = memory
-    past, age = jnp.where(started > 0, past, cmd), age + dt
-    early = age[1] < 1.001 * LONGEST_DELAY_S / (len(age) - 2)
-    past = jnp.concatenate([cmd[None], jnp.where(early, past[1:], past[:-1])])
-    age = jnp.concatenate([jnp.zeros(1), jnp.where(early, age[1:], age[:-1])])
-    older = jnp.clip(jnp.searchsorted(age, seconds, side="right"), 1, len(age) - 1)
-    part = (seconds - age[older - 1]) / (age[older] - age[older - 1])
-    part = jnp.minimum(part, 1.0)  # beyond the buffer, its oldest command
-    delayed = past[older - 1] * (1.0 - part) + past[older] * part
-    return (past, age, jnp.ones_like(started)), delayed
+    def late(self, flight: Flight) -> Float[Array, ""]:
+        return self.seconds
