@@ -64,8 +64,8 @@ class Trial:
     bland: Flights
     """As long in all, with nothing in it that separates the pair."""
     sizes: Mapping[str, Parameters] = dataclasses.field(default_factory=dict)
-    """Parameters of true effects where the catalogue's direction would separate the pair by itself;
-    added to those of the catalogue."""
+    """Parameters of true effects where the catalogue's direction would separate the pair by itself,
+    added to those of the catalogue, and of effects that the catalogue does not draw."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,6 +99,8 @@ _VERTICAL: Mapping[str, Parameters] = {
 """A downwind and missing thrust that look alike; 10 % of the weight is more than a downwind may."""
 _LIFT: Mapping[str, Parameters] = {"thrust_gain": {"e": 0.05}, "mass": {"e": -0.05}}
 """More thrust over mass, as near the ground."""
+_DRIFT: Mapping[str, Parameters] = {"clock_drift": {"rate": 0.01}}
+"""As much as the buffer of commands holds after the ten seconds of a flight."""
 _HOVER, _LOW = Flights(paths.hover), Flights(paths.hover_low)
 _MINUTE, _SIX = Flights(paths.hover, seconds=60.0), Flights(paths.hover, n=6)
 _BOTH = Trial(Flights(paths.both_steps), _HOVER)
@@ -123,6 +125,7 @@ TRIALS: Mapping[frozenset[str], Trial] = {
         (("inertia", "motor_lag"), _BOTH),
         (("attitude_lag", "inertia"), _SHARP),
         (("delay", "inertia"), _SHARP),
+        (("clock_drift", "delay"), Trial(Flights(paths.attitude_steps), _HOVER, _DRIFT)),
         (("trim", "center_of_mass"), Trial(Flights(paths.pumping), _HOVER)),
         (("trim", "wind"), Trial(Flights(paths.turning), _HOVER)),
         (("battery", "thrust_gain"), Trial(_MINUTE, _SIX)),
@@ -192,7 +195,8 @@ class Range:
     def _evidence(self, effect: Withheld, flights: Flights) -> Evidence:
         flown = _fly(effect, flights)
         if self._replay is None:
-            library = make_library(nominal_simulator(OWN, flown), self._exclude)
+            # With the effects that are looked for only beside a twin.
+            library = make_library(nominal_simulator(OWN, flown), self._exclude, twin=True)
             self._replay = make_replay(library, replayable_class(OWN).replay_dt)
         noise = flying.Noise()
         sigma = np.repeat([noise.pos, noise.vel, noise.attitude], 3)
@@ -201,9 +205,12 @@ class Range:
 
 def true_effect(truth: str, flights: Flights, sizes: Mapping[str, Parameters]) -> Withheld:
     """What acts in a trial: the catalogue's medium size, changed by `sizes`."""
-    drawn = catalogue.draw_effect(truth, MEDIUM, np.random.default_rng(SEED), flights.seconds)
+    drawn: Parameters = {}
+    if truth in catalogue.known(OWN):
+        rng = np.random.default_rng(SEED)
+        drawn = catalogue.draw_effect(truth, MEDIUM, rng, flights.seconds).parameters
     onset = {"onset": flights.onset} if truth == "gust" else {}
-    return Withheld(truth, {**drawn.parameters, **onset, **sizes.get(truth, {})})
+    return Withheld(truth, {**drawn, **onset, **sizes.get(truth, {})})
 
 
 def _fly(effect: Withheld, flights: Flights) -> FlightSet:
