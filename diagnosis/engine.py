@@ -23,8 +23,9 @@ from diagnosis.answer import answer
 from diagnosis.decide.prepared import Progress, Question, prepare, silent
 from diagnosis.decide.study import study
 from diagnosis.decision import Decision
+from diagnosis.interface.fault import MOTOR_CLOCK, of_reference
 from diagnosis.interface.faults import checks, interface_faults
-from diagnosis.interface.mended import lifted, mended
+from diagnosis.interface.mended import in_time, lifted, mended
 from diagnosis.interface.untold import untold
 from diagnosis.logs.flights import FlightSet, load_flights
 from diagnosis.misread import misleads, misread
@@ -63,7 +64,9 @@ def diagnose(
     against = simulator or default_simulator(flown)
     made = checks(flown)
     faults = interface_faults(flown, compared, made)
-    beside = None if compared is None else lifted(compared)
+    beside = None
+    if compared is not None:
+        beside = lifted(in_time(compared, faults, of_reference(MOTOR_CLOCK)))
     question = Question(lifted(mended(flown, faults)), against, beside, exclude, decision)
     if misleads(faults, made):
         found = misread(question)

@@ -150,7 +150,7 @@ FAULTS: Mapping[str, Fault] = {
         lambda log, p, v: made.shifted(log, 0.0, p["rate"]),
         made.INPUTS,
         lambda p: {"clock_drift": {"rate": p["rate"]}},
-        parts=("command clock", "motor clock since the reference"),
+        parts=("command clock", "motor clock", "motor clock since the reference"),
     ),
     "pwm_scale": Fault(
         fixed("scale", 0.05, 0.1, 0.2),

@@ -6,9 +6,8 @@ Flights are split at random into a reference and a target. Undisturbed targets c
 targets with a fault in their commands count how often it is named, or stands among the aliases of
 what is named, and how often its interval holds its true size. "Drift falls by" is how much of the
 drift that the fault makes goes with what is named, where something is. A second table has targets
-with two faults at once (`TOGETHER`), a third counts those with a turned path, which the check of
-the interface names. Splits of one set share flights,
-so that Clopper-Pearson intervals, which stand for independent splits, are too narrow.
+with two faults at once (`TOGETHER`). Splits of one set share flights, so that Clopper-Pearson
+intervals, which stand for independent splits, are too narrow.
 """
 
 import argparse
@@ -25,7 +24,6 @@ from blind.draw.catalogue import Parameters
 from blind.draw.faults import FAULTS
 from blind.score.scoring import proportion
 from diagnosis.decision import Decision
-from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightLog, FlightSet, load_flights
 from diagnosis.logs.inputs import choose_inputs
 from diagnosis.replay.replay import Replay
@@ -81,8 +79,6 @@ TOGETHER: tuple["Case", ...] = (
     (("delay", 0.04), ("thrust", -0.1)),
 )
 """Two faults at once, as of a cut blade, a payload beside the centre, a new frame or a new link."""
-TURNS = (0.0, 2.5, 5.0, 10.0)
-"""Turns of the path in yaw that are studied [deg]."""
 Case = tuple[tuple[str, float], ...]
 """Faults with their sizes; none in undisturbed flights."""
 CLEAN: Case = ()
@@ -257,23 +253,6 @@ def _falls(
     return float(before - after), float(before - without)
 
 
-def turns_named(
-    flights: FlightSet, splits: int, sizes: tuple[int, int], seed: int
-) -> Mapping[float, int]:
-    """In how many random splits each of `TURNS` is named beside the reference."""
-    rng, fault = np.random.default_rng(seed), FAULTS["path_turned_in_yaw"]
-    named = dict.fromkeys(TURNS, 0)
-    for _ in range(splits):
-        order = [flights.flights[i] for i in rng.permutation(len(flights.flights))]
-        before = dataclasses.replace(flights, flights=tuple(order[: sizes[0]]))
-        after = dataclasses.replace(flights, flights=tuple(order[sizes[0] : sum(sizes)]))
-        for degrees in TURNS:
-            turned = fault.apply(after, {"angle": float(np.deg2rad(degrees))})
-            parts = {found.part for found in interface_faults(turned, before)}
-            named[degrees] += bool(parts & {*fault.parts})
-    return named
-
-
 def write_table(tallies: Sequence[Tally]) -> str:
     """The table of undisturbed flights and of single faults, in Markdown."""
     lines = [
@@ -305,12 +284,6 @@ def write_together(tallies: Sequence[Tally]) -> str:
                 f"{tally.misled}/{n} | {tally.misfit_left:.2f} | {tally.drift_taken} |"
             )
     return "\n".join(lines)
-
-
-def write_turns(named: Mapping[float, int], splits: int) -> str:
-    """The table of turned paths, in Markdown."""
-    lines = [f"| {degrees:g} | {proportion(k, splits).text()} |" for degrees, k in named.items()]
-    return "\n".join(["| path turned in yaw [deg] | named |", "|---|---|", *lines])
 
 
 def _line(tally: Tally) -> str:
@@ -357,9 +330,7 @@ def main() -> None:
     flown, twin_of = fly(flights, given.scales, given.faults)
     counts = given.splits, given.fault_splits
     tallies = measure(flown, twin_of, *counts, sizes, given.seed, given.once)
-    turned = turns_named(flights, given.splits, sizes, given.seed)
-    tables = write_table(tallies), write_together(tallies), write_turns(turned, given.splits)
-    sys.stdout.write("\n\n".join(tables) + "\n")
+    sys.stdout.write(f"{write_table(tallies)}\n\n{write_together(tallies)}\n")
 
 
 if __name__ == "__main__":

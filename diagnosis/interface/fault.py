@@ -27,7 +27,7 @@ class InterfaceFault:
     """One part of the interface that does not say what the format asks for."""
 
     part: str
-    """Which part: one of `PARTS`, or one of `ORDERED` in the reference (`of_reference`)."""
+    """Which part: one of `PARTS`, or one of `OWN` in the reference (`of_reference`)."""
     readings: tuple[str, ...]
     """What the part seems to hold instead, likeliest first; those after the first fit as well."""
     advice: str
@@ -59,6 +59,7 @@ PARTS = (
     "command clock",
     "thrust",
     "motor order",
+    "motor clock",
     "motor clock since the reference",
     "frame of the path",
     "frame of the path since the reference",
@@ -68,6 +69,11 @@ PARTS = (
 """Every part that is checked, in the order in which faults are listed."""
 ORDERED = frozenset({"position", "velocity", "attitude", "attitude command"})
 """Parts of order, sign and frame that a replay reads, in the reference as well."""
+MOTOR_CLOCK = "motor clock"
+"""The part whose fault is a drift, which is taken out before physics."""
+OWN = ORDERED | {MOTOR_CLOCK}
+"""Parts that are right or wrong in each set of flights by itself; the reference's are named, too.
+"""
 SIZED = frozenset(
     {"height", "command clock", "thrust", "frame of the path", "frame of the commands", "heading"}
 )

@@ -18,7 +18,7 @@ import numpy as np
 from diagnosis.interface import commands, orders, position, scales
 from diagnosis.interface.commands import Following
 from diagnosis.interface.fault import (
-    ORDERED,
+    OWN,
     SIZED,
     Evidence,
     InterfaceFault,
@@ -27,9 +27,17 @@ from diagnosis.interface.fault import (
 )
 from diagnosis.interface.inputs import lift_given, thrust_given
 from diagnosis.interface.mended import below_floor
-from diagnosis.interface.motors import SINCE, Turning, motor_order, turning, turning_lag
+from diagnosis.interface.motors import (
+    Pieces,
+    Turning,
+    drifting,
+    later_since,
+    motor_order,
+    pieces_of,
+    turning,
+)
 from diagnosis.interface.readings import RIGHT, Chosen
-from diagnosis.interface.scales import Size
+from diagnosis.interface.scales import Size, sized
 from diagnosis.interface.windows import Windows, make_windows
 from diagnosis.logs.flights import DroneLog, FlightSet, VehicleFile
 from diagnosis.logs.noise import measured
@@ -37,37 +45,41 @@ from diagnosis.logs.noise import measured
 FEWEST_WINDOWS = 8
 """Fewest windows that say anything; two seconds and a half of flight."""
 UNITS = {4.0: "one rotor's share", 2.2046: "pounds", 35.274: "ounces"}
-"""Units of a mass by how many of them are a kilogram; those that can look like a kilogram."""
+"""Units of a mass that can look like a kilogram, by how many of them are one."""
 
 
 def interface_faults(
-    flights: FlightSet, reference: FlightSet | None = None, made: "Checks | None" = None
+    flights: FlightSet,
+    reference: FlightSet | None = None,
+    made: "Checks | None" = None,
+    then: "Checks | None" = None,
 ) -> tuple[InterfaceFault, ...]:
     """Every part of the interface that these flights show to be wrong, in the order of `PARTS`.
 
     Beside a `reference`, a size that it has, too, is left out, and what changed since then is
     found: a turn of the path's frame, and the time from the motors' inputs to the turning. Columns
-    of the reference that are in another order, sign or frame are named as well. `made`
-    are the `checks` of these flights, where they were made already.
+    of the reference that are in another order, sign or frame, and its motors' clock, are named as
+    well. `made` are the `checks` of these flights, `then` the reference's, if made already.
     """
     now = made or checks(flights)
     found = _faults(flights, now)
     if reference is None:
         return found
-    before = checks(reference)
+    before = then or checks(reference)
     there = _faults(reference, before)
-    then = {fault.part for fault in there}
-    own = [fault for fault in found if fault.part not in then & SIZED]
-    wrong = then | {fault.part for fault in own}  # each is read from columns of both sets
+    had = {fault.part for fault in there}
+    own = [fault for fault in found if fault.part not in had & SIZED]
+    wrong = had | {fault.part for fault in own}  # each is read from columns of both sets
     turn = None
     if not {"attitude", "position"} & wrong:
         turn = _turned_since(now.windows, before.windows)
     later = None
-    if not {"angular velocity", "motor order"} & wrong:
-        later = _later_since(now.turned, before.turned, flights)
+    if not {"angular velocity", "motor order", "motor clock"} & wrong:
+        commanded = any(drone.pwm is not None for drone in _drones(flights))
+        later = later_since(now.turned, before.turned, commanded)
     if turn is not None:  # it says more than that the path is turned
         own = [fault for fault in own if fault.part != "frame of the path"]
-    beside = (in_reference(fault) for fault in there if fault.part in ORDERED)
+    beside = (in_reference(fault) for fault in there if fault.part in OWN)
     return in_order(fault for fault in (*own, turn, later, *beside) if fault is not None)
 
 
@@ -81,6 +93,8 @@ class Checks:
     """How each piece of flight follows its commands."""
     turned: list[list[Turning]]
     """How the motors of each drone turn it."""
+    timed: list[Pieces]
+    """The same, in pieces for the motors' clock."""
     compared: dict[str, Chosen | None]
     """Every part that can be read in several ways; None where flights do not tell."""
     rise: Size | None
@@ -97,7 +111,8 @@ def checks(flights: FlightSet) -> Checks:
     tilt, rise = compared.get("attitude"), None
     if windows is not None and all(n in orders.PATHS for n in (tilt.names if tilt else ())):
         rise = position.rise(windows)  # it is read from the attitude
-    return Checks(windows, followed, turned, compared, rise)
+    timed = [pieces for drone in drones if (pieces := pieces_of(drone)) is not None]
+    return Checks(windows, followed, turned, timed, compared, rise)
 
 
 def _faults(flights: FlightSet, made: Checks) -> tuple[InterfaceFault, ...]:
@@ -115,6 +130,8 @@ def _faults(flights: FlightSet, made: Checks) -> tuple[InterfaceFault, ...]:
         found += [_thrust_scale(made.windows, flights.vehicle), _path_frame(made.windows, made)]
     if made.followed and whole:
         found += _followed(made.followed)
+    if not any(_wrong(compared.get(part)) for part in ("angular velocity", "motor order")):
+        found.append(drifting(made.timed))
     found.append(_heading(_drones(flights)))
     return in_order(fault for fault in found if fault is not None)
 
@@ -232,24 +249,13 @@ def _share(quantity: str, value: float) -> Evidence:
     return Evidence(quantity=quantity, value=value, low=None, high=None, unit="-", allowed=allowed)
 
 
-def _sized(quantity: str, size: Size, unit: str, low: float, high: float, scale: float) -> Evidence:
-    return Evidence(
-        quantity=quantity,
-        value=scale * size.value,
-        low=scale * size.low,
-        high=scale * size.high,
-        unit=unit,
-        allowed=f"{scale * low:.3g} to {scale * high:.3g}",
-    )
-
-
 def _thrust_scale(windows: Windows, vehicle: VehicleFile) -> InterfaceFault | None:
     size = scales.thrust_over_force(windows, vehicle.mass)
     if size is None or not size.beyond(*scales.THRUST):
         return None
     over = size.value > 1.0
     factor = size.value if over else 1.0 / size.value
-    evidence = _sized("thrust over the force that the path needs", size, "-", *scales.THRUST, 1.0)
+    evidence = sized("thrust over the force that the path needs", size, "-", *scales.THRUST, 1.0)
     # A mass in another unit shows as a mass that is far from the airframe's by the same factor.
     apart = vehicle.mass / vehicle.spec.mass
     unit = next((u for k, u in UNITS.items() if not over and 0.75 < apart / k < 1.33), None)
@@ -305,37 +311,12 @@ def _turned_since(windows: Windows | None, before: Windows | None) -> InterfaceF
     )
 
 
-def _later_since(
-    now: Sequence[Sequence[Turning]], then: Sequence[Sequence[Turning]], flights: FlightSet
-) -> InterfaceFault | None:
-    """A change since the reference of the time from the motors' inputs to the turning."""
-    after, before = turning_lag(now), turning_lag(then)
-    if after is None or before is None:
-        return None
-    size = after.since(before)
-    if not size.beyond(0.0, 0.0) or abs(size.value) < SINCE:
-        return None
-    later = size.value > 0.0
-    word, stamped = ("later", "early") if later else ("sooner", "late")
-    told = any(drone.pwm is not None for drone in _drones(flights))
-    what, cause = ("motor commands", ", and the motors") if told else ("rotor speeds", "")
-    quantity = "time from motor inputs to turning, minus the same time in the reference"
-    slower = (f"{'slower' if later else 'faster'} motors",) if told else ()
-    return InterfaceFault(
-        part="motor clock since the reference",
-        readings=(f"{what} stamped {stamped}", *slower),
-        advice=f"The drone turns {1e3 * abs(size.value):.0f} ms {word} after its {what} than in "
-        f"the reference: check the clocks of {what} and pose{cause}.",
-        evidence=(_sized(quantity, size, "s", -SINCE, SINCE, 1.0),),
-    )
-
-
 def _turned(
     part: str, what: str, against: str, size: Size, limit: float = scales.TURN
 ) -> InterfaceFault:
     degrees = math.degrees(1.0)
     shown = f"{degrees * size.value:.0f} degrees in yaw"
-    evidence = _sized(f"turn of the {part}", size, "deg", -limit, limit, degrees)
+    evidence = sized(f"turn of the {part}", size, "deg", -limit, limit, degrees)
     return InterfaceFault(
         part=part,
         readings=(f"turned by {shown}",),
@@ -353,7 +334,7 @@ def _followed(followed: Sequence[Following]) -> list[InterfaceFault | None]:
     if size is not None and size.beyond(*scales.LAG):
         early = size.value < 0.0
         word = "before" if early else "after"
-        evidence = _sized("attitude after its command", size, "s", *scales.LAG, 1.0)
+        evidence = sized("attitude after its command", size, "s", *scales.LAG, 1.0)
         found.append(
             InterfaceFault(
                 part="command clock",
@@ -388,5 +369,5 @@ def _heading(drones: Sequence[DroneLog]) -> InterfaceFault | None:
         readings=(f"off its command by {shown}",),
         advice=f"The heading is {shown} off its command: check the unit, sign and zero of cmd_yaw "
         "and of the yaw that is measured.",
-        evidence=(_sized("heading less its command", size, "deg", *limits, degrees),),
+        evidence=(sized("heading less its command", size, "deg", *limits, degrees),),
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from diagnosis.interface.fault import Evidence, InterfaceFault
+from diagnosis.interface.fault import MOTOR_CLOCK, Evidence, InterfaceFault
 from diagnosis.logs.flights import DroneLog, FlightSet
 from simulators.vehicle import VEHICLES
 
@@ -16,10 +16,11 @@ and a marker's distance from the centre (centimetres); a choice."""
 
 
 def mended(flights: FlightSet, faults: Sequence[InterfaceFault]) -> FlightSet:
-    """The flights with their path turned back into the frame that the reference's has.
+    """The flights with their path turned back into the frame that the reference's has, in time.
 
     Left in, the turn would be taken for forces across the flight.
     """
+    flights = in_time(flights, faults, MOTOR_CLOCK)
     turns = [f for f in faults if f.part == "frame of the path since the reference"]
     if not turns:
         return flights
@@ -31,6 +32,32 @@ def mended(flights: FlightSet, faults: Sequence[InterfaceFault]) -> FlightSet:
         return dataclasses.replace(log, pos=log.pos @ back.T, vel=log.vel @ back.T)
 
     return flights.each(turned)
+
+
+def in_time(flights: FlightSet, faults: Sequence[InterfaceFault], part: str) -> FlightSet:
+    """The flights with what the motors are given where a clock without drift would stamp it.
+
+    `part` is the motors' clock of these flights. Rows whose input lies beyond the log are dropped.
+    """
+    drifts = [f for f in faults if f.part == part]
+    if not drifts:
+        return flights
+    rate = drifts[0].evidence[0].value / 1e3
+
+    def stamped(log: DroneLog) -> DroneLog:
+        then = log.t - rate * (log.t - log.t[0])
+        kept = (then >= log.t[0]) & (then <= log.t[-1])
+        # An input is held until the next row.
+        held = np.searchsorted(log.t, then[kept] + 1e-9, side="right") - 1
+        moved = "pwm" if log.pwm is not None else "rotor_vel"
+        columns = {
+            field.name: None if value is None else value[held if field.name == moved else kept]
+            for field in dataclasses.fields(log)
+            for value in [getattr(log, field.name)]
+        }
+        return DroneLog(**columns)  # pyright: ignore[reportArgumentType]
+
+    return flights.each(stamped)
 
 
 def lowest(flights: FlightSet) -> float:

@@ -1,10 +1,13 @@
 r"""What the motors are given against how the drone turns: which column is which, and when it acts.
 
-    dw/dt = k M u(t - d) + b
+    dw/dt = k M u(t - d - r (t - t0)) + b
 
 w are measured angular velocities about x and y, u the squares of what motors are given (their
 thrusts, but for a factor), M the signs of crazyflow 0.4.0's ``mixing_matrix``: motor 1 in front on
-the right, then clockwise seen from above. k is positive, d the lag that fits best. Motors explain
+the right, then clockwise seen from above. k is positive, d the lag that fits best. r is not zero if
+the clock that stamps u runs faster than the pose's since the log's start t0: motors and their loop
+delay the turning by the same time all along, so that no physics makes a drift. It is looked for in
+pieces so short that a clock hardly moves in them; order and lag take r as zero. Motors explain
 little of what a gyroscope beside them shakes, and that differs from flight to flight: errors of a
 piece of flight count in units of its own angular acceleration, and the difference of two orders is
 tested piece by piece, as Vuong (1989, Econometrica 57, 307-333) does.
@@ -19,8 +22,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
+from diagnosis.interface.fault import MOTOR_CLOCK, InterfaceFault
 from diagnosis.interface.readings import ALPHA, FEWEST_NUMBERS, Chosen, lowest_at
-from diagnosis.interface.scales import FEWEST_PIECES, Size, jackknife
+from diagnosis.interface.scales import FEWEST_PIECES, Size, jackknife, parts_of, sized
 from diagnosis.logs.flights import DroneLog
 
 MOMENTS = np.asarray([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, 1.0, -1.0]])
@@ -37,6 +41,12 @@ PIECE = 4.0
 """Duration of a piece [s], far longer than a gyroscope's noise remembers."""
 SINCE = 0.01
 """Change of the lag [s] since a reference that is a fault; a choice: one row of a log at 100 Hz."""
+SHORT = 1.0
+"""Duration of a piece [s], in which the largest drift moves a clock by 50 ms."""
+FASTEST = 0.05
+"""Largest drift that is tried [s/s], as that of the effect `clock_drift`."""
+FURTHEST = 2.5
+"""Largest drift at the end of a flight that is tried [s]; a choice, for the memory it takes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,9 +67,14 @@ class Turning:
         return along, np.einsum("ij,ljk,ik->li", M, self.square, M)
 
 
+def turning_inputs(drone: DroneLog) -> Float[np.ndarray, "rows 4"] | None:
+    """What turns the drone: duties of its motors, else their speeds."""
+    return drone.pwm if drone.pwm is not None else drone.rotor_vel
+
+
 def turning(drone: DroneLog) -> list[Turning]:
     """The pieces of a drone's flight; none without motors' inputs or angular velocity."""
-    given = drone.pwm if drone.pwm is not None else drone.rotor_vel
+    given = turning_inputs(drone)
     if given is None or drone.ang_vel is None:
         return []
     rates, found = drone.ang_vel[:, :2].T, []
@@ -127,3 +142,139 @@ def _beyond_chance(shares: Float[np.ndarray, " pieces"], choices: int) -> bool:
     """Whether the mean is positive, after the best of so many choices was taken."""
     least = float(stats.t.isf(ALPHA / choices, len(shares) - 1))
     return float(shares.mean()) > least * float(np.std(shares, ddof=1)) / math.sqrt(len(shares))
+
+
+def later_since(
+    now: Sequence[Sequence[Turning]], then: Sequence[Sequence[Turning]], commanded: bool
+) -> InterfaceFault | None:
+    """A change since the reference of the time from the motors' inputs to the turning.
+
+    `commanded`: the inputs are what motors are told, and no measured speeds.
+    """
+    after, before = turning_lag(now), turning_lag(then)
+    if after is None or before is None:
+        return None
+    size = after.since(before)
+    if not size.beyond(0.0, 0.0) or abs(size.value) < SINCE:
+        return None
+    later = size.value > 0.0
+    word, stamped = ("later", "early") if later else ("sooner", "late")
+    what, cause = ("motor commands", ", and the motors") if commanded else ("rotor speeds", "")
+    quantity = "time from motor inputs to turning, minus the same time in the reference"
+    slower = (f"{'slower' if later else 'faster'} motors",) if commanded else ()
+    return InterfaceFault(
+        part="motor clock since the reference",
+        readings=(f"{what} stamped {stamped}", *slower),
+        advice=f"The drone turns {1e3 * abs(size.value):.0f} ms {word} after its {what} than in "
+        f"the reference: check the clocks of {what} and pose{cause}.",
+        evidence=(sized(quantity, size, "s", -SINCE, SINCE, 1.0),),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Pieces:
+    """How much of the turning of one drone its motors explain, piece by piece and lag by lag."""
+
+    seconds: float
+    """Duration of the flight [s]."""
+    at: Float[np.ndarray, " pieces"]
+    """Middle of each piece since the log's start [s]."""
+    lags: Float[np.ndarray, " lags"]
+    """Lags, at equal distances [s]."""
+    told: Float[np.ndarray, "pieces lags"]
+    """Share of the squared angular acceleration that the moments explain, with a gain for each axis
+    and piece: a take-off would outweigh all flight if they shared one. 0 where an input is not
+    known."""
+
+    def moved(self, rates: Float[np.ndarray, " rates"]) -> Float[np.ndarray, "rates pieces lags"]:
+        """The shares at the lags of `LAGS`, which grow along the flight."""
+        late = (LAGS + (rates[:, None] * self.at)[:, :, None] - self.lags[0]) / LAG_STEP
+        low = np.clip(late.astype(int), 0, len(self.lags) - 2)
+        row = np.arange(len(self.at))[:, None]
+        before, after = self.told[row, low], self.told[row, low + 1]
+        return before + (late - low) * (after - before)
+
+
+def pieces_of(drone: DroneLog) -> Pieces | None:
+    """The pieces of a drone's flight; None without motors' inputs or angular velocity."""
+    given, seconds = turning_inputs(drone), float(drone.t[-1] - drone.t[0])
+    if given is None or drone.ang_vel is None or seconds < 2.0 * SHORT:
+        return None
+    reach = min(FASTEST * seconds, FURTHEST)
+    steps = np.arange(round((LAGS[0] - reach) / LAG_STEP), round((LAGS[-1] + reach) / LAG_STEP) + 1)
+    fine = np.arange(0.0, seconds, LAG_STEP)
+    moments = MOMENTS @ [np.interp(fine, drone.t - drone.t[0], one) for one in (given**2).T]
+    every = round(STEP / LAG_STEP)
+    w = np.stack([np.interp(fine, drone.t - drone.t[0], one) for one in drone.ang_vel[:, :2].T])
+    turned = (w[:, 2 * every :: every] - w[:, : -2 * every : every]) / (2.0 * STEP)
+    here = every * np.arange(1, turned.shape[1] + 1)
+    inside = (fine[here] >= LAGS[-1]) & (fine[here] <= seconds + LAGS[0])  # known at every lag
+    turned, here = turned[:, inside], here[inside]
+    at, told = [], []
+    for rows in np.array_split(np.arange(len(here)), max(1, int(len(here) * STEP / SHORT))):
+        y = turned[:, rows] - turned[:, rows].mean(axis=1, keepdims=True)
+        then = here[rows] - steps[:, None]
+        known = (then[:, 0] >= 0) & (then[:, -1] < len(fine))
+        u = moments[:, np.clip(then, 0, len(fine) - 1)]
+        u = u - u.mean(axis=2, keepdims=True)
+        square, total = np.sum(u * u, axis=2), np.sum(y * y)
+        along = np.maximum(np.einsum("in,iln->il", y, u), 0.0)
+        share = along**2 / np.maximum(square * total, 1e-12)
+        at.append(fine[here[rows]].mean())
+        told.append(known * share.sum(axis=0))
+    return Pieces(seconds, np.asarray(at), steps * LAG_STEP, np.asarray(told))
+
+
+def drift(drones: Sequence[Pieces]) -> Size | None:
+    """Growth of the lag [s/s]; None if these pieces do not tell."""
+    if sum(len(one.at) for one in drones) < FEWEST_NUMBERS:
+        return None
+    longest = max(one.seconds for one in drones)
+    fastest = min(FASTEST, FURTHEST / longest)
+    n = int(np.ceil(fastest * longest / (2.0 * LAG_STEP)))
+    rates = fastest * np.arange(-n, n + 1) / n  # the middle of the flight moves by a lag's step
+    parts = np.stack([part for one in drones for part in _parts(one, rates, len(drones))])
+    total = parts.sum(axis=0)
+    rate, lag = np.unravel_index(np.argmax(total), total.shape)
+    best = rates[rate : rate + 1]
+    # Chance explains as much at any lag.
+    more = [one.moved(best)[0, :, lag] - one.told.mean(axis=1) for one in drones]
+    if not _beyond_chance(np.concatenate(more), total.size):
+        return None
+    return jackknife(
+        len(parts), lambda some: lowest_at(rates, -parts[list(some)].sum(axis=0).max(axis=1))
+    )
+
+
+def _parts(
+    drone: Pieces, rates: Float[np.ndarray, " rates"], n_drones: int
+) -> list[Float[np.ndarray, "rates lags"]]:
+    """What the motors explain of a flight, or of its parts where flights are few."""
+    rows = np.array_split(np.arange(len(drone.at)), parts_of(n_drones))
+    return [
+        dataclasses.replace(drone, at=drone.at[some], told=drone.told[some])
+        .moved(rates)
+        .sum(axis=1)
+        for some in rows
+        if len(some)
+    ]
+
+
+def drifting(drones: Sequence[Pieces]) -> InterfaceFault | None:
+    """A clock of motors' inputs that drifts by a row of a log or more in the longest flight."""
+    size = drift(drones)
+    if size is None or not size.beyond(0.0, 0.0):
+        return None
+    least = SINCE / max(one.seconds for one in drones)
+    if abs(size.value) < least:
+        return None
+    quantity = "growth of the time from motor inputs to turning"
+    ever = "later and later" if size.value > 0.0 else "earlier and earlier"
+    return InterfaceFault(
+        part=MOTOR_CLOCK,
+        readings=(f"a clock that drifts by {1e3 * size.value:.1f} ms a second",),
+        advice=f"What the motors are given acts {ever}, by {1e3 * abs(size.value):.1f} ms a second "
+        "of flight: compare the clock that stamps it with the one that stamps the pose. All else "
+        "is said of flights without this drift.",
+        evidence=(sized(quantity, size, "ms/s", -least, least, 1e3),),
+    )

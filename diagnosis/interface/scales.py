@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import stats
 
 from diagnosis.interface.commands import Following, together
+from diagnosis.interface.fault import Evidence
 from diagnosis.interface.orders import path_turned, tilt_terms
 from diagnosis.interface.readings import ALPHA
 from diagnosis.interface.windows import Windows
@@ -71,6 +72,18 @@ def jackknife(n: int, estimate: Callable[[Sequence[int]], float]) -> Size | None
     spread = math.sqrt((n - 1) / n * float(np.sum((without - without.mean()) ** 2)))
     reach = float(stats.t.isf(ALPHA / 2.0, n - 1)) * spread
     return Size(value, value - reach, value + reach)
+
+
+def sized(quantity: str, size: Size, unit: str, low: float, high: float, scale: float) -> Evidence:
+    """A size as evidence: `low` to `high` is allowed, and all numbers are shown times `scale`."""
+    return Evidence(
+        quantity=quantity,
+        value=scale * size.value,
+        low=scale * size.low,
+        high=scale * size.high,
+        unit=unit,
+        allowed=f"{scale * low:.3g} to {scale * high:.3g}",
+    )
 
 
 def parts_of(n_flights: int) -> int:

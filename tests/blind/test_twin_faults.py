@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flights_for_tests import flight_set, made_log, point_mass_set
+from flights_for_tests import flight_set, made_log
 from test_twin import EVERY, LIBRARY, column, flight
 
 from blind.power.twin import (
@@ -13,10 +13,8 @@ from blind.power.twin import (
     Flown,
     measure,
     told,
-    turns_named,
     write_table,
     write_together,
-    write_turns,
 )
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.inputs import choose_inputs, thrust_of_pwm
@@ -45,12 +43,6 @@ def test_what_the_inputs_do_not_show_is_not_studied():
     assert thrust is not None
     believed = thrust_of_pwm(thrust, np.full(rows, 3.8)) * 1.05
     np.testing.assert_allclose(believed, thrust_of_pwm(np.full((rows, 4), 0.8), np.full(rows, 3.8)))
-
-
-def test_a_turned_path_is_counted_where_it_is_named():
-    named = turns_named(point_mass_set(n_flights=8, seconds=6.0), 2, (4, 4), seed=0)
-    assert (named[0.0], named[10.0]) == (0, 2)
-    assert "| 10 | 2/2 (16 to 100 %) |" in write_turns(named, 2)
 
 
 def test_the_drift_that_a_named_fault_makes_falls_as_without_the_fault():

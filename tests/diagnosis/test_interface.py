@@ -14,9 +14,9 @@ from bench.diagnosis_report.sentences import remarks
 from blind.draw.faults import ALL
 from blind.fly.log_faults import shifted
 from diagnosis.interface import scales
-from diagnosis.interface.fault import PARTS
+from diagnosis.interface.fault import MOTOR_CLOCK, PARTS, of_reference
 from diagnosis.interface.faults import interface_faults as found
-from diagnosis.interface.mended import mended
+from diagnosis.interface.mended import in_time, mended
 from diagnosis.interface.motors import MOMENTS, motor_order, turning_lag
 from diagnosis.interface.motors import turning as turnings
 from diagnosis.interface.readings import Reading, choose, signed_orders
@@ -222,6 +222,10 @@ def flown(logs):
     return flight_set([FlightLog(f"f{i}", (log,)) for i, log in enumerate(logs)])
 
 
+def drones(flights):
+    return [flight.drones[0] for flight in flights.flights]
+
+
 def parts(logs, reference=None):
     faults = found(flown(logs), reference)
     return {fault.part: fault.readings for fault in faults if fault.part != "thrust"}
@@ -246,6 +250,33 @@ def test_the_time_that_motors_take_is_measured():
     for lag, true in zip(lags, (0.0, 0.03), strict=True):
         assert lag is not None
         assert lag.value == pytest.approx(true, abs=0.006)  # inputs are held for a row of 0.01 s
+
+
+@pytest.mark.parametrize("rate", [0.005, -0.02])
+def test_a_motor_clock_that_drifts_is_measured_and_put_right(rate):
+    logs = turning(n=8)
+    wrong = flown([shifted(log, 0.0, rate) for log in logs])
+    faults = found(wrong, flown(turning(n=8)))
+    (fault,) = (fault for fault in faults if fault.part != "thrust")
+    assert fault.part == "motor clock"
+    (evidence,) = fault.evidence
+    assert evidence.low < 1e3 * rate / (1.0 + rate) < evidence.high
+    assert evidence.value == pytest.approx(1e3 * rate, rel=0.15)
+    right = mended(wrong, faults)
+    assert MOTOR_CLOCK not in {fault.part for fault in found(right)}
+    for log, then, now in zip(logs, drones(wrong), drones(right), strict=True):
+        off = [
+            np.abs(one.pwm - log.pwm[np.isin(log.t, one.t)])[-100:].mean() for one in (then, now)
+        ]
+        assert off[1] < 0.6 * off[0]  # inputs are held for a row of 0.01 s
+
+
+def test_a_drifting_clock_of_the_reference_is_said_of_it_and_put_right():
+    wrong = flown([shifted(log, 0.0, 0.01) for log in turning(n=8)])
+    faults = found(flown(turning(n=8)), wrong)
+    assert {fault.part for fault in faults} - {"thrust"} == {of_reference(MOTOR_CLOCK)}
+    right = in_time(wrong, faults, of_reference(MOTOR_CLOCK))
+    assert MOTOR_CLOCK not in {fault.part for fault in found(right)}
 
 
 def test_gyroscope_and_accelerometer_are_checked_against_attitude_and_path():
