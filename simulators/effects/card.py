@@ -166,6 +166,8 @@ class EffectCard:
     """What to look at on the vehicle before a number is changed; a sentence's end after "First"."""
     changes: tuple[Change, ...] = ()
     """What to change in autopilots; none where no parameter makes up for the effect."""
+    instead: str = "Keep it in the simulator"
+    """What to do where no parameter makes up for it; a sentence that "(`--remedy ...`)" ends."""
 
     drawn: tuple[Mapping[str, float], ...] = ()
     """Parameters of a small, a medium and a large case of `bench blind`, for an effect that is

@@ -43,6 +43,10 @@ class ClockDrift(LateEffect):
             "compare the clock that stamps commands with the one that stamps the path, and look "
             "for a queue that fills up"
         ),
+        instead=(
+            "If only the stamps drift, mend them and diagnose again; if commands do act ever "
+            "later, keep that in the simulator"
+        ),
     )
 
     def late(self, flight: Flight) -> Float[Array, ""]:

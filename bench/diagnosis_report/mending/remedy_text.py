@@ -103,12 +103,15 @@ def _autopilot(diagnosis: Diagnosis, target: str, values: Mapping[str, float]) -
     if wait:
         parts += ["## Do not change yet", *_waiting(diagnosis, wait), _table(wait, values)]
     if idle := without_parameter(diagnosis, target):
-        labels = join(_labels(idle))
-        parts += [
-            "## No parameter for it",
-            f"No parameter of {TARGETS[target]} makes up for: {labels}. Keep it in the simulator "
-            "(`--remedy crazyflow`).",
-        ]
+        parts.append("## No parameter for it")
+        for instead in dict.fromkeys(load_card(clean(name)).instead for name in idle):
+            labels = join(
+                _labels([name for name in idle if load_card(clean(name)).instead == instead])
+            )
+            parts.append(
+                f"No parameter of {TARGETS[target]} makes up for: {labels}. {instead} "
+                "(`--remedy crazyflow`)."
+            )
     return parts
 
 
