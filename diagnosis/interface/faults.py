@@ -18,6 +18,7 @@ import numpy as np
 from diagnosis.interface import commands, orders, position, scales
 from diagnosis.interface.commands import Following
 from diagnosis.interface.fault import (
+    MOTOR_CLOCK,
     OWN,
     SIZED,
     Evidence,
@@ -74,7 +75,7 @@ def interface_faults(
     if not {"attitude", "position"} & wrong:
         turn = _turned_since(now.windows, before.windows)
     later = None
-    if not {"angular velocity", "motor order", "motor clock"} & wrong:
+    if not {"angular velocity", "motor order", MOTOR_CLOCK} & wrong:
         commanded = any(drone.pwm is not None for drone in _drones(flights))
         later = later_since(now.turned, before.turned, commanded)
     if turn is not None:  # it says more than that the path is turned

@@ -16,9 +16,9 @@ and a marker's distance from the centre (centimetres); a choice."""
 
 
 def mended(flights: FlightSet, faults: Sequence[InterfaceFault]) -> FlightSet:
-    """The flights with their path turned back into the frame that the reference's has, in time.
+    """The flights without drift of their motors' clock, and turned back into the reference's frame.
 
-    Left in, the turn would be taken for forces across the flight.
+    Left in, a turn would be taken for forces across the flight, a drift for slow motors.
     """
     flights = in_time(flights, faults, MOTOR_CLOCK)
     turns = [f for f in faults if f.part == "frame of the path since the reference"]

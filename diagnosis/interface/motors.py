@@ -5,7 +5,7 @@ r"""What the motors are given against how the drone turns: which column is which
 w are measured angular velocities about x and y, u the squares of what motors are given (their
 thrusts, but for a factor), M the signs of crazyflow 0.4.0's ``mixing_matrix``: motor 1 in front on
 the right, then clockwise seen from above. k is positive, d the lag that fits best. r is not zero if
-the clock that stamps u runs faster than the pose's since the log's start t0: motors and their loop
+the clock that stamps u runs faster than that of w since the log's start t0: motors and their loop
 delay the turning by the same time all along, so that no physics makes a drift. It is looked for in
 pieces so short that a clock hardly moves in them; order and lag take r as zero. Motors explain
 little of what a gyroscope beside them shakes, and that differs from flight to flight: errors of a
@@ -274,7 +274,7 @@ def drifting(drones: Sequence[Pieces]) -> InterfaceFault | None:
         part=MOTOR_CLOCK,
         readings=(f"a clock that drifts by {1e3 * size.value:.1f} ms a second",),
         advice=f"What the motors are given acts {ever}, by {1e3 * abs(size.value):.1f} ms a second "
-        "of flight: compare the clock that stamps it with the one that stamps the pose. All else "
-        "is said of flights without this drift.",
+        "of flight: compare the clock that stamps it with the one that stamps angular velocities. "
+        "All else is said of flights without this drift.",
         evidence=(sized(quantity, size, "ms/s", -least, least, 1e3),),
     )
