@@ -12,6 +12,8 @@ from flights_for_tests import real, some_rows
 
 from blind.draw.faults import FAULTS
 from diagnosis.decide.prepared import Question
+from diagnosis.interface.fault import MOTOR_CLOCK
+from diagnosis.interface.faults import interface_faults
 from diagnosis.logs.flights import FlightSet
 from diagnosis.result import Diagnosis
 from diagnosis.twin.as_diagnosis import beside_twin
@@ -104,3 +106,13 @@ def test_a_mass_that_was_weighed_anew_is_taken_out_first():
     weighed = dataclasses.replace(heavy.vehicle, mass=1.347 * heavy.vehicle.mass)
     found = changed(dataclasses.replace(heavy, vehicle=weighed), plain)
     assert not class_of(found) & {"mass", "thrust_gain", "battery"}
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.005, -0.01])
+def test_a_motor_clock_that_drifts_is_measured_in_four_flights(rate):
+    flights = some(halves("nanobench")[0], 4)
+    logs = FAULTS["clock_drift"].apply(flights, {"rate": rate}) if rate else flights
+    found = [fault for fault in interface_faults(logs) if fault.part == MOTOR_CLOCK]
+    assert len(found) == (rate != 0.0)
+    for fault in found:
+        assert fault.evidence[0].value == pytest.approx(1e3 * rate / (1.0 + rate), rel=0.1)
