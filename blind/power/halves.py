@@ -8,87 +8,61 @@ that Clopper-Pearson intervals, which stand for independent splits, are too narr
 """
 
 import argparse
-import collections
 import dataclasses
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from blind.draw.catalogue import Parameters
 from blind.draw.faults import FAULTS
 from blind.score.scoring import proportion
 from diagnosis.interface.faults import checks, interface_faults
 from diagnosis.logs.flights import FlightSet, load_flights
 
-
-@dataclasses.dataclass(frozen=True)
-class Written:
-    """A fault of one size."""
-
-    fault: str
-    """Name in `blind.draw.faults`."""
-    parameter: str
-    """Name of the parameter that is not zero."""
-    size: float
-    """Its value [SI]."""
-    words: str
-    """Both in words."""
-
-    def apply(self, flights: FlightSet) -> FlightSet:
-        """The flights as they would have been logged."""
-        return FAULTS[self.fault].apply(flights, {self.parameter: self.size})
-
-
-WRITTEN = (
-    *(
-        Written("path_turned_in_yaw", "angle", math.radians(x), f"path turned by {x:g} degrees")
+WRITTEN: Mapping[str, tuple[str, Parameters]] = {
+    **{
+        f"path turned by {x:g} degrees": ("path_turned_in_yaw", {"angle": math.radians(x)})
         for x in (2.5, 5.0, 10.0)
-    ),
-    *(
-        Written("delay", "seconds", x / 1e3, f"inputs act {x:g} ms later")
-        for x in (10.0, 20.0, 40.0)
-    ),
-    *(
-        Written("clock_offset", "seconds", x / 1e3, f"inputs act {x:g} ms sooner")
+    },
+    **{f"inputs act {x:g} ms later": ("delay", {"seconds": x / 1e3}) for x in (10.0, 20.0, 40.0)},
+    **{
+        f"inputs act {x:g} ms sooner": ("clock_offset", {"seconds": x / 1e3})
         for x in (20.0, 40.0, 80.0)
-    ),
-    *(
-        Written("clock_drift", "rate", x / 100.0, f"clock of inputs drifts by {x:g} %")
+    },
+    **{
+        f"clock of inputs drifts by {x:g} %": ("clock_drift", {"rate": x / 100.0})
         for x in (0.05, 0.1, -0.1, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
-    ),
-)
-"""What is written into logs that have the columns for it."""
+    },
+}
+"""Faults of `blind.draw.faults` with their parameters, in words. Each is written into logs that
+have the columns for it."""
 NOTHING = "nothing"
 """Row of undisturbed halves, in which any part that is named is an alarm."""
 
 
-def count(
-    flights: FlightSet,
-    splits: int,
-    sizes: tuple[int, int],
-    seed: int,
-    each: Callable[[range], object] = iter,
-) -> Mapping[str, int]:
-    """In how many random splits something is named that is right, by words of `WRITTEN`.
+def count(flights: FlightSet, splits: int, sizes: tuple[int, int], seed: int) -> Mapping[str, int]:
+    """In how many random splits something is named that is right, by the words of `WRITTEN`.
 
-    Splits have as many reference and target flights as `sizes` say. `each` shows progress.
+    Splits have as many reference and target flights as `sizes` say.
     """
     rng = np.random.default_rng(seed)
-    fitting = [one for one in WRITTEN if FAULTS[one.fault].fits(flights)]
-    named = collections.Counter(dict.fromkeys([NOTHING, *(one.words for one in fitting)], 0))
-    for _ in each(range(splits)):  # pyright: ignore[reportGeneralTypeIssues]
+    fitting = {words: one for words, one in WRITTEN.items() if FAULTS[one[0]].fits(flights)}
+    named = dict.fromkeys([NOTHING, *fitting], 0)
+    for _ in track(range(splits), "checking splits", console=Console(stderr=True)):
         order = [flights.flights[i] for i in rng.permutation(len(flights.flights))]
         before = dataclasses.replace(flights, flights=tuple(order[: sizes[0]]))
         after = dataclasses.replace(flights, flights=tuple(order[sizes[0] : sum(sizes)]))
         then = checks(before)
         named[NOTHING] += bool(interface_faults(after, before, then=then))
-        for one in fitting:
-            found = interface_faults(one.apply(after), before, then=then)
-            named[one.words] += bool({fault.part for fault in found} & {*FAULTS[one.fault].parts})
+        for words, (name, parameters) in fitting.items():
+            fault = FAULTS[name]
+            found = interface_faults(fault.apply(after, parameters), before, then=then)
+            named[words] += any(one.part in fault.parts for one in found)
     return named
 
 
@@ -107,14 +81,8 @@ def main() -> None:
     parser.add_argument("--target", type=int, default=9, help="target flights of a split")
     parser.add_argument("--seed", type=int, default=1, help="of the splits")
     given = parser.parse_args()
-    console = Console(stderr=True)
-    named = count(
-        load_flights(given.flights),
-        given.splits,
-        (given.reference, given.target),
-        given.seed,
-        lambda splits: track(splits, "checking splits", console=console),
-    )
+    sizes = given.reference, given.target
+    named = count(load_flights(given.flights), given.splits, sizes, given.seed)
     sys.stdout.write(write(named, given.splits) + "\n")
 
 

@@ -64,8 +64,8 @@ class Trial:
     bland: Flights
     """As long in all, with nothing in it that separates the pair."""
     sizes: Mapping[str, Parameters] = dataclasses.field(default_factory=dict)
-    """Parameters of true effects where the catalogue's direction would separate the pair by itself,
-    added to those of the catalogue, and of effects that the catalogue does not draw."""
+    """Parameters of true effects by names of the effects. They replace what the catalogue draws
+    where its direction would separate the pair by itself; some effects it does not draw at all."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -48,6 +48,8 @@ class Untold:
     """Motions that would tell: steps in x or y, climbs (z), turns (yaw)."""
 
 
+MOTOR_CLOCK = "motor clock"
+"""The part whose fault is a drift, which is taken out before physics."""
 PARTS = (
     "position",
     "height",
@@ -59,7 +61,7 @@ PARTS = (
     "command clock",
     "thrust",
     "motor order",
-    "motor clock",
+    MOTOR_CLOCK,
     "motor clock since the reference",
     "frame of the path",
     "frame of the path since the reference",
@@ -69,11 +71,8 @@ PARTS = (
 """Every part that is checked, in the order in which faults are listed."""
 ORDERED = frozenset({"position", "velocity", "attitude", "attitude command"})
 """Parts of order, sign and frame that a replay reads, in the reference as well."""
-MOTOR_CLOCK = "motor clock"
-"""The part whose fault is a drift, which is taken out before physics."""
 OWN = ORDERED | {MOTOR_CLOCK}
-"""Parts that are right or wrong in each set of flights by itself; the reference's are named, too.
-"""
+"""Parts whose fault needs no reference to show; a reference's own faults of them are named, too."""
 SIZED = frozenset(
     {"height", "command clock", "thrust", "frame of the path", "frame of the commands", "heading"}
 )

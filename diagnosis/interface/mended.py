@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from diagnosis.interface.fault import MOTOR_CLOCK, Evidence, InterfaceFault
+from diagnosis.interface.motors import inputs_column
 from diagnosis.logs.flights import DroneLog, FlightSet
 from simulators.vehicle import VEHICLES
 
@@ -49,7 +50,7 @@ def in_time(flights: FlightSet, faults: Sequence[InterfaceFault], part: str) -> 
         kept = (then >= log.t[0]) & (then <= log.t[-1])
         # An input is held until the next row.
         held = np.searchsorted(log.t, then[kept] + 1e-9, side="right") - 1
-        moved = "pwm" if log.pwm is not None else "rotor_vel"
+        moved = inputs_column(log)
         columns = {
             field.name: None if value is None else value[held if field.name == moved else kept]
             for field in dataclasses.fields(log)

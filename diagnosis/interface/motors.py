@@ -4,10 +4,10 @@ r"""What the motors are given against how the drone turns: which column is which
 
 w are measured angular velocities about x and y, u the squares of what motors are given (their
 thrusts, but for a factor), M the signs of crazyflow 0.4.0's ``mixing_matrix``: motor 1 in front on
-the right, then clockwise seen from above. k is positive, d the lag that fits best. r is not zero if
-the clock that stamps u runs faster than that of w since the log's start t0: motors and their loop
-delay the turning by the same time all along, so that no physics makes a drift. It is looked for in
-pieces so short that a clock hardly moves in them; order and lag take r as zero. Motors explain
+the right, then clockwise seen from above. k is positive, d the lag that fits best, t0 the log's
+start. The drift r is zero unless two clocks of different speed stamp u and w: motors and their loop
+take the same time from the start of a flight to its end. The drift is fitted in pieces so short
+that a clock hardly moves in them; the order and the lag are fitted without drift. Motors explain
 little of what a gyroscope beside them shakes, and that differs from flight to flight: errors of a
 piece of flight count in units of its own angular acceleration, and the difference of two orders is
 tested piece by piece, as Vuong (1989, Econometrica 57, 307-333) does.
@@ -40,11 +40,12 @@ LAGS = np.round(np.arange(-0.1, 0.201, LAG_STEP), 6)
 PIECE = 4.0
 """Duration of a piece [s], far longer than a gyroscope's noise remembers."""
 SINCE = 0.01
-"""Change of the lag [s] since a reference that is a fault; a choice: one row of a log at 100 Hz."""
+"""Change of the lag [s], since a reference or along a flight, that is a fault; a choice: one row of
+a log at 100 Hz."""
 SHORT = 1.0
 """Duration of a piece [s], in which the largest drift moves a clock by 50 ms."""
 FASTEST = 0.05
-"""Largest drift that is tried [s/s], as that of the effect `clock_drift`."""
+"""Largest drift that is tried [s/s]; the effect `clock_drift` has the same bound."""
 FURTHEST = 2.5
 """Largest drift at the end of a flight that is tried [s]; a choice, for the memory it takes."""
 
@@ -67,14 +68,14 @@ class Turning:
         return along, np.einsum("ij,ljk,ik->li", M, self.square, M)
 
 
-def turning_inputs(drone: DroneLog) -> Float[np.ndarray, "rows 4"] | None:
-    """What turns the drone: duties of its motors, else their speeds."""
-    return drone.pwm if drone.pwm is not None else drone.rotor_vel
+def inputs_column(drone: DroneLog) -> str:
+    """Field with what turns the drone: duties of its motors, else their speeds."""
+    return "pwm" if drone.pwm is not None else "rotor_vel"
 
 
 def turning(drone: DroneLog) -> list[Turning]:
     """The pieces of a drone's flight; none without motors' inputs or angular velocity."""
-    given = turning_inputs(drone)
+    given: Float[np.ndarray, "rows 4"] | None = getattr(drone, inputs_column(drone))
     if given is None or drone.ang_vel is None:
         return []
     rates, found = drone.ang_vel[:, :2].T, []
@@ -197,7 +198,8 @@ class Pieces:
 
 def pieces_of(drone: DroneLog) -> Pieces | None:
     """The pieces of a drone's flight; None without motors' inputs or angular velocity."""
-    given, seconds = turning_inputs(drone), float(drone.t[-1] - drone.t[0])
+    given: Float[np.ndarray, "rows 4"] | None = getattr(drone, inputs_column(drone))
+    seconds = float(drone.t[-1] - drone.t[0])
     if given is None or drone.ang_vel is None or seconds < 2.0 * SHORT:
         return None
     reach = min(FASTEST * seconds, FURTHEST)
@@ -274,7 +276,7 @@ def drifting(drones: Sequence[Pieces]) -> InterfaceFault | None:
         part=MOTOR_CLOCK,
         readings=(f"a clock that drifts by {1e3 * size.value:.1f} ms a second",),
         advice=f"What the motors are given acts {ever}, by {1e3 * abs(size.value):.1f} ms a second "
-        "of flight: compare the clock that stamps it with the one that stamps angular velocities. "
+        "of flight: compare the clock of motor inputs with the clock of angular velocities. "
         "All else is said of flights without this drift.",
         evidence=(sized(quantity, size, "ms/s", -least, least, 1e3),),
     )

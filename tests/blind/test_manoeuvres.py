@@ -76,6 +76,12 @@ def few():
     return Range(exclude=set(registry.names("effect")) - tried)
 
 
+@pytest.fixture(scope="module")
+def late():
+    """A range with the two effects that make commands late."""
+    return Range(exclude=set(registry.names("effect")) - {"delay", "clock_drift"})
+
+
 def test_fast_lines_tell_mass_from_thrust_where_hover_does_not(few):
     found = few.margins("mass", "thrust_gain")
     assert found.bland < Decision().decidable_chi2 < found.advised
@@ -87,6 +93,13 @@ def test_fast_lines_tell_mass_from_thrust_where_hover_does_not(few):
 def test_tumbling_tells_drag_of_the_rotors_from_drag_of_the_body(few, truth, rival):
     found = few.margins(truth, rival)
     assert found.bland < Decision().decidable_chi2 < found.advised
+    assert found.separated
+
+
+@pytest.mark.parametrize(("truth", "rival"), [("clock_drift", "delay"), ("delay", "clock_drift")])
+def test_steps_tell_a_drifting_clock_from_a_delay(late, truth, rival):
+    found = late.margins(truth, rival)
+    assert Decision().decidable_chi2 < found.advised > found.bland
     assert found.separated
 
 

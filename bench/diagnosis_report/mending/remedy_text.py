@@ -104,14 +104,14 @@ def _autopilot(diagnosis: Diagnosis, target: str, values: Mapping[str, float]) -
         parts += ["## Do not change yet", *_waiting(diagnosis, wait), _table(wait, values)]
     if idle := without_parameter(diagnosis, target):
         parts.append("## No parameter for it")
-        for instead in dict.fromkeys(load_card(clean(name)).instead for name in idle):
-            labels = join(
-                _labels([name for name in idle if load_card(clean(name)).instead == instead])
-            )
-            parts.append(
-                f"No parameter of {TARGETS[target]} makes up for: {labels}. {instead} "
-                "(`--remedy crazyflow`)."
-            )
+        alike: dict[str, list[str]] = {}
+        for name in idle:
+            alike.setdefault(load_card(clean(name)).instead, []).append(name)
+        parts += [
+            f"No parameter of {TARGETS[target]} makes up for: {join(_labels(names))}. {instead} "
+            "(`--remedy crazyflow`)."
+            for instead, names in alike.items()
+        ]
     return parts
 
 
