@@ -27,7 +27,7 @@ class InterfaceFault:
     """One part of the interface that does not say what the format asks for."""
 
     part: str
-    """Which part: one of `PARTS`, or one of `OWN` in the reference (`of_reference`)."""
+    """Which part, such as `attitude`, or `attitude of the reference` where that has it wrong."""
     readings: tuple[str, ...]
     """What the part seems to hold instead, likeliest first; those after the first fit as well."""
     advice: str
@@ -41,9 +41,9 @@ class Untold:
     """One check that could not be made."""
 
     part: str
-    """Part of the interface, one of `fault.PARTS`."""
+    """Which part was not checked, such as `heading`."""
     what: str
-    """What was not checked."""
+    """What of it was not checked."""
     fly: tuple[str, ...]
     """Motions that would tell: steps in x or y, climbs (z), turns (yaw)."""
 

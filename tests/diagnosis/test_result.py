@@ -17,7 +17,9 @@ PUBLISHED = Path(__file__).parents[2] / "docs" / "diagnosis.schema.json"
 
 
 def test_the_published_schema_is_the_one_of_the_types():
-    assert PUBLISHED.read_text(encoding="utf-8") == json_schema()
+    assert PUBLISHED.read_text(encoding="utf-8") == json_schema(), (
+        "the types have changed: python -m diagnosis.result > docs/diagnosis.schema.json"
+    )
     jsonschema.Draft202012Validator.check_schema(json.loads(json_schema()))
 
 
