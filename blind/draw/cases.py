@@ -191,21 +191,47 @@ def read_back(tables: Sequence[Any]) -> FlightSet:
         return load_flights(Path(folder) / "flown")
 
 
-def write_cases(directory: Path, labels_directory: Path, cases: Sequence[Case]) -> None:
-    """Flies `cases` into `directory`/ID, and into `labels_directory`/true/ID without noise.
+def write_case(directory: Path, labels_directory: Path, case: Case) -> None:
+    """Flies `case` into `directory`/ID, and into `labels_directory`/true/ID without noise.
 
-    Cases that are there already are left alone.
+    A case that is there already is left alone.
     """
-    for case in cases:
-        seen, true = directory / case.id, labels_directory / "true" / case.id
-        if not (seen.is_dir() and true.is_dir()):
-            flown = fly_case(case)
-            for folder, tables in (
-                (true, [f.true for f in flown]),
-                (seen, [f.logged for f in flown]),
-            ):
-                shutil.rmtree(folder, ignore_errors=True)
-                write_flights(folder, tables)
+    seen, true = directory / case.id, labels_directory / "true" / case.id
+    if seen.is_dir() and true.is_dir():
+        return
+    flown = fly_case(case)
+    for folder, tables in ((true, [f.true for f in flown]), (seen, [f.logged for f in flown])):
+        shutil.rmtree(folder, ignore_errors=True)
+        write_flights(folder, tables)
+
+
+def write_reference(directory: Path, case: Case) -> None:
+    """Flies an undisturbed drone into `directory`/ID, if the case needs a reference.
+
+    Each case has a reference of its own, so that an error of one reference is in one answer only.
+    """
+    if needs_reference(case.reality):
+        rng = np.random.default_rng([case.seed, 1])
+        write_undisturbed(directory / case.id, undisturbed_case(case.reality, rng))
+
+
+def needs_reference(reality: str) -> bool:
+    """Whether cases flown there are diagnosed beside undisturbed flights.
+
+    The equations of crazyflow are the diagnosis's own.
+    """
+    return reality != "crazyflow"
+
+
+def undisturbed_case(reality: str, rng: np.random.Generator) -> Case:
+    """One drone on which nothing acts."""
+    return dataclasses.replace(make_case("clean", (), rng, reality=reality), drones=1)
+
+
+def write_undisturbed(folder: Path, case: Case) -> None:
+    """Flies such a case, as it is logged, into a folder that is not there yet."""
+    if not folder.is_dir():
+        write_flights(folder, [one.logged for one in fly_case(case)])
 
 
 def write_labels(path: Path, cases: Sequence[Case]) -> str:

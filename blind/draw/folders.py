@@ -5,8 +5,8 @@
 | `OUT/runs/run.json` | what was drawn, and the SHA-256 of the labels |
 | `OUT/runs/cases/ID` | the flights of a case, all that a diagnosis is given |
 | `OUT/runs/labels` | what the cases are, and their flights without noise |
-| `OUT/runs/reference`, `undisturbed/N` | flights of the undisturbed vehicle |
-| `OUT/runs/references/ID` | flights beside which a case of injected faults is diagnosed |
+| `OUT/runs/reference`, `undisturbed/N` | flights of the undisturbed vehicle, for the baselines |
+| `OUT/runs/references/ID` | the reference flights of a case, if it needs any |
 | `OUT/runs/answers/ID` | documents of a diagnosis and `status.json` |
 | `OUT/runs/measures/ID.json` | what the case allows, measured with its label |
 
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.text.errors import UsageError
-from blind.draw.cases import KINDS, digest
+from blind.draw.cases import KINDS, digest, needs_reference
 
 DEFAULT_COUNTS = {"single": 126, "pair": 60, "clean": 75, "unknown": 30, "excluded": 30}
 """Cases of each kind in a counted run."""
@@ -75,7 +75,7 @@ class Folders:
 
     @property
     def reference(self) -> Path:
-        """Flights of the undisturbed vehicle."""
+        """Flights of the undisturbed vehicle beside which baselines answer."""
         return self.runs / "reference"
 
     @property
@@ -96,10 +96,12 @@ class Folders:
 
     def gone(self, n_cases: int) -> bool:
         """Whether flights of a draw of so many cases are missing."""
-        wanted = self.read_state().get("undisturbed", 0)
-        others = self.reference.is_dir() and self.undisturbed.is_dir()
-        others = others and len(list(self.undisturbed.iterdir())) >= wanted
-        return not others or len(self.flown()) < n_cases
+        state = self.read_state()
+        wanted = [(self.reference, 0), (self.undisturbed, state.get("undisturbed", 0))]
+        if needs_reference(state["reality"]):
+            wanted.append((self.references, n_cases))
+        there = (path.is_dir() and len(list(path.iterdir())) >= n for path, n in wanted)
+        return not all(there) or len(self.flown()) < n_cases
 
     def drawn(self) -> list[Path]:
         """All that a draw makes; studies, which lie beside it, are none of it."""

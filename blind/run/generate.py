@@ -4,12 +4,11 @@
 flies what is gone of a draw that is there.
 """
 
-import dataclasses
 import datetime
 import json
 import secrets
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -18,12 +17,12 @@ import numpy as np
 from blind.draw.cases import (
     Case,
     draw_cases,
-    fly_case,
-    make_case,
     read_labels,
-    write_cases,
-    write_flights,
+    undisturbed_case,
+    write_case,
     write_labels,
+    write_reference,
+    write_undisturbed,
 )
 from blind.draw.folders import Folders, write_json
 from blind.run.answering import sources_digest
@@ -48,7 +47,7 @@ def generate(
     entropy = secrets.randbits(128) if seed is None else seed
     _fly_undisturbed(folders, reality, entropy, undisturbed)
     cases = draw_cases(counts, reality, entropy)
-    write_cases(folders.cases, folders.labels.parent, cases)
+    _fly_cases(folders, cases)
     sha256 = write_labels(folders.labels, cases)
     write_json(
         folders.state,
@@ -70,19 +69,22 @@ def fly_again(folders: Folders) -> None:
     """Flies what is gone of a draw whose `run.json` and labels are there."""
     state = folders.read_state()
     _fly_undisturbed(folders, state["reality"], state["entropy"], state["undisturbed"])
-    cases = read_labels(folders.labels, Case.of, state["sha256"])
-    write_cases(folders.cases, folders.labels.parent, list(cases.values()))
+    _fly_cases(folders, read_labels(folders.labels, Case.of, state["sha256"]).values())
+
+
+def _fly_cases(folders: Folders, cases: Iterable[Case]) -> None:
+    """Flies each case and its reference, what is not there."""
+    for case in cases:
+        write_reference(folders.references, case)
+        write_case(folders.cases, folders.labels.parent, case)
 
 
 def _fly_undisturbed(folders: Folders, reality: str, entropy: int, count: int) -> None:
-    """Flies the reference and `count` more sets of the undisturbed vehicle that are not there."""
+    """Flies the baselines' reference and `count` sets to calibrate them, what is not there."""
     rng = np.random.default_rng([entropy, 1])
     for i in range(count + 1):
-        case = make_case("clean", (), rng, reality=reality)
-        folder = folders.undisturbed / str(i) if i else folders.reference
-        if not folder.is_dir():
-            flown = fly_case(dataclasses.replace(case, drones=1))
-            write_flights(folder, [one.logged for one in flown])
+        case = undisturbed_case(reality, rng)
+        write_undisturbed(folders.undisturbed / str(i) if i else folders.reference, case)
 
 
 def _version(package: str) -> str:

@@ -20,9 +20,25 @@ def test_counts_keep_proportions_and_every_kind():
 
 def test_some_of_the_undisturbed_flights_are_not_all(tmp_path):
     folders = Folders(tmp_path)
-    write_json(folders.state, {"undisturbed": 2})
+    write_json(folders.state, {"reality": "crazyflow", "undisturbed": 2})
     for place in (folders.reference, folders.undisturbed / "1"):
         place.mkdir(parents=True)
     assert folders.gone(0)
     (folders.undisturbed / "2").mkdir()
     assert not folders.gone(0)
+
+
+def test_beside_a_reality_of_its_own_each_case_needs_its_reference(tmp_path):
+    folders = Folders(tmp_path)
+    write_json(folders.state, {"reality": "rotorpy"})
+    for place in (
+        folders.reference,
+        folders.undisturbed,
+        folders.cases / "a",
+        folders.labels.parent / "true" / "a",
+        folders.references,
+    ):
+        place.mkdir(parents=True)
+    assert folders.gone(1)
+    (folders.references / "a").mkdir()
+    assert not folders.gone(1)

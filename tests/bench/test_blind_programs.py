@@ -6,6 +6,7 @@ import types
 
 import pytest
 
+from blind.draw import cases as drawing
 from blind.draw.cases import Case, draw_cases, read_labels, write_labels
 from blind.draw.catalogue import Withheld
 from blind.draw.folders import Folders, write_json
@@ -69,14 +70,12 @@ def flown(monkeypatch):
         cases.append(case)
         return [types.SimpleNamespace(logged=case.id, true=case.id)]
 
-    def write_cases(directory, labels_directory, wanted):
-        cases.extend(wanted)
+    def write_case(directory, labels_directory, case):
+        cases.append(case)
 
-    monkeypatch.setattr(generate, "fly_case", fly)
-    monkeypatch.setattr(
-        generate, "write_flights", lambda folder, tables: folder.mkdir(parents=True)
-    )
-    monkeypatch.setattr(generate, "write_cases", write_cases)
+    monkeypatch.setattr(drawing, "fly_case", fly)
+    monkeypatch.setattr(drawing, "write_flights", lambda folder, tables: folder.mkdir(parents=True))
+    monkeypatch.setattr(generate, "write_case", write_case)
     return cases
 
 
@@ -88,10 +87,16 @@ def test_a_draw_is_that_of_its_seed_in_its_reality(flown, tmp_path):
     assert read_labels(folders.labels, Case.of, state["sha256"]) == {
         case.id: case for case in expected
     }
-    clean, drawn = flown[:3], flown[3:]
+    clean, drawn, references = flown[:3], flown[4::2], flown[3::2]
     assert drawn == expected
-    assert {(case.kind, case.reality, case.drones) for case in clean} == {("clean", "rotorpy", 1)}
-    assert len({case.seed for case in clean}) == 3
+    for one_drone in (*clean, *references):
+        assert (undisturbed.kind, undisturbed.reality, undisturbed.drones) == (
+            "clean",
+            "rotorpy",
+            1,
+        )
+    assert len({case.seed for case in flown}) == len(flown)
+    assert {p.name for p in folders.references.iterdir()} == {case.id for case in expected}
     assert sorted(p.name for p in folders.undisturbed.iterdir()) == ["1", "2"]
     assert (state["reality"], state["seed"], state["entropy"]) == ("rotorpy", 7, 7)
 

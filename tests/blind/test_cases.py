@@ -108,7 +108,8 @@ def test_written_cases_load_and_do_not_tell_their_effect(tmp_path):
         for name in ("mass", "downwash")
     ]
     seen, hidden = tmp_path / "cases", tmp_path / "labels"
-    cases.write_cases(seen, hidden, drawn)
+    for case in drawn:
+        cases.write_case(seen, hidden, case)
     sha256 = cases.write_labels(hidden / "labels.json", drawn)
     assert list(cases.read_labels(hidden / "labels.json", cases.Case.of, sha256)) == [
         case.id for case in drawn
@@ -137,11 +138,8 @@ def test_flights_that_are_gone_are_flown_again_from_their_labels(tmp_path):
     sha256 = cases.write_labels(path, [kept, gone])
 
     def fly():
-        cases.write_cases(
-            tmp_path / "cases",
-            path.parent,
-            [*cases.read_labels(path, cases.Case.of, sha256).values()],
-        )
+        for case in cases.read_labels(path, cases.Case.of, sha256).values():
+            cases.write_case(tmp_path / "cases", path.parent, case)
         found = [file for file in tmp_path.rglob("*") if file.is_file()]
         return {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in found}
 

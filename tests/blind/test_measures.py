@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from blind.draw.cases import make_case, write_cases
+from blind.draw.cases import make_case, write_case
 from blind.draw.catalogue import Withheld
 from blind.score.measures import Workbench, measure
 
@@ -16,7 +16,7 @@ def measured(tmp_path_factory):
     drawn = make_case("single", (), np.random.default_rng(0), n_flights=3, seconds=4.0)
     lost = Withheld("thrust_gain", {"e": -0.1})
     case = dataclasses.replace(drawn, drones=1, effects=(lost,), size="large")
-    write_cases(runs / "cases", runs / "labels", [case])
+    write_case(runs / "cases", runs / "labels", case)
     return measure(Workbench(runs, with_reference=False), case)
 
 
