@@ -28,6 +28,9 @@ KINDS = ("single", "pair", "clean", "unknown", "excluded")
 TWO_DRONES = 0.1
 """Share of the cases in which two drones fly though no effect needs them."""
 
+REFERENCES = 8
+"""Undisturbed flight sets beside which cases are diagnosed, where they need a reference."""
+
 VEHICLE = f"""\
 name = "Crazyflie, blind case"
 drone = "{DRONE}"    # crazyflow parameter set
@@ -60,6 +63,8 @@ class Case:
     """Duration of each flight [s]."""
     noise: float = 1.0
     """Measurement noise over the usual one."""
+    reference: int | None = None
+    """Which of the undisturbed flight sets it is diagnosed beside."""
 
     @classmethod
     def of(cls, label: Mapping[str, Any]) -> "Case":
@@ -99,7 +104,20 @@ def draw_cases(
     for kind in KINDS:
         plans += [(kind, plan) for plan in _plans(kind, counts.get(kind, 0), names, rng)]
     order = [plans[i] for i in rng.permutation(len(plans))]
-    return [make_case(kind, plan, rng, reality=reality) for kind, plan in order]
+    n = references_in(reality)
+    return [
+        make_case(kind, plan, rng, reality=reality, reference=i % n if n else None)
+        for i, (kind, plan) in enumerate(order)
+    ]
+
+
+def references_in(reality: str) -> int:
+    """How many undisturbed flight sets the cases flown there are diagnosed beside, in turn.
+
+    None in crazyflow, whose equations are the diagnosis's own. An error of a reference is in every
+    answer beside it, so that one reference tells little of how often intervals hold the truth.
+    """
+    return 0 if reality == "crazyflow" else REFERENCES
 
 
 def make_case(
@@ -203,24 +221,6 @@ def write_case(directory: Path, labels_directory: Path, case: Case) -> None:
     for folder, tables in ((true, [f.true for f in flown]), (seen, [f.logged for f in flown])):
         shutil.rmtree(folder, ignore_errors=True)
         write_flights(folder, tables)
-
-
-def write_reference(directory: Path, case: Case) -> None:
-    """Flies an undisturbed drone into `directory`/ID, if the case needs a reference.
-
-    Each case has a reference of its own, so that an error of one reference is in one answer only.
-    """
-    if needs_reference(case.reality):
-        rng = np.random.default_rng([case.seed, 1])
-        write_undisturbed(directory / case.id, undisturbed_case(case.reality, rng))
-
-
-def needs_reference(reality: str) -> bool:
-    """Whether cases flown there are diagnosed beside undisturbed flights.
-
-    The equations of crazyflow are the diagnosis's own.
-    """
-    return reality != "crazyflow"
 
 
 def undisturbed_case(reality: str, rng: np.random.Generator) -> Case:

@@ -6,7 +6,7 @@
 | `OUT/runs/cases/ID` | the flights of a case, all that a diagnosis is given |
 | `OUT/runs/labels` | what the cases are, and their flights without noise |
 | `OUT/runs/reference`, `undisturbed/N` | flights of the undisturbed vehicle, for the baselines |
-| `OUT/runs/references/ID` | the reference flights of a case, if it needs any |
+| `OUT/runs/references/N` | and for the diagnoses; with injected faults, a folder a case |
 | `OUT/runs/answers/ID` | documents of a diagnosis and `status.json` |
 | `OUT/runs/measures/ID.json` | what the case allows, measured with its label |
 
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.text.errors import UsageError
-from blind.draw.cases import KINDS, digest, needs_reference
+from blind.draw.cases import KINDS, digest, references_in
 
 DEFAULT_COUNTS = {"single": 126, "pair": 60, "clean": 75, "unknown": 30, "excluded": 30}
 """Cases of each kind in a counted run."""
@@ -80,7 +80,7 @@ class Folders:
 
     @property
     def references(self) -> Path:
-        """Flights of the undisturbed vehicle, a folder a case, where each case has its own."""
+        """Flights of the undisturbed vehicle beside which cases are diagnosed, a folder a set."""
         return self.runs / "references"
 
     @property
@@ -98,8 +98,8 @@ class Folders:
         """Whether flights of a draw of so many cases are missing."""
         state = self.read_state()
         wanted = [(self.reference, 0), (self.undisturbed, state.get("undisturbed", 0))]
-        if needs_reference(state["reality"]):
-            wanted.append((self.references, n_cases))
+        if n := references_in(state["reality"]):
+            wanted.append((self.references, n))
         there = (path.is_dir() and len(list(path.iterdir())) >= n for path, n in wanted)
         return not all(there) or len(self.flown()) < n_cases
 

@@ -84,7 +84,7 @@ def aims(tables: Tables) -> list[str]:
         if row["who"] != OURS or not row["n"] or row["cases"] != subset:
             continue
         if row["score"] == INTERVALS:
-            row |= _by_case(tables.parameters, row)
+            row |= _resampled(tables.parameters, row)
         rows.append(
             (
                 markdown.escape(row["score"]),
@@ -110,7 +110,7 @@ def aims(tables: Tables) -> list[str]:
         "named. *Abstention* is the verdict `unexplained` or `partly`, or an effect with a tenth "
         "or more of the gap left unexplained. *Met* is said of the measured value, *within the "
         "interval* where only the interval reaches the aim. Where several intervals are of one "
-        "case, cases are resampled.",
+        "case, cases are resampled, or, where several cases have one reference, references.",
         *filter(None, lines),
     ]
 
@@ -234,9 +234,14 @@ def measured_by(tables: Tables, study: str) -> list[str]:
     return lines
 
 
-def _by_case(parameters: pd.DataFrame, row: dict[str, Any]) -> dict[str, float]:
-    """Interval of a coverage with cases as units, never narrower than with intervals as units."""
-    sums = np.asarray(parameters.groupby("case")[["inside", "intervals"]].sum(), float)
+def _resampled(parameters: pd.DataFrame, row: dict[str, Any]) -> dict[str, float]:
+    """Interval of a coverage with references as units, or cases where they need none.
+
+    It is never narrower than with intervals as units.
+    """
+    known = parameters.dropna(axis="columns", how="all").columns
+    unit = "reference" if "reference" in known else "case"
+    sums = np.asarray(parameters.groupby(unit)[["inside", "intervals"]].sum(), float)
     drawn = np.random.default_rng(0).integers(len(sums), size=(RESAMPLED, len(sums)))
     inside, n = np.moveaxis(sums[drawn].sum(axis=1), -1, 0)
     low, high = np.quantile(inside / n, [0.025, 0.975])

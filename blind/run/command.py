@@ -10,7 +10,7 @@ from rich.console import Console
 
 from bench.execution.executor import cores
 from bench.text.errors import UsageError
-from blind.draw.cases import Case, needs_reference
+from blind.draw.cases import Case
 from blind.draw.folders import INJECTED, RESULTS, Folders, scaled_counts
 from blind.fly.realities import REALITIES
 from blind.report.injected_section import InjectedTables, is_injected, write_injected
@@ -150,7 +150,7 @@ def _fly(folders: Folders, settings: Mapping[str, Any], total: int, console: Con
 
 def _answer(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:
     def reference_of(case: Case) -> Path | None:
-        return folders.references / case.id if needs_reference(case.reality) else None
+        return None if case.reference is None else folders.references / str(case.reference)
 
     answer_shown(folders, labels, jobs, console, reference_of, lambda case: case.exclude)
 

@@ -8,7 +8,7 @@ import datetime
 import json
 import secrets
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -18,10 +18,10 @@ from blind.draw.cases import (
     Case,
     draw_cases,
     read_labels,
+    references_in,
     undisturbed_case,
     write_case,
     write_labels,
-    write_reference,
     write_undisturbed,
 )
 from blind.draw.folders import Folders, write_json
@@ -47,7 +47,8 @@ def generate(
     entropy = secrets.randbits(128) if seed is None else seed
     _fly_undisturbed(folders, reality, entropy, undisturbed)
     cases = draw_cases(counts, reality, entropy)
-    _fly_cases(folders, cases)
+    for case in cases:
+        write_case(folders.cases, folders.labels.parent, case)
     sha256 = write_labels(folders.labels, cases)
     write_json(
         folders.state,
@@ -69,22 +70,18 @@ def fly_again(folders: Folders) -> None:
     """Flies what is gone of a draw whose `run.json` and labels are there."""
     state = folders.read_state()
     _fly_undisturbed(folders, state["reality"], state["entropy"], state["undisturbed"])
-    _fly_cases(folders, read_labels(folders.labels, Case.of, state["sha256"]).values())
-
-
-def _fly_cases(folders: Folders, cases: Iterable[Case]) -> None:
-    """Flies each case and its reference, what is not there."""
-    for case in cases:
-        write_reference(folders.references, case)
+    for case in read_labels(folders.labels, Case.of, state["sha256"]).values():
         write_case(folders.cases, folders.labels.parent, case)
 
 
 def _fly_undisturbed(folders: Folders, reality: str, entropy: int, count: int) -> None:
-    """Flies the baselines' reference and `count` sets to calibrate them, what is not there."""
-    rng = np.random.default_rng([entropy, 1])
-    for i in range(count + 1):
-        case = undisturbed_case(reality, rng)
-        write_undisturbed(folders.undisturbed / str(i) if i else folders.reference, case)
+    """Flies what is not there of the references and of `count` sets to calibrate baselines on."""
+    own, others = np.random.default_rng([entropy, 1]), np.random.default_rng([entropy, 2])
+    wanted = [(folders.reference, own)]
+    wanted += [(folders.undisturbed / str(i), own) for i in range(1, count + 1)]
+    wanted += [(folders.references / str(i), others) for i in range(references_in(reality))]
+    for folder, rng in wanted:
+        write_undisturbed(folder, undisturbed_case(reality, rng))
 
 
 def _version(package: str) -> str:

@@ -108,8 +108,8 @@ def score(
     ]
     stated = [row for name, case in cases.items() for row in _stated(case, answers.get(name))]
     singles = [row for row in judged if row["kind"] == "single"]
-    columns = ["case", "effect", "size", "quantity", "error", "relative", "over_bound", "inside"]
-    columns += ["intervals", "half_width"]
+    columns = ["case", "reference", "effect", "size", "quantity", "error", "relative"]
+    columns += ["over_bound", "inside", "intervals", "half_width"]
     return Scores(
         cases=pd.DataFrame(judged),
         proportions=_proportions(judged, parameters),
@@ -178,7 +178,12 @@ def _compared(case: Case, answer: Answer | None, bounds: Bounds) -> list[Row]:
                 if effect["name"] == truth.name and p in given and given[p]["low"] is not None
             ]
             for i, found in enumerate(compare(truth, effect["name"], values)):
-                own = {"case": case.id, "effect": truth.name, "size": case.size}
+                own = {
+                    "case": case.id,
+                    "reference": case.reference,
+                    "effect": truth.name,
+                    "size": case.size,
+                }
                 own |= {**dataclasses.asdict(found), "over_bound": over_bound(truth, found, bounds)}
                 own["half_width"] = _half_width(truth, found, given)
                 counts = {"inside": sum(inside), "intervals": len(inside)} if i == 0 else {}

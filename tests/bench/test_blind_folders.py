@@ -3,6 +3,7 @@
 import pytest
 
 from bench.text.errors import UsageError
+from blind.draw.cases import REFERENCES
 from blind.draw.folders import DEFAULT_COUNTS, Folders, scaled_counts, write_json
 
 
@@ -28,17 +29,13 @@ def test_some_of_the_undisturbed_flights_are_not_all(tmp_path):
     assert not folders.gone(0)
 
 
-def test_beside_a_reality_of_its_own_each_case_needs_its_reference(tmp_path):
+def test_a_draw_in_another_reality_needs_its_references(tmp_path):
     folders = Folders(tmp_path)
     write_json(folders.state, {"reality": "rotorpy"})
-    for place in (
-        folders.reference,
-        folders.undisturbed,
-        folders.cases / "a",
-        folders.labels.parent / "true" / "a",
-        folders.references,
-    ):
+    for i in range(REFERENCES - 1):
+        (folders.references / str(i)).mkdir(parents=True)
+    for place in (folders.reference, folders.undisturbed):
         place.mkdir(parents=True)
-    assert folders.gone(1)
-    (folders.references / "a").mkdir()
-    assert not folders.gone(1)
+    assert folders.gone(0)
+    (folders.references / str(REFERENCES - 1)).mkdir()
+    assert not folders.gone(0)

@@ -7,7 +7,7 @@ import types
 import pytest
 
 from blind.draw import cases as drawing
-from blind.draw.cases import Case, draw_cases, read_labels, write_labels
+from blind.draw.cases import REFERENCES, Case, draw_cases, read_labels, write_labels
 from blind.draw.catalogue import Withheld
 from blind.draw.folders import Folders, write_json
 from blind.run import answer_baselines as baselines
@@ -87,12 +87,13 @@ def test_a_draw_is_that_of_its_seed_in_its_reality(flown, tmp_path):
     assert read_labels(folders.labels, Case.of, state["sha256"]) == {
         case.id: case for case in expected
     }
-    clean, drawn, references = flown[:3], flown[4::2], flown[3::2]
+    clean, drawn = flown[: 3 + REFERENCES], flown[3 + REFERENCES :]
     assert drawn == expected
-    undisturbed = {(c.kind, c.reality, c.drones) for c in (*clean, *references)}
+    undisturbed = {(c.kind, c.reality, c.drones) for c in clean}
     assert undisturbed == {("clean", "rotorpy", 1)}
     assert len({case.seed for case in flown}) == len(flown)
-    assert {p.name for p in folders.references.iterdir()} == {case.id for case in expected}
+    assert {int(p.name) for p in folders.references.iterdir()} == set(range(REFERENCES))
+    assert [case.reference for case in drawn] == list(range(len(drawn)))
     assert sorted(p.name for p in folders.undisturbed.iterdir()) == ["1", "2"]
     assert (state["reality"], state["seed"], state["entropy"]) == ("rotorpy", 7, 7)
 
