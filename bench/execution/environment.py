@@ -7,7 +7,7 @@ from pathlib import Path
 
 LOOPS = 2_000_000
 """Bytes that a loop may touch to be compiled into one piece of code instead of a call for every
-operation; XLA's own default lets through only the smallest (`reports/performance.md`)."""
+operation; XLA's own default lets through only the smallest (`reports/performance_tried.md`)."""
 OPTIONS = {
     "xla_cpu_multi_thread_eigen": "--xla_cpu_multi_thread_eigen=false",
     "xla_backend_extra_options": (

@@ -2,7 +2,7 @@
 
 On the CPU XLA compiles a loop into one piece of code, without a call for every operation, only
 where no matrix product goes to a library. Products of 3x3 and 4x4 matrices need none, yet for ten
-drones and more XLA calls one. What that costs stands in `reports/performance.md`.
+drones and more XLA calls one. What that costs stands in `reports/performance_tried.md`.
 """
 
 import math
