@@ -344,7 +344,7 @@ def noise_table(diagnosis: Diagnosis) -> Table | None:
 def left_out_table(diagnosis: Diagnosis) -> Table | None:
     """Flights, or parts of them, that were not used, with the reason."""
     rows = tuple(left_out_lines(diagnosis))
-    caption = "Flights, or parts of them, that were left out"
+    caption = "Flights, or parts of them, that were not used"
     return Table(caption, ("flight", "why"), rows, frozenset({0, 1})) if rows else None
 
 

@@ -75,11 +75,12 @@ def whom(found: Sequence[Choice], tables: Tables, better: bool, cells: str) -> l
     parts = [
         "## Which method to choose",
         markdown.table(("team size", *map(_flight, shown)), lines, range(len(shown) + 1)),
-        "Each line is a team size, each column the high-fidelity flight that may be spent. A cell "
+        "Rows are team sizes, columns the high-fidelity flight that may be spent. Each entry "
         "names the best method and its score (0: a team that stays at its spawn; 1: the upper "
         f"reference). {TIES} ([which, and by how much]"
-        f"({cells}#{markdown.anchor(CHOSEN)})). {means}Scores are for comparing methods of one "
-        "line: references differ from line to line, and each is one training. Hybrid without a "
+        f"({cells}#{markdown.anchor(CHOSEN)})). {means}Compare scores within a "
+        "row only: each task and team size has an upper reference of its own, which is one "
+        "training. Hybrid without a "
         "residual's name has the MLP ensemble.",
     ]
     if better:

@@ -169,7 +169,7 @@ CLAIMS = (
     ),
     Claim(
         OFF_SPEC,
-        "Recalibrated, Hybrid keeps the return that it has on the nominal drone",
+        "Recalibrated, Hybrid keeps the return that it has on the unchanged drone",
         "loses at most 24 % on figure8; on circle 4 to 16 %",
         Above(RECALIBRATED, CLEAN, share=0.25, source=off_spec),
         WORLDS,

@@ -17,7 +17,7 @@ GREY_BOX = Entry("grey_box")
 RANDOMIZED = Entry("domain_randomization")
 RECALIBRATED = Entry("recalibrated")
 TRACKED = Entry("lf_baseline", variant="PD tracking")
-CLEAN = Entry("hybrid", "mlp", "on the nominal drone")
+CLEAN = Entry("hybrid", "mlp", "on the unchanged drone")
 NAMES = {
     LF: "LF baseline",
     SCRATCH: "HF scratch",
@@ -31,7 +31,7 @@ NAMES = {
     RANDOMIZED: "domain randomization",
     RECALIBRATED: "recalibrated",
     TRACKED: "PD tracking",
-    CLEAN: "Hybrid on the nominal drone",
+    CLEAN: "Hybrid on the unchanged drone",
 }
 """How a page calls them."""
 

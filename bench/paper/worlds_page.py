@@ -49,6 +49,11 @@ WORST_TENTH = (
     "Settled reward of the worst tenth of all drones; higher is better. Rows that are older than "
     "this metric have none."
 )
+NAMED = (
+    "A suite file and `--reality` take the name alone. What it stands for, here by the names of "
+    "classes (a suite file would say `mass(e=0.2)+drag(c=1)`):"
+)
+"""What stands over the worlds."""
 GAPS = (
     "1 minus the score of each method in each world, left is better: means over these cells, bars "
     "95 % intervals over seeds; a bar that would reach a score of 1 is cut"
@@ -112,9 +117,10 @@ def document(
         "Means over the cells named above, which every method here flew in every world, with the "
         "95 % interval over seeds where there are at least two. Bold methods are Pareto-optimal: "
         "no other has a higher score in its worst world without flying more. Flight is the mean "
-        "over worlds. *As it is* marks a policy that flew in crazyflow alone, in training or for "
-        "its calibration, before it is deployed in the other worlds. A method that flies "
-        "nowhere before it is deployed has no mark."
+        "bill over these cells and worlds; for *as it is*, over the cells in crazyflow. *As it is* "
+        "marks a policy that flew in crazyflow alone, in training or for its calibration, before "
+        "it is deployed in the other worlds. A method that flies nowhere before it is deployed has "
+        "no mark."
     ]
     if made.left_out:
         left_out = "; ".join(markdown.escape(cell.label) for cell in made.left_out)
@@ -122,7 +128,7 @@ def document(
     parts += [markdown.table(("method", *names, *HEADINGS), lines(made), (0, len(names) + 1))]
     parts += [*_worst_tenths(made), *_claims_table(found)]
     legend = [f"- `{w.name}`: {markdown.escape(w.text)}" for w in made.worlds if w.name != w.text]
-    parts += ["## The worlds", "\n".join(legend)] if legend else []
+    parts += ["## The worlds", NAMED, "\n".join(legend)] if legend else []
     return "\n\n".join(parts) + "\n"
 
 
@@ -186,11 +192,13 @@ def _summary(made: Matrix, cells: str) -> list[str]:
         for s in sorted(front, key=lambda s: s.minutes)
     ]
     for world in made.worlds:
-        here = [s for s in made.standings if world in s.scores]
+        here = [s for s in _travelled(made) if world in s.scores]
         if here:
             best = max(here, key=lambda s: s.scores[world][0])
             name = markdown.escape(_name(flown_as(best.entry, world)))
-            bullets.append(f"- Best in {world.name}: {name}, {measured(*best.scores[world])}.")
+            bullets.append(
+                f"- Highest mean in {world.name}: {name}, {measured(*best.scores[world])}."
+            )
     if not bullets:
         return ["## In short", "No method flew in every world."]
     return ["## In short", "\n".join(bullets), f"{made.scale}; mean over {cells}."]

@@ -249,14 +249,14 @@ def test_a_world_has_a_row_and_every_seed_a_dot(tmp_path, figures, full_tables):
     panel = worlds.axes[0]
     names = [label.get_text() for label in panel.get_yticklabels()]
     assert names == [
-        "Hybrid on the nominal drone",
+        "Hybrid on the unchanged drone",
         "recalibrated",
         "Hybrid",
         "LF baseline",
         "PD tracking",
     ]
     dots = np.concatenate([c.get_offsets() for c in panel.collections if len(c.get_offsets())])
-    hybrid = dots[np.abs(dots[:, 1] - names.index("Hybrid on the nominal drone")) < 0.5, 0]
+    hybrid = dots[np.abs(dots[:, 1] - names.index("Hybrid on the unchanged drone")) < 0.5, 0]
     sizes = (-120.0, -100.0 - 60.0 / 7.0, -100.2)
     np.testing.assert_allclose(sorted(hybrid), sorted(x for n in sizes for x in around(n)))
 

@@ -16,7 +16,7 @@ WORLD = Cell("figure8", 3, deployed_effects=EFFECTS)
 
 
 def flown(recalibrated=-55.0, tracked=-90.0, effects=EFFECTS, sheet=None):
-    """Figure8 in a world of effects, beside a Hybrid that has -50 on the nominal drone."""
+    """Figure8 in a world of effects, beside a Hybrid that has -50 on the unchanged drone."""
     if sheet is None:
         sheet = Sheet().add("hybrid", "mlp", rewards=around(-50.0), **CELL)
     means = {"recalibrated": recalibrated, "lf": -80.0, "tracked": tracked, "hybrid": -60.0}
