@@ -50,8 +50,8 @@ WORST_TENTH = (
     "this metric have none."
 )
 NAMED = (
-    "A suite file and `--reality` take the name alone. What it stands for, here by the names of "
-    "classes (a suite file would say `mass(e=0.2)+drag(c=1)`):"
+    "A suite file and `--reality` take the name alone. Here each name is spelled out, with the "
+    "names of classes (a suite file would say `mass(e=0.2)+drag(c=1)`):"
 )
 """What stands over the worlds."""
 GAPS = (

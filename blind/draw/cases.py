@@ -28,7 +28,7 @@ KINDS = ("single", "pair", "clean", "unknown", "excluded")
 TWO_DRONES = 0.1
 """Share of the cases in which two drones fly though no effect needs them."""
 
-REFERENCES = 8
+REFERENCE_SETS = 8
 """Undisturbed flight sets beside which cases are diagnosed, where they need a reference."""
 
 VEHICLE = f"""\
@@ -104,20 +104,20 @@ def draw_cases(
     for kind in KINDS:
         plans += [(kind, plan) for plan in _plans(kind, counts.get(kind, 0), names, rng)]
     order = [plans[i] for i in rng.permutation(len(plans))]
-    n = references_in(reality)
+    n = reference_sets_in(reality)
     return [
         make_case(kind, plan, rng, reality=reality, reference=i % n if n else None)
         for i, (kind, plan) in enumerate(order)
     ]
 
 
-def references_in(reality: str) -> int:
+def reference_sets_in(reality: str) -> int:
     """How many undisturbed flight sets the cases flown there are diagnosed beside, in turn.
 
     None in crazyflow, whose equations are the diagnosis's own. An error of a reference is in every
     answer beside it, so that one reference tells little of how often intervals hold the truth.
     """
-    return 0 if reality == "crazyflow" else REFERENCES
+    return 0 if reality == "crazyflow" else REFERENCE_SETS
 
 
 def make_case(

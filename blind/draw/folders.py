@@ -6,7 +6,7 @@
 | `OUT/runs/cases/ID` | the flights of a case, all that a diagnosis is given |
 | `OUT/runs/labels` | what the cases are, and their flights without noise |
 | `OUT/runs/reference`, `undisturbed/N` | flights of the undisturbed vehicle, for the baselines |
-| `OUT/runs/references/N` | and for the diagnoses; with injected faults, a folder a case |
+| `OUT/runs/references/N` | and for the diagnoses of several cases each (injected faults: of one) |
 | `OUT/runs/answers/ID` | documents of a diagnosis and `status.json` |
 | `OUT/runs/measures/ID.json` | what the case allows, measured with its label |
 
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.text.errors import UsageError
-from blind.draw.cases import KINDS, digest, references_in
+from blind.draw.cases import KINDS, Case, digest, reference_sets_in
 
 DEFAULT_COUNTS = {"single": 126, "pair": 60, "clean": 75, "unknown": 30, "excluded": 30}
 """Cases of each kind in a counted run."""
@@ -80,7 +80,7 @@ class Folders:
 
     @property
     def references(self) -> Path:
-        """Flights of the undisturbed vehicle beside which cases are diagnosed, a folder a set."""
+        """Sets of flights of the undisturbed vehicle beside which cases are diagnosed."""
         return self.runs / "references"
 
     @property
@@ -91,17 +91,31 @@ class Folders:
     def flown(self) -> list[Path]:
         """Cases whose flights are there, with and without noise."""
         true = self.labels.parent / "true"
-        cases = sorted(self.cases.glob("*"))
-        return [path for path in cases if path.suffix == "" and (true / path.name).is_dir()]
+        return [path for path in _whole(self.cases) if (true / path.name).is_dir()]
 
     def gone(self, n_cases: int) -> bool:
         """Whether flights of a draw of so many cases are missing."""
         state = self.read_state()
         wanted = [(self.reference, 0), (self.undisturbed, state.get("undisturbed", 0))]
-        if n := references_in(state["reality"]):
-            wanted.append((self.references, n))
-        there = (path.is_dir() and len(list(path.iterdir())) >= n for path, n in wanted)
+        if sets := reference_sets_in(state["reality"]):
+            wanted.append((self.references, sets))
+        there = (len(_whole(path)) >= n if path.is_dir() else False for path, n in wanted)
         return not all(there) or len(self.flown()) < n_cases
+
+    def reference_of(self, case: Case) -> Path | None:
+        """The flights beside which a case of effects is diagnosed; None where it needs none.
+
+        Raises:
+            UsageError: The draw is an older one, in which all cases had one reference.
+        """
+        if not reference_sets_in(case.reality):
+            return None
+        if case.reference is None:
+            raise UsageError(
+                f"{self.labels} is of an older draw, with one reference for all cases. Make a new "
+                "draw in another folder (`--out`)."
+            )
+        return self.references / str(case.reference)
 
     def drawn(self) -> list[Path]:
         """All that a draw makes; studies, which lie beside it, are none of it."""
@@ -120,6 +134,11 @@ class Folders:
         if found == printed:
             return ""
         return f"{self.labels} has changed: its SHA-256 was {printed} and is {found}."
+
+
+def _whole(folder: Path) -> list[Path]:
+    """Flight sets in a folder; one that is being written has a suffix."""
+    return [path for path in sorted(folder.glob("*")) if path.suffix == ""]
 
 
 def scaled_counts(total: int | None) -> dict[str, int]:

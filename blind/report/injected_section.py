@@ -31,10 +31,10 @@ METHOD = (
     "vehicles."
 )
 WORDS = (
-    "*Found*: the verdict is neither `none` nor `too_few`, or a part of the interface is said to "
+    "*Found*: the verdict is neither `none` nor `too_few`, or a part of the logs is said to "
     "be wrong, or the logs are refused with a reason. *Named*: the answer blames an effect that "
     "describes the fault, or an effect that these flights cannot tell from it, or it says that "
-    "the part of the interface is wrong that has the fault. *Wrong effect*: the answer blames "
+    "the part of the logs is wrong that has the fault. *Wrong effect*: the answer blames "
     "effects, and none of them describes the fault. Intervals are 95 %, Clopper and Pearson's."
 )
 FRAMES = ("cases", "numbers")

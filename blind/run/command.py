@@ -149,10 +149,7 @@ def _fly(folders: Folders, settings: Mapping[str, Any], total: int, console: Con
 
 
 def _answer(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:
-    def reference_of(case: Case) -> Path | None:
-        return None if case.reference is None else folders.references / str(case.reference)
-
-    answer_shown(folders, labels, jobs, console, reference_of, lambda case: case.exclude)
+    answer_shown(folders, labels, jobs, console, folders.reference_of, lambda case: case.exclude)
 
 
 def _measure(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:

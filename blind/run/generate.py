@@ -18,7 +18,7 @@ from blind.draw.cases import (
     Case,
     draw_cases,
     read_labels,
-    references_in,
+    reference_sets_in,
     undisturbed_case,
     write_case,
     write_labels,
@@ -79,7 +79,7 @@ def _fly_undisturbed(folders: Folders, reality: str, entropy: int, count: int) -
     own, others = np.random.default_rng([entropy, 1]), np.random.default_rng([entropy, 2])
     wanted = [(folders.reference, own)]
     wanted += [(folders.undisturbed / str(i), own) for i in range(1, count + 1)]
-    wanted += [(folders.references / str(i), others) for i in range(references_in(reality))]
+    wanted += [(folders.references / str(i), others) for i in range(reference_sets_in(reality))]
     for folder, rng in wanted:
         write_undisturbed(folder, undisturbed_case(reality, rng))
 

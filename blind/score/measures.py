@@ -9,12 +9,12 @@ the diagnosis has a reference, so has this, and what it leaves open is counted.
 
 import dataclasses
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from blind.draw.cases import Case, fly_case, make_case, read_back
+from blind.draw.folders import Folders
 from blind.fly.flying import Noise
 from diagnosis.decide.decidable import (
     Decidability,
@@ -51,8 +51,8 @@ TWIN_SEED = 20260917
 class Workbench:
     """Compiled replays and references, shared by all cases of a process."""
 
-    def __init__(self, runs: Path, with_reference: bool) -> None:
-        self.runs, self.with_reference = runs, with_reference
+    def __init__(self, folders: Folders, with_reference: bool) -> None:
+        self.folders, self.with_reference = folders, with_reference
         self._replays: dict[bool, Replay] = {}
         self._twin: dict[bool, Reference] = {}
 
@@ -93,13 +93,13 @@ class Workbench:
 
     def logged(self, case: Case) -> tuple[Evidence, int]:
         """The evidence that the diagnosis had, of every effect, and the number of flights."""
-        flights = load_flights(self.runs / "cases" / case.id)
+        flights = load_flights(self.folders.cases / case.id)
         replay, sigma = self.replay(flights), estimate_noise(flights.flights)
         n = len(flights.flights)
-        if not self.with_reference:
+        place = self.folders.reference_of(case)
+        if place is None:
             return beside(make_likelihood(replay, flights.flights, sigma), None), n
-        reference = load_flights(self.runs / "reference").flights
-        base = reference_of(replay, reference)
+        base = reference_of(replay, load_flights(place).flights)
         likelihood = make_likelihood(replay, flights.flights, base.enlarged * sigma)
         return beside(likelihood, base), n
 

@@ -7,14 +7,14 @@ import types
 import pytest
 
 from blind.draw import cases as drawing
-from blind.draw.cases import REFERENCES, Case, draw_cases, read_labels, write_labels
+from blind.draw.cases import REFERENCE_SETS, Case, draw_cases, read_labels, write_labels
 from blind.draw.catalogue import Withheld
 from blind.draw.folders import Folders, write_json
 from blind.run import answer_baselines as baselines
 from blind.run import generate, measuring, one
 from diagnosis.logs.flights import LogError
 
-COUNTS = {"single": 3, "pair": 1, "clean": 2}
+COUNTS = {"single": 5, "pair": 2, "clean": 4}
 
 
 @pytest.fixture
@@ -87,13 +87,13 @@ def test_a_draw_is_that_of_its_seed_in_its_reality(flown, tmp_path):
     assert read_labels(folders.labels, Case.of, state["sha256"]) == {
         case.id: case for case in expected
     }
-    clean, drawn = flown[: 3 + REFERENCES], flown[3 + REFERENCES :]
+    clean, drawn = flown[: 3 + REFERENCE_SETS], flown[3 + REFERENCE_SETS :]
     assert drawn == expected
     undisturbed = {(c.kind, c.reality, c.drones) for c in clean}
     assert undisturbed == {("clean", "rotorpy", 1)}
     assert len({case.seed for case in flown}) == len(flown)
-    assert {int(p.name) for p in folders.references.iterdir()} == set(range(REFERENCES))
-    assert [case.reference for case in drawn] == list(range(len(drawn)))
+    assert {int(p.name) for p in folders.references.iterdir()} == set(range(REFERENCE_SETS))
+    assert [case.reference for case in drawn] == [i % REFERENCE_SETS for i in range(11)]
     assert sorted(p.name for p in folders.undisturbed.iterdir()) == ["1", "2"]
     assert (state["reality"], state["seed"], state["entropy"]) == ("rotorpy", 7, 7)
 

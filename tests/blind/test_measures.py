@@ -7,17 +7,18 @@ import pytest
 
 from blind.draw.cases import make_case, write_case
 from blind.draw.catalogue import Withheld
+from blind.draw.folders import Folders
 from blind.score.measures import Workbench, measure
 
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    runs = tmp_path_factory.mktemp("runs")
+    folders = Folders(tmp_path_factory.mktemp("out"))
     drawn = make_case("single", (), np.random.default_rng(0), n_flights=3, seconds=4.0)
     lost = Withheld("thrust_gain", {"e": -0.1})
     case = dataclasses.replace(drawn, drones=1, effects=(lost,), size="large")
-    write_case(runs / "cases", runs / "labels", case)
-    return measure(Workbench(runs, with_reference=False), case)
+    write_case(folders.cases, folders.labels.parent, case)
+    return measure(Workbench(folders, with_reference=False), case)
 
 
 def test_a_tenth_less_thrust_is_decidable_and_bounded(measured):
@@ -35,6 +36,6 @@ def test_the_true_set_shrinks_the_drift_more_than_the_best_wrong_one(measured):
 
 def test_an_undisturbed_case_is_decidable_by_definition(tmp_path):
     clean = make_case("clean", (), np.random.default_rng(0))
-    found = measure(Workbench(tmp_path, with_reference=False), clean)
+    found = measure(Workbench(Folders(tmp_path), with_reference=False), clean)
     assert set(found) == {"decidable", "seconds"}
     assert found["decidable"] is True

@@ -19,6 +19,7 @@ from bench.conformance.suite import execute
 from bench.stats.choices import choose, on_task
 from bench.stats.scores import PRIMARY, undisturbed
 from bench.stats.statistics import Cell, Entry
+from bench.text import markdown
 from bench.text.numbers import mean_std, significant
 from diagnosis.result import Diagnosis
 from methods.contract import Setup
@@ -31,6 +32,7 @@ from tests.docs.blocks import blocks
 HOUSE = Path(__file__).parents[2]
 README = HOUSE / "README.md"
 PAGES = [README, HOUSE / "CONTRIBUTING.md", *sorted((HOUSE / "docs").glob("*.md"))]
+REPORTS = sorted((HOUSE / "reports").glob("*.md"))
 IMPORTS = """
 from typing import ClassVar
 import equinox as eqx
@@ -122,12 +124,22 @@ def test_grey_box_has_the_highest_mean_of_all_that_needs_little_flight():
                 assert choose(alone, size, budget).best == Entry("grey_box"), (task, size)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *REPORTS], ids=lambda page: page.name)
 def test_every_link_leads_to_a_file(page):
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.M)
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
         if not target.startswith("http"):
             assert (page.parent / target).exists(), target
+    for target, place in re.findall(r"\]\(([^)#]*)#([^)]+)\)", text):
+        if not target.startswith("http") and (not target or target.endswith(".md")):
+            there = page.parent / target if target else page
+            assert place in anchors(there), f"{target}#{place}"
+
+
+def anchors(page):
+    """Where links find the headings of a page."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), flags=re.M)
+    return {markdown.anchor(heading) for heading in headings}
 
 
 @pytest.mark.parametrize(("page", "command"), list(commands()))
