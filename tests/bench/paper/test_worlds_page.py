@@ -139,6 +139,18 @@ def test_who_did_not_fly_everywhere_has_no_worst_world():
     assert found.front == {LF}
 
 
+def test_the_summary_names_only_methods_that_the_table_has():
+    """Grey box has the highest mean in RotorPy, but flew nowhere else."""
+    one, two = Sheet(), Sheet()
+    for sheet, world in ((one, PLAIN), (two, ROTORPY)):
+        add(sheet, world, "lf_baseline", mean=-90.0)
+        add(sheet, world, "hybrid", "mlp", mean=-80.0, fleet_minutes=40.0)
+    add(two, ROTORPY, "grey_box", mean=-60.0, fleet_minutes=0.5)
+    text = document(*viewed([one.tables(), two.tables()]), "worlds_gaps.png")
+    assert "- Highest mean in rotorpy: Hybrid, " in text
+    assert "grey box" not in text[: text.index("## What of the claims")]
+
+
 def test_the_page_says_it_in_words_and_is_the_same_whatever_the_order(tmp_path):
     own = suites()
     write_worlds_page(own, tmp_path / "worlds.md")
