@@ -147,12 +147,17 @@ def _mark(entry: Entry, minutes: float, rewards: list[float]) -> Mark:
 
 
 def _fullest(marks: Mapping[tuple[int, str], Sequence[Mark]]) -> list[int]:
-    """Smallest and largest of the team sizes at which most methods were run."""
-    run: dict[int, set[Entry]] = {}
-    for (n, _), own in sorted(marks.items()):
-        run.setdefault(n, set()).update(mark.entry._replace(variant="") for mark in own)
-    most = [n for n, entries in run.items() if len(entries) == max(map(len, run.values()))]
-    return sorted({most[0], most[-1]})
+    """Smallest and largest of the team sizes at which most methods were run.
+
+    A method of one team size alone does not count: its panels would be all that is shown.
+    """
+    run: dict[Entry, set[int]] = {}
+    for (n, _), own in marks.items():
+        for mark in own:
+            run.setdefault(mark.entry._replace(variant=""), set()).add(n)
+    count = {n: sum(n in sizes for sizes in run.values() if len(sizes) > 1) for n, _ in marks}
+    most = [n for n in count if count[n] == max(count.values())]
+    return sorted({min(most), max(most)})
 
 
 def _scale(panel: Axes) -> None:

@@ -31,6 +31,7 @@ NAMES = {
     RANDOMIZED: "domain randomization",
     RECALIBRATED: "recalibrated",
     TRACKED: "PD tracking",
+    Entry("ppo"): "PPO",
     CLEAN: "Hybrid on the unchanged drone",
 }
 """How a page calls them."""

@@ -136,6 +136,18 @@ def test_the_cost_figure_puts_rewards_over_minutes_by_task_and_team_size(tmp_pat
     assert panels["spread, N = 12"].get_xlim()[1] > 130.0
 
 
+def test_a_method_of_one_team_size_alone_does_not_choose_what_the_cost_figure_shows(
+    tmp_path, figures
+):
+    sheet = Sheet()
+    for n in (3, 12):
+        sheet.add("hybrid", "mlp", rewards=(-40.0, -42.0), team_size=n, fleet_minutes=40.0)
+    sheet.add("ppo", rewards=(-90.0, -95.0), team_size=3, fleet_minutes=3200.0)
+    write_cost(sheet.tables(), tmp_path / "cost.png")
+    assert [panel.get_title() for panel in figures[0].axes] == ["spread, N = 3", "spread, N = 12"]
+    assert [t.get_text() for t in figures[0].legends[0].get_texts()] == ["Hybrid", "PPO"]
+
+
 def test_the_cost_figure_joins_the_budgets_of_a_method_and_leaves_other_settings_out(
     tmp_path, figures
 ):
