@@ -14,7 +14,7 @@ from bench.store.tables import Tables
 HOUSE = Path(__file__).parents[2]
 CURRENT = (
     *("paper", "paper_rotorpy", "tuning", "off_spec", "budget", "ablations"),
-    *("floor", "worlds", "scale", "contact", "transfer", "field_parts"),
+    *("floor", "worlds", "scale", "contact", "transfer", "field", "field_parts"),
 )
 """Suites whose committed rows are of this protocol."""
 UNCLEAN = {"transfer": 520, "field_parts": 200, "budget": 36}
