@@ -25,6 +25,9 @@ C = TypeVar("C")
 KINDS = ("single", "pair", "clean", "unknown", "excluded")
 """What a case can be: one effect, two, none, one outside the library, one withheld from it."""
 
+OWN = "crazyflow"
+"""The reality whose equations are those of the simulator that the diagnosis is asked about."""
+
 TWO_DRONES = 0.1
 """Share of the cases in which two drones fly though no effect needs them."""
 
@@ -53,7 +56,7 @@ class Case:
     """One of `SIZES`, joined by "+" for two effects; empty for a clean case."""
     seed: int
     """Seed of flights, noise and dropouts."""
-    reality: str = "crazyflow"
+    reality: str = OWN
     """Where it is flown."""
     drones: int = 1
     """Drones in each flight."""
@@ -112,12 +115,12 @@ def draw_cases(
 
 
 def reference_sets_in(reality: str) -> int:
-    """How many undisturbed flight sets the cases flown there are diagnosed beside, in turn.
+    """How many undisturbed flight sets a reality has, beside which its cases are diagnosed in turn.
 
-    None in crazyflow, whose equations are the diagnosis's own. An error of a reference is in every
-    answer beside it, so that one reference tells little of how often intervals hold the truth.
+    The reality `OWN` has none. The error of a reference is in every answer beside it, so that one
+    reference tells little of how often intervals hold the truth.
     """
-    return 0 if reality == "crazyflow" else REFERENCE_SETS
+    return 0 if reality == OWN else REFERENCE_SETS
 
 
 def make_case(
@@ -229,7 +232,7 @@ def undisturbed_case(reality: str, rng: np.random.Generator) -> Case:
 
 
 def write_undisturbed(folder: Path, case: Case) -> None:
-    """Flies such a case, as it is logged, into a folder that is not there yet."""
+    """Flies a case, as it is logged, into a folder, unless the folder is there."""
     if not folder.is_dir():
         write_flights(folder, [one.logged for one in fly_case(case)])
 

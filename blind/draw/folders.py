@@ -6,7 +6,7 @@
 | `OUT/runs/cases/ID` | the flights of a case, all that a diagnosis is given |
 | `OUT/runs/labels` | what the cases are, and their flights without noise |
 | `OUT/runs/reference`, `undisturbed/N` | flights of the undisturbed vehicle, for the baselines |
-| `OUT/runs/references/N` | and for the diagnoses of several cases each (injected faults: of one) |
+| `OUT/runs/references/N` | such flights for the diagnoses: a set for several cases, or for one |
 | `OUT/runs/answers/ID` | documents of a diagnosis and `status.json` |
 | `OUT/runs/measures/ID.json` | what the case allows, measured with its label |
 
@@ -99,7 +99,7 @@ class Folders:
         wanted = [(self.reference, 0), (self.undisturbed, state.get("undisturbed", 0))]
         if sets := reference_sets_in(state["reality"]):
             wanted.append((self.references, sets))
-        there = (len(_whole(path)) >= n if path.is_dir() else False for path, n in wanted)
+        there = (path.is_dir() and len(_whole(path)) >= n for path, n in wanted)
         return not all(there) or len(self.flown()) < n_cases
 
     def reference_of(self, case: Case) -> Path | None:
@@ -137,7 +137,7 @@ class Folders:
 
 
 def _whole(folder: Path) -> list[Path]:
-    """Flight sets in a folder; one that is being written has a suffix."""
+    """Complete flight sets in a folder. The name of an incomplete set ends in `.part`."""
     return [path for path in sorted(folder.glob("*")) if path.suffix == ""]
 
 

@@ -109,8 +109,8 @@ def aims(tables: Tables) -> list[str]:
         "Names are scored on decidable cases, numbers and intervals on all true effects that were "
         "named. *Abstention* is the verdict `unexplained` or `partly`, or an effect with a tenth "
         "or more of the gap left unexplained. *Met* is said of the measured value, *within the "
-        "interval* where only the interval reaches the aim. Where several intervals are of one "
-        "case, cases are resampled, or, where several cases have one reference, references.",
+        "interval* where only the interval reaches the aim. The interval of the share of intervals "
+        f"resamples {_unit(tables.parameters)}s.",
         *filter(None, lines),
     ]
 
@@ -235,17 +235,18 @@ def measured_by(tables: Tables, study: str) -> list[str]:
 
 
 def _resampled(parameters: pd.DataFrame, row: dict[str, Any]) -> dict[str, float]:
-    """Interval of a coverage with references as units, or cases where they need none.
-
-    It is never narrower than with intervals as units.
-    """
-    known = parameters.dropna(axis="columns", how="all").columns
-    unit = "reference" if "reference" in known else "case"
-    sums = np.asarray(parameters.groupby(unit)[["inside", "intervals"]].sum(), float)
+    """Interval of a coverage, resampled, but never narrower than with intervals as units."""
+    sums = np.asarray(parameters.groupby(_unit(parameters))[["inside", "intervals"]].sum(), float)
     drawn = np.random.default_rng(0).integers(len(sums), size=(RESAMPLED, len(sums)))
     inside, n = np.moveaxis(sums[drawn].sum(axis=1), -1, 0)
     low, high = np.quantile(inside / n, [0.025, 0.975])
     return {"low": min(row["low"], float(low)), "high": max(row["high"], float(high))}
+
+
+def _unit(parameters: pd.DataFrame) -> str:
+    """What is resampled: references, or cases where none, or the only one, is in the table."""
+    known = parameters.dropna(axis="columns", how="all").columns
+    return "reference" if "reference" in known else "case"
 
 
 def _ratios(cases: pd.DataFrame) -> np.ndarray:

@@ -75,7 +75,7 @@ def fly_again(folders: Folders) -> None:
 
 
 def _fly_undisturbed(folders: Folders, reality: str, entropy: int, count: int) -> None:
-    """Flies what is not there of the references and of `count` sets to calibrate baselines on."""
+    """Flies references, and `count` sets to calibrate baselines on, that are not there."""
     own, others = np.random.default_rng([entropy, 1]), np.random.default_rng([entropy, 2])
     wanted = [(folders.reference, own)]
     wanted += [(folders.undisturbed / str(i), own) for i in range(1, count + 1)]

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from blind.draw.cases import Case, read_labels, reference_sets_in
+from blind.draw.cases import Case, read_labels
 from blind.draw.folders import Folders, write_json
 from blind.run.children import Ended, Task, end, leave_with_parent, python, run_tasks
 
@@ -68,7 +68,7 @@ def _measure(folders: Folders, names: list[str]) -> int:
     program = {"program": sources_digest(with_generator=True)}
 
     cases = read_labels(folders.labels, Case.of)
-    desk = Workbench(folders, reference_sets_in(folders.read_state()["reality"]) > 0)
+    desk = Workbench(folders, folders.read_state()["reality"])
     status = 0
     for name in names:
         try:

@@ -15,12 +15,12 @@ import pandas as pd
 from rich.console import Console
 
 from bench.text.errors import UsageError
+from blind.draw.cases import OWN
 from blind.draw.folders import RESULTS, Folders, write_json
 from blind.run.answering import sources_digest
 from blind.run.command import rebuild_report
 from blind.run.display import CasesProgress
 from blind.run.place import alone
-from blind.score.measures import OWN
 
 Row = Mapping[str, Any]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from blind.draw.cases import Case, fly_case, read_back
+from blind.draw.cases import OWN, Case, fly_case, read_back
 from blind.draw.catalogue import Withheld
 from blind.draw.folders import Folders
 from blind.fly.references import N_KINDS
@@ -47,7 +47,7 @@ class Survey:
     """Predictions and checks; what is linearised is kept for all rows of a process."""
 
     def __init__(self) -> None:
-        self._desk = Workbench(Folders(Path()), with_reference=False)
+        self._desk = Workbench(Folders(Path()), OWN)
         self._linear: dict[str, Linear] = {}
 
     def linear(self, name: str) -> Linear:

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 
 from blind.draw import catalogue
-from blind.draw.cases import read_back
+from blind.draw.cases import OWN, read_back
 from blind.draw.catalogue import Withheld
 from blind.fly import flying, paths
 from blind.fly.realities import DT
 from blind.fly.references import TrackedPath
-from blind.score.measures import OWN
 from diagnosis.decide.decidable import with_truth
 from diagnosis.decide.prepared import make_likelihood
 from diagnosis.decision import Decision

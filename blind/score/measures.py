@@ -13,7 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from blind.draw.cases import Case, fly_case, make_case, read_back
+from blind.draw.cases import (
+    OWN,
+    Case,
+    fly_case,
+    read_back,
+    reference_sets_in,
+    undisturbed_case,
+)
 from blind.draw.folders import Folders
 from blind.fly.flying import Noise
 from diagnosis.decide.decidable import (
@@ -42,8 +49,6 @@ from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.replay import Replay, make_replay
 from simulators.contract import replayable_class
 
-OWN = "crazyflow"
-"""The reality whose equations are those of the simulator that the diagnosis is asked about."""
 TWIN_SEED = 20260917
 """Seed of the undisturbed flights in that reality that stand for the reference; any would do."""
 
@@ -51,8 +56,8 @@ TWIN_SEED = 20260917
 class Workbench:
     """Compiled replays and references, shared by all cases of a process."""
 
-    def __init__(self, folders: Folders, with_reference: bool) -> None:
-        self.folders, self.with_reference = folders, with_reference
+    def __init__(self, folders: Folders, reality: str) -> None:
+        self.folders, self.with_reference = folders, reference_sets_in(reality) > 0
         self._replays: dict[bool, Replay] = {}
         self._twin: dict[bool, Reference] = {}
 
@@ -81,8 +86,8 @@ class Workbench:
         return self._twin[several]
 
     def _undisturbed(self, likelihood: Likelihood) -> Likelihood:
-        clean = make_case("clean", (), np.random.default_rng(TWIN_SEED))
-        flights = without_noise(dataclasses.replace(clean, drones=1)).flights
+        clean = undisturbed_case(OWN, np.random.default_rng(TWIN_SEED))
+        flights = without_noise(clean).flights
         return make_likelihood(likelihood.replay, flights, likelihood.sigma)
 
     def left(self, fits: Fits) -> float:

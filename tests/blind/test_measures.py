@@ -1,13 +1,15 @@
 """What a case allows, measured with its label, on a short case in crazyflow."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from blind.draw.cases import make_case, write_case
+from blind.draw.cases import OWN, make_case, write_case
 from blind.draw.catalogue import Withheld
 from blind.draw.folders import Folders
+from blind.score import measures
 from blind.score.measures import Workbench, measure
 
 
@@ -18,7 +20,7 @@ def measured(tmp_path_factory):
     lost = Withheld("thrust_gain", {"e": -0.1})
     case = dataclasses.replace(drawn, drones=1, effects=(lost,), size="large")
     write_case(folders.cases, folders.labels.parent, case)
-    return measure(Workbench(folders, with_reference=False), case)
+    return measure(Workbench(folders, OWN), case)
 
 
 def test_a_tenth_less_thrust_is_decidable_and_bounded(measured):
@@ -36,6 +38,27 @@ def test_the_true_set_shrinks_the_drift_more_than_the_best_wrong_one(measured):
 
 def test_an_undisturbed_case_is_decidable_by_definition(tmp_path):
     clean = make_case("clean", (), np.random.default_rng(0))
-    found = measure(Workbench(Folders(tmp_path), with_reference=False), clean)
+    found = measure(Workbench(Folders(tmp_path), OWN), clean)
     assert set(found) == {"decidable", "seconds"}
     assert found["decidable"] is True
+
+
+def test_a_case_is_measured_beside_the_reference_that_its_diagnosis_had(monkeypatch, tmp_path):
+    opened = []
+
+    def load(path):
+        opened.append(path)
+        return SimpleNamespace(flights=())
+
+    monkeypatch.setattr(measures, "load_flights", load)
+    monkeypatch.setattr(Workbench, "replay", lambda desk, flights: None)
+    monkeypatch.setattr(measures, "estimate_noise", lambda flights: 1.0)
+    monkeypatch.setattr(measures, "reference_of", lambda *_: SimpleNamespace(enlarged=1.0))
+    monkeypatch.setattr(measures, "make_likelihood", lambda *_: None)
+    monkeypatch.setattr(measures, "beside", lambda *_: object.__new__(measures.Evidence))
+    folders, clean = Folders(tmp_path), make_case("clean", (), np.random.default_rng(0))
+    for reality, reference in (("rotorpy", 5), (OWN, None)):
+        case = dataclasses.replace(clean, reality=reality, reference=reference)
+        Workbench(folders, reality).logged(case)
+    flown = folders.cases / clean.id
+    assert opened == [flown, folders.references / "5", flown]
