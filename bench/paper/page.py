@@ -349,7 +349,9 @@ def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
                 *shown,
                 number(apart.mean, 1),
                 span(apart.low, apart.high, 1),
-                words.get(above(apart, apart.p), "one seed: no order"),
+                words.get(
+                    above(apart, apart.p), "one seed: no order" if first.n else "no default row"
+                ),
             )
         )
     return headings, lines

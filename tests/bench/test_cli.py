@@ -191,7 +191,7 @@ def test_the_list_shows_plugins_of_others_with_their_package_and_broken_ones_wit
     assert "fidelity-bench" not in lines["hybrid"]
     assert "broken" not in lines["hybrid"]
     assert "16 runs" in lines["quick"]
-    assert "952 runs" in lines["paper"]
+    assert "962 runs" in lines["paper"]
 
 
 def test_the_list_of_one_kind_shows_settings_with_default_and_meaning(plugins, capsys, monkeypatch):

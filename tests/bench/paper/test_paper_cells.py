@@ -52,4 +52,4 @@ def test_a_variant_without_default_is_shown_alone_unless_it_was_made_for_another
         row["deployed_effects"] = "wind(x=1.5)"
     sheet.add_upper(variant="z=3")
     (line,) = variants(sheet.tables())[1]
-    assert line[1:] == ("hybrid (mlp), y=2", "-", "-40.0 (n = 1)", "-", "-", "one seed: no order")
+    assert line[1:] == ("hybrid (mlp), y=2", "-", "-40.0 (n = 1)", "-", "-", "no default row")
