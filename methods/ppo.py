@@ -17,10 +17,10 @@ deployed here, its loop runs in one call without progress, checkpoints or a bill
 brings twelve packages, one of them a nightly build.
 
 Sources: Schulman et al. (2017), arXiv 1707.06347; advantages: Schulman et al. (2016), arXiv
-1506.02438; one policy for a team: Yu et al. (2022), arXiv 2103.01955. Discount, lambda, clip,
-learning rate, passes and the number of minibatches are those of the first for continuous control
-(2,048 steps in minibatches of 64). With 4 passes over 8 minibatches, a tenth of the updates, two of
-five teams stay on the floor on spread (`results/paper`).
+1506.02438; one policy for a team: Yu et al. (2022), arXiv 2103.01955. The first
+gives discount, lambda, clip, learning rate, passes and 32 minibatches for continuous control (its
+minibatches have 64 of 2,048 steps). With 4 passes over 8 minibatches, a tenth of the updates, two
+of five teams stay on the floor on spread (`results/paper`).
 """
 
 import time
