@@ -1,5 +1,6 @@
 """Checks shapes and types in all tests; set up before JAX or anything of ours is imported."""
 
+import gc
 import os
 import socket
 from pathlib import Path
@@ -31,6 +32,10 @@ jax.config.update("jax_compilation_cache_dir", str(PROGRAMS))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 # Processes that tests start keep theirs, too.
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+
+# Tracing makes many small objects, and at Python's own thresholds the collector looks for cycles
+# among them all the time: `tests/simulators/test_effect_physics.py` took 45 for 39 s.
+gc.set_threshold(100_000, 50, 100)
 
 pytest_plugins = ["pytester"]
 

@@ -60,8 +60,8 @@ class Claim(NamedTuple):
     """`DEPLOYED`, `TRAINING` or `BILLS`."""
 
 
-GRID, TABLE, WORLDS, SIZES = 24, 8, 18, 6
-"""Cells of the paper's grid, of its Table I, of its off-spec drones; its team sizes."""
+GRID, TABLE, WORLDS, SIZES, TASKS = 24, 8, 18, 6, 4
+"""Cells of the paper's grid, of its Table I, of its off-spec drones; its team sizes and tasks."""
 CLAIMS = (
     Claim(
         PAPER,
@@ -123,6 +123,7 @@ CLAIMS = (
             "the share of training steps in contact [%]",
             factor=100.0,
         ),
+        2 * TASKS,
     ),
     Claim(
         PAPER,

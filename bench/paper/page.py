@@ -310,7 +310,7 @@ def _answer(found: Sequence[Judged]) -> list[str]:
     pooled = [j for j in rest if j.finding.pooled is Verdict.SUPPORTED]
     groups = {
         "Supported": [j for j in found if j.finding.verdict is Verdict.SUPPORTED],
-        "Undecided cell by cell, but true on average over the cells": pooled,
+        "Undecided cell by cell; the mean over the cells is higher": pooled,
         **open_,
         "Refuted": [j for j in found if j.finding.verdict is Verdict.REFUTED],
         "Undecided": [j for j in rest if j not in pooled],

@@ -59,10 +59,23 @@ def write_tuning(tables: Tables, path: Path) -> None:
         "`hybrid_once`, `recalibrated`, `online` and Hybrid with other residuals take the "
         "setting of `hybrid (mlp)`, `upper_reference` takes the setting of `hf_hotstart`. The "
         "columns of flight and time are sums over the tasks.",
+        _ends(taken, trials),
         "`bench run tuning`, then `python -m bench.paper.tuning results/tuning reports/tuning.md`.",
         markdown.table(headings, lines),
     ]
     write_text(path, "\n\n".join(parts) + "\n")
+
+
+def _ends(taken: set[tuple[str, str, float, float]], trials: pd.DataFrame) -> str:
+    """How many configurations take an end of what was tried: better settings may lie beyond."""
+    largest, smallest = trials["lr"].max(), trials["decay"].min()
+    fast = sum(lr == largest for _, _, lr, _ in taken)
+    short = sum(decay == smallest for *_, decay in taken)
+    return (
+        f"{fast} of {len(taken)} configurations take the largest learning rate that was tried "
+        f"({largest:g}), {short} the smallest decay ({smallest:g}). Beyond these nothing was "
+        "tried, so that better settings may exist."
+    )
 
 
 def _trials(tables: Tables) -> pd.DataFrame:

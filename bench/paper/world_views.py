@@ -46,6 +46,10 @@ TO_PERFECT = (
 )
 
 
+FEWEST_WORLDS = 2
+"""Worlds without which there is nothing to compare."""
+
+
 class World(NamedTuple):
     """A simulator and its effects."""
 
@@ -165,6 +169,14 @@ class Matrix(NamedTuple):
     """Methods that no other beats in worst-world score without flying more."""
     scale: str
     """What a score is."""
+    best: Mapping[World, tuple[Entry, ...]]
+    """By world, the method of the highest mean, then those that are not shown to score less: the
+    paired 95 % interval of the difference holds 0. As named there (`flown_as`)."""
+
+    @property
+    def travelled(self) -> list[Standing]:
+        """Who flew in `FEWEST_WORLDS` or more; all, if nobody did."""
+        return _travelled(self.standings)
 
 
 def matrix(found: Mapping[World, Tables]) -> Matrix:
@@ -182,7 +194,29 @@ def matrix(found: Mapping[World, Tables]) -> Matrix:
     )
     front = frozenset(s.entry for s in standings if _on_front(s, standings))
     cells, left_out = (tuple(Cell(*c) for c in sorted(x)) for x in (shared, some - shared))
-    return Matrix(tuple(found), cells, left_out, standings, front, scale)
+    best = {w: _best(_travelled(standings), w, own, shared) for w, own in values.items()}
+    best = {world: entries for world, entries in best.items() if entries}
+    return Matrix(tuple(found), cells, left_out, standings, front, scale, best)
+
+
+def _travelled(standings: list[Standing]) -> list[Standing]:
+    return [s for s in standings if len(s.scores) >= FEWEST_WORLDS] or standings
+
+
+def _best(
+    standings: Sequence[Standing], world: World, own: Values, shared: set[tuple[str, int]]
+) -> tuple[Entry, ...]:
+    """`Matrix.best` of a world."""
+    here = [s for s in standings if world in s.scores]
+    here = sorted(here, key=lambda s: -s.scores[world][0])
+    ranked = list(dict.fromkeys(flown_as(s.entry, world) for s in here))
+    flown = {entry: _of(own, entry, shared) for entry in ranked}
+
+    def behind(entry: Entry) -> float:
+        """How much less it scores at least; NaN where seeds are too few for an interval."""
+        return over_cells(zip(flown[ranked[0]], flown[entry], strict=True)).low
+
+    return (*ranked[:1], *(entry for entry in ranked[1:] if behind(entry) <= 0.0))
 
 
 def _shared(

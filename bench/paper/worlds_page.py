@@ -21,6 +21,7 @@ from bench.paper.page import judged, word_of
 from bench.paper.values import name_of_method
 from bench.paper.world_views import (
     AS_IS,
+    FEWEST_WORLDS,
     Matrix,
     Standing,
     World,
@@ -43,11 +44,9 @@ from bench.text.say import say
 TITLE = "Worlds that differ: which way of training survives"
 MOST_TELLING = 3
 """Worlds from which on `bench run` adds the page."""
-FEWEST_WORLDS = 2
-"""Worlds without which there is nothing to compare."""
 WORST_TENTH = (
     "Settled reward of the worst tenth of all drones; higher is better. Rows that are older than "
-    "this metric have none."
+    "this metric have none, and a world in which most methods have none is left out."
 )
 NAMED = (
     "A suite file and `--reality` take the name alone. Here each name is spelled out, with the "
@@ -59,6 +58,7 @@ GAPS = (
     "95 % intervals over seeds; a bar that would reach a score of 1 is cut"
 )
 """What the figure shows."""
+DECIDED = {Verdict.SUPPORTED, Verdict.REFUTED}
 HEADINGS = ("worst world", "worst score", "flight [fleet-minutes]")
 
 
@@ -69,15 +69,10 @@ def _name(entry: Entry) -> str:
     return f"{name}, {AS_IS}" if is_as_it_is(entry) else name
 
 
-def _travelled(found: Matrix) -> list[Standing]:
-    """Who flew in several worlds; all, if nobody did."""
-    return [s for s in found.standings if len(s.scores) >= FEWEST_WORLDS] or found.standings
-
-
 def lines(found: Matrix) -> list[tuple[str, ...]]:
     """The matrix as text, a line a method; those on the front are bold."""
     made = []
-    for standing in _travelled(found):
+    for standing in found.travelled:
         name = _name(standing.entry)
         scores = (standing.scores.get(w, (math.nan,) * 3) for w in found.worlds)
         made.append(
@@ -134,40 +129,45 @@ def document(
 
 def _worst_tenths(made: Matrix) -> list[str]:
     """Settled reward of the worst tenth of the drones, a line a method; empty where unknown."""
+    known = [s for s in made.travelled if s.deciles]
+    worlds = [w for w in made.worlds if 2 * sum(w in s.deciles for s in known) > len(known)]
+    if not worlds:
+        return []
     lines = [
         (
             markdown.escape(_name(s.entry)),
-            *(significant(s.deciles[w], 3) if w in s.deciles else MISSING for w in made.worlds),
+            *(significant(s.deciles[w], 3) if w in s.deciles else MISSING for w in worlds),
         )
-        for s in _travelled(made)
-        if s.deciles
+        for s in known
     ]
-    if not lines:
-        return []
-    headings = ("method", *(world.name for world in made.worlds))
+    headings = ("method", *(world.name for world in worlds))
     return ["## The worst tenth of all drones", WORST_TENTH, markdown.table(headings, lines)]
 
 
 def _claims_table(found: Mapping[World, Tables]) -> list[str]:
-    """Verdicts on the claims by world."""
+    """Verdicts by world on the claims that some other world than the first decides."""
     claims = _claims(found)
     where = list(dict.fromkeys(place for own in claims.values() for place in own))
     lines = [
         (title, *(word_of(own.get(place, Verdict.UNTESTED)) for place in where))
         for title, own in claims.items()
     ]
+    heading, first = "## What of the claims holds where", next(iter(found)).name
+    if not claims:
+        return [heading, f"What was flown decides no claim in a world but {first}."]
     return [
-        "## What of the claims holds where",
+        heading,
         "Claims about policies that train or fly in a world, judged there by settled rewards as on "
         "the page of the paper. A claim about more cells than were flown in a world is undecided "
         "there unless what was flown refutes it. If two worlds have different cells, their "
-        "verdicts may differ because of the cells, not because of the worlds.",
+        "verdicts may differ because of the cells, not because of the worlds. Claims that are "
+        f"decided in no world but {first} are left out.",
         markdown.table(("claim", *where), lines, range(len(where) + 1)),
     ]
 
 
 def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
-    """Verdict on each claim by world, of the claims that another world than the first tests."""
+    """Verdict on each claim by world, of the claims that another world than the first decides."""
     made: dict[str, dict[str, Verdict]] = {}
     for world, tables in found.items():
         for way, own in ways(tables).items():
@@ -179,7 +179,7 @@ def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
     return {
         title: verdicts
         for title, verdicts in made.items()
-        if {v for where, v in verdicts.items() if where != first} - {Verdict.UNTESTED}
+        if {v for where, v in verdicts.items() if where != first} & DECIDED
     }
 
 
@@ -191,17 +191,20 @@ def _summary(made: Matrix, cells: str) -> list[str]:
         f"{number(s.worst_score, 3)} in {s.worst.name if s.worst else MISSING}."
         for s in sorted(front, key=lambda s: s.minutes)
     ]
-    for world in made.worlds:
-        here = [s for s in _travelled(made) if world in s.scores]
-        if here:
-            best = max(here, key=lambda s: s.scores[world][0])
-            name = markdown.escape(_name(flown_as(best.entry, world)))
-            bullets.append(
-                f"- Highest mean in {world.name}: {name}, {measured(*best.scores[world])}."
-            )
+    for world, found in made.best.items():
+        scores = {flown_as(s.entry, world): s.scores.get(world, ()) for s in made.travelled}
+        first, *others = (markdown.escape(_name(entry)) for entry in found)
+        level = f"; not shown to be above {', '.join(others)}" if others else ""
+        score = measured(*scores[found[0]])
+        bullets.append(f"- Highest mean in {world.name}: {first}, {score}{level}.")
     if not bullets:
         return ["## In short", "No method flew in every world."]
-    return ["## In short", "\n".join(bullets), f"{made.scale}; mean over {cells}."]
+    return [
+        "## In short",
+        "\n".join(bullets),
+        f"{made.scale}; mean over {cells}, of the methods that flew all of these in at least "
+        f"{FEWEST_WORLDS} worlds.",
+    ]
 
 
 def _flight(standing: Standing) -> str:

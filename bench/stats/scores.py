@@ -95,8 +95,8 @@ def recovered(tables: Tables) -> Values:
 
 def home_of(tables: Tables) -> str:
     """The high-fidelity simulator of a sweep: that of the rows that name no other world."""
-    found = {row["simulator"] for row in records(tables.results.drop_duplicates("run"))
-             if not names_world(row["variant"])}  # fmt: skip
+    runs = tables.results[["run", "simulator", "variant"]].drop_duplicates("run")
+    found = {row["simulator"] for row in records(runs) if not names_world(row["variant"])}
     return REALITY if REALITY in found or not found else min(found)
 
 

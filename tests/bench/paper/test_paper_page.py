@@ -117,7 +117,7 @@ def test_what_holds_on_average_alone_is_listed_apart_once_all_cells_were_run(siz
     assert claim.finding.verdict is Verdict.UNDECIDED
     assert "Hybrid's score is" in claim.finding.ours
     _, *listed = written(sheet.tables()).split(
-        "- **Undecided cell by cell, but true on average over the cells"
+        "- **Undecided cell by cell; the mean over the cells is higher"
     )
     assert bool(listed) == (len(sizes) == 6)
     assert all(f"\n  - {CLAIMS[0].title}\n" in part.split("- **")[0] for part in listed)

@@ -22,13 +22,25 @@ LF, HYBRID, GREY = Entry("lf_baseline"), Entry("hybrid", "mlp"), Entry("grey_box
 
 
 def add(
-    sheet, world, method, residual="", *, mean, trained=True, home="crazyflow", settings="", **more
+    sheet,
+    world,
+    method,
+    residual="",
+    *,
+    mean,
+    apart=2.0,
+    trained=True,
+    home="crazyflow",
+    settings="",
+    **more,
 ):
     """Two seeds of a method in a world, as a suite whose home is another would write them."""
     before, key = len(sheet.results), "reality" if trained else "deployed_in"
     place = f"{key}={world.text}" if world.text != home else ""
     variant = ", ".join(filter(None, (place, settings)))
-    sheet.add(method, residual, variant=variant, rewards=(mean - 1.0, mean + 1.0), **more)
+    sheet.add(
+        method, residual, variant=variant, rewards=(mean - apart / 2.0, mean + apart / 2.0), **more
+    )
     for row in sheet.results[before:]:
         row["simulator"], row["deployed_effects"] = world
 
@@ -151,6 +163,30 @@ def test_the_summary_names_only_methods_that_the_table_has():
     assert "grey box" not in text[: text.index("## What of the claims")]
 
 
+def test_the_summary_says_who_is_not_shown_to_be_worse_than_the_best():
+    """By seeds in pairs: Hybrid is 9 ahead and 13 behind, the LF baseline 30 behind in both."""
+    sheet = Sheet()
+    for world in (PLAIN, ROTORPY):
+        add(sheet, world, "grey_box", mean=-60.0, fleet_minutes=0.5)
+        add(sheet, world, "hybrid", "mlp", mean=-62.0, apart=-20.0, fleet_minutes=40.0)
+        add(sheet, world, "lf_baseline", mean=-90.0)
+    found, made = viewed([sheet.tables()])
+    assert made.best == dict.fromkeys(found, (GREY, HYBRID))
+    (line,) = [x for x in document(found, made).splitlines() if "Highest mean in rotorpy" in x]
+    assert "grey box, " in line
+    assert line.endswith("; not shown to be above Hybrid.")
+
+
+def test_claims_that_no_other_world_decides_are_left_out():
+    sheet = Sheet()
+    for world in (PLAIN, ROTORPY):
+        add(sheet, world, "hybrid", "mlp", mean=-60.0, fleet_minutes=40.0)
+        add(sheet, world, "lf_baseline", mean=-90.0)
+    text = document(*viewed([sheet.tables()]))
+    assert "What was flown decides no claim in a world but crazyflow." in text
+    assert "| claim |" not in text
+
+
 def test_the_page_says_it_in_words_and_is_the_same_whatever_the_order(tmp_path):
     own = suites()
     write_worlds_page(own, tmp_path / "worlds.md")
@@ -171,7 +207,7 @@ def test_cells_that_not_everybody_flew_everywhere_are_left_out_by_name():
             add(sheet, world, "lf_baseline", mean=-90.0, trained=False, team_size=size)
         add(sheet, world, "domain_randomization", mean=-80.0, trained=False)
     text = document(*viewed([sheet.tables()]))
-    assert "mean over spread, N = 3." in text
+    assert "mean over spread, N = 3, of the methods" in text
     assert "Means over the cells named above, which every method here flew in every world" in text
     assert "not every method flew there in every world: spread, N = 12." in text
 
@@ -240,6 +276,13 @@ def test_the_worst_tenth_of_all_drones_stands_beside_the_mean():
     text = document(*viewed([one.tables()]))
     assert "## The worst tenth of all drones" in text
     assert "| LF baseline | -140 | -140 |" in text
+
+
+def test_a_world_in_which_most_have_no_worst_tenth_is_left_out_there():
+    one = Sheet()
+    for world, more in ((PLAIN, {}), (PUSHING, {"worst_decile_reward": -140.0})):
+        add(one, world, "lf_baseline", mean=-90.0, trained=False, **more)
+    assert "| method | contact |" in document(*viewed([one.tables()]))
 
 
 def test_a_sweep_through_three_worlds_shows_their_matrix(tmp_path, capsys, monkeypatch):
