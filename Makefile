@@ -78,7 +78,8 @@ docs: $(READY)
 	@$(BIN)/python -c "import material, mkdocstrings" 2> /dev/null || $(BIN)/python -m pip install --quiet \
 		--disable-pip-version-check -c constraints.txt -e '.[dev,docs]'
 	@echo "Building the documentation into site/."
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@said=$$(NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict 2>&1) \
+		|| { echo "$$said" | grep -v ^INFO; exit 1; }  # --quiet would hide warnings from --strict
 
 lint: $(READY)
 	@echo "Checking style, types and layers."

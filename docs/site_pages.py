@@ -1,5 +1,6 @@
 """Pages of the site that lie outside of docs/, and links that lead to them (a hook of MkDocs)."""
 
+import logging
 import posixpath
 import re
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 HOUSE = Path(__file__).parents[1]
+log = logging.getLogger("mkdocs.plugins.site_pages")
 ELSEWHERE = {"README.md": "index.md", "CONTRIBUTING.md": "CONTRIBUTING.md"}
 """Pages at the top of the repository, by where the site has them."""
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
@@ -28,6 +30,8 @@ def on_files(files: Files, config: Any) -> Files:
     usage = re.sub(
         r"^## Table of Contents\n.*?(?=^\*\*)", "", usage, flags=re.DOTALL | re.MULTILINE
     )
+    # The slug of the heading `bench --install-completion` keeps all hyphens.
+    usage = usage.replace("(#bench-install-completion)", "(#bench---install-completion)")
     files.append(File.generated(config, "commands.md", content=usage))
     return files
 
@@ -67,3 +71,14 @@ def _elsewhere() -> dict[str, str]:
     reports = [*HOUSE.glob("reports/**/*.md"), *HOUSE.glob("reports/**/*.png")]
     names = [str(path.relative_to(HOUSE)) for path in sorted(reports)]
     return ELSEWHERE | {name: name for name in names}
+
+
+def on_page_content(html: str, page: Any, **_: Any) -> str:
+    """Warns, which fails `make docs`, where a list has become part of the paragraph above it.
+
+    GitHub shows such a list; the site does so only if an empty line stands before it.
+    """
+    swallowed = re.search(r"<p>(?:(?!</p>).)*?\n- ([^\n]{0,40})", html, re.DOTALL)
+    if swallowed:
+        log.warning("%s: empty line missing before the list: %r", page.file.src_uri, swallowed[1])
+    return html
