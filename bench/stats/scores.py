@@ -95,8 +95,12 @@ def recovered(tables: Tables) -> Values:
 
 def home_of(tables: Tables) -> str:
     """The high-fidelity simulator of a sweep: that of the rows that name no other world."""
-    runs = tables.results[["run", "simulator", "variant"]].drop_duplicates("run")
-    found = {row["simulator"] for row in records(runs) if not names_world(row["variant"])}
+    named = pd.DataFrame(tables.results[["run", "simulator", "variant"]])
+    found = {
+        row["simulator"]
+        for row in records(named.drop_duplicates("run"))
+        if not names_world(row["variant"])
+    }
     return REALITY if REALITY in found or not found else min(found)
 
 
