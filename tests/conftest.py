@@ -34,7 +34,7 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
 # Tracing makes many small objects, and at Python's own thresholds the collector looks for cycles
-# among them all the time: `tests/simulators/test_effect_physics.py` took 45 for 39 s.
+# among them all the time: `tests/simulators/test_effect_physics.py` takes 39 for 45 s.
 gc.set_threshold(100_000, 50, 100)
 
 pytest_plugins = ["pytester"]

@@ -44,8 +44,6 @@ TO_PERFECT = (
     "of a team that stays at its spawn, 1 is a settled reward of 0, which is perfect and out of "
     "reach"
 )
-
-
 FEWEST_WORLDS = 2
 """Worlds without which there is nothing to compare."""
 
@@ -173,11 +171,6 @@ class Matrix(NamedTuple):
     """By world, the method of the highest mean, then those that are not shown to score less: the
     paired 95 % interval of the difference holds 0. As named there (`flown_as`)."""
 
-    @property
-    def travelled(self) -> list[Standing]:
-        """Who flew in `FEWEST_WORLDS` or more; all, if nobody did."""
-        return _travelled(self.standings)
-
 
 def matrix(found: Mapping[World, Tables]) -> Matrix:
     """The matrix of the views of worlds."""
@@ -194,12 +187,13 @@ def matrix(found: Mapping[World, Tables]) -> Matrix:
     )
     front = frozenset(s.entry for s in standings if _on_front(s, standings))
     cells, left_out = (tuple(Cell(*c) for c in sorted(x)) for x in (shared, some - shared))
-    best = {w: _best(_travelled(standings), w, own, shared) for w, own in values.items()}
+    best = {w: _best(travelled(standings), w, own, shared) for w, own in values.items()}
     best = {world: entries for world, entries in best.items() if entries}
     return Matrix(tuple(found), cells, left_out, standings, front, scale, best)
 
 
-def _travelled(standings: list[Standing]) -> list[Standing]:
+def travelled(standings: Sequence[Standing]) -> Sequence[Standing]:
+    """Who flew in `FEWEST_WORLDS` or more; all, if nobody did."""
     return [s for s in standings if len(s.scores) >= FEWEST_WORLDS] or standings
 
 

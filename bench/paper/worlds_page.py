@@ -25,10 +25,10 @@ from bench.paper.world_views import (
     Matrix,
     Standing,
     World,
-    flown_as,
     is_as_it_is,
     matrix,
     settings_of,
+    travelled,
     views,
     ways,
 )
@@ -58,7 +58,6 @@ GAPS = (
     "95 % intervals over seeds; a bar that would reach a score of 1 is cut"
 )
 """What the figure shows."""
-DECIDED = {Verdict.SUPPORTED, Verdict.REFUTED}
 HEADINGS = ("worst world", "worst score", "flight [fleet-minutes]")
 
 
@@ -72,7 +71,7 @@ def _name(entry: Entry) -> str:
 def lines(found: Matrix) -> list[tuple[str, ...]]:
     """The matrix as text, a line a method; those on the front are bold."""
     made = []
-    for standing in found.travelled:
+    for standing in travelled(found.standings):
         name = _name(standing.entry)
         scores = (standing.scores.get(w, (math.nan,) * 3) for w in found.worlds)
         made.append(
@@ -129,7 +128,7 @@ def document(
 
 def _worst_tenths(made: Matrix) -> list[str]:
     """Settled reward of the worst tenth of the drones, a line a method; empty where unknown."""
-    known = [s for s in made.travelled if s.deciles]
+    known = [s for s in travelled(made.standings) if s.deciles]
     worlds = [w for w in made.worlds if 2 * sum(w in s.deciles for s in known) > len(known)]
     if not worlds:
         return []
@@ -179,7 +178,8 @@ def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
     return {
         title: verdicts
         for title, verdicts in made.items()
-        if {v for where, v in verdicts.items() if where != first} & DECIDED
+        if {v for where, v in verdicts.items() if where != first}
+        & {Verdict.SUPPORTED, Verdict.REFUTED}
     }
 
 
@@ -192,18 +192,18 @@ def _summary(made: Matrix, cells: str) -> list[str]:
         for s in sorted(front, key=lambda s: s.minutes)
     ]
     for world, found in made.best.items():
-        scores = {flown_as(s.entry, world): s.scores.get(world, ()) for s in made.travelled}
+        here = [s for s in travelled(made.standings) if world in s.scores]
+        score = measured(*max(s.scores[world] for s in here))
         first, *others = (markdown.escape(_name(entry)) for entry in found)
-        level = f"; not shown to be above {', '.join(others)}" if others else ""
-        score = measured(*scores[found[0]])
+        level = f"; not shown to be above {' or '.join(others)}" if others else ""
         bullets.append(f"- Highest mean in {world.name}: {first}, {score}{level}.")
     if not bullets:
         return ["## In short", "No method flew in every world."]
     return [
         "## In short",
         "\n".join(bullets),
-        f"{made.scale}; mean over {cells}, of the methods that flew all of these in at least "
-        f"{FEWEST_WORLDS} worlds.",
+        f"{made.scale}. Scores here are means over {cells}. Methods that did not fly all of these "
+        f"in at least {FEWEST_WORLDS} worlds are left out.",
     ]
 
 

@@ -207,7 +207,7 @@ def test_cells_that_not_everybody_flew_everywhere_are_left_out_by_name():
             add(sheet, world, "lf_baseline", mean=-90.0, trained=False, team_size=size)
         add(sheet, world, "domain_randomization", mean=-80.0, trained=False)
     text = document(*viewed([sheet.tables()]))
-    assert "mean over spread, N = 3, of the methods" in text
+    assert "means over spread, N = 3. Methods that did not fly" in text
     assert "Means over the cells named above, which every method here flew in every world" in text
     assert "not every method flew there in every world: spread, N = 12." in text
 
