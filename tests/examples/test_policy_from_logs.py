@@ -68,7 +68,8 @@ def test_a_policy_is_trained_on_a_diagnosis_and_flown(tmp_path, monkeypatch, cap
     out = capsys.readouterr().out
     assert "Settled reward in the corrected point mass: -" in out
     assert "Settled reward in point_mass: -" in out
-    assert np.load("policy.npz")["w2"].shape == (3, 128)
+    with np.load("policy.npz", allow_pickle=False) as policy:
+        assert policy["w2"].shape == (3, 128)
 
 
 @pytest.mark.parametrize(
