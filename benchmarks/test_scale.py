@@ -16,6 +16,8 @@ from tasks.contact import MANY
 from tasks.spread import Spread
 
 TEAMS = (3, 18, MANY - 1, MANY, 100, 300, 1000)
+CASES = [(name, n) for name in ("point_mass", "crazyflow") for n in TEAMS] + [("rotorpy", 18)]
+"""Simulators and teams."""
 STEPS = 100
 """Control steps of an episode."""
 
@@ -28,8 +30,7 @@ def given(name, n_drones):
 KEY = jax.random.key(0)
 
 
-@pytest.mark.parametrize("n_drones", TEAMS)
-@pytest.mark.parametrize("name", ["point_mass", "crazyflow"])
+@pytest.mark.parametrize(("name", "n_drones"), CASES)
 def test_a_training_epoch_per_drone_and_step(benchmark, name, n_drones):
     task, simulator, policy = given(name, n_drones)
     trainer = BPTT() if name == "point_mass" else BPTT(n_worlds=1)
@@ -37,8 +38,7 @@ def test_a_training_epoch_per_drone_and_step(benchmark, name, n_drones):
     _per_step(benchmark, n_drones * trainer.worlds(n_drones))
 
 
-@pytest.mark.parametrize("n_drones", TEAMS)
-@pytest.mark.parametrize("name", ["point_mass", "crazyflow"])
+@pytest.mark.parametrize(("name", "n_drones"), CASES)
 def test_deployment_per_drone_and_step(benchmark, name, n_drones):
     task, simulator, policy = given(name, n_drones)
     keys = jax.random.split(KEY, max(1, 64 // n_drones))
