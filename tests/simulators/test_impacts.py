@@ -117,6 +117,31 @@ def test_the_linear_law_gives_mujocos_drop_on_the_floor():
     np.testing.assert_allclose(ours.pos[:, 2, 0], theirs[0][:, 0, 2], atol=1e-3 * drop)
 
 
+def test_cradles_and_piles_differ_from_mujoco():
+    """The figures of docs/contact.md: MuJoCo solves all contacts of a step at once."""
+    dt, apart = 2e-5, 2.0 * RADIUS
+    pos = [[0.05 * (i > 0) + i * apart, 0.0, 1.0] for i in range(4)]
+    vel = [[1.0, 0.0, 0.0], *[[0.0, 0.0, 0.0]] * 3]
+    theirs = in_mujoco(pos, vel, dt, 12_500)[1][-1][:, 0]
+    ours = follow(balls(pos, vel), surface(), dt, 12_500, linear()).vel[-1, 0]
+    np.testing.assert_allclose(theirs, [-0.167, 0.389, 0.389, 0.389], atol=2e-3)
+    np.testing.assert_allclose(ours, [-0.016, 0.070, 0.330, 0.616], atol=2e-3)
+
+    # One ball falls 0.1 m onto three that lie on the floor, 1 mm between them.
+    a = apart + 1e-3
+    low = np.array([[0.0, 0.0, RADIUS], [a, 0.0, RADIUS], [a / 2, a * np.sqrt(0.75), RADIUS]])
+    top = np.array([0.0, 0.0, a * np.sqrt(2 / 3) + 0.1])
+    pile = [*low, low.mean(axis=0) + top]
+    theirs = in_mujoco(pile, np.zeros((4, 3)), dt, 10_000, GRAVITY, floor=True)[1][-1]
+    start = balls(pile, np.zeros((4, 3)))
+    made = surface(clearance=RADIUS)
+    ours = follow(start, made, dt, 10_000, linear(GRAVITY), GRAVITY).vel[-1].T
+    aside = [np.linalg.norm(np.asarray(x)[:3, :2], axis=1) for x in (theirs, ours)]
+    np.testing.assert_allclose(aside[0], 0.496, atol=2e-3)
+    np.testing.assert_allclose(aside[1], 0.441, atol=2e-3)
+    np.testing.assert_allclose([theirs[3, 2], ours[3, 2]], [0.060, -0.150], atol=2e-3)
+
+
 def closed_form(restitution, rate):
     """Share of the rate that is left of an impact, whose damping keeps `restitution` at 1 m/s."""
     left = lambda y, e: y - np.log1p(y) + e * y + np.log1p(-e * y)  # noqa: E731
