@@ -103,7 +103,8 @@ def document(
         return f"# {title}\n\nThese tables hold fewer than {FEWEST_WORLDS} worlds.\n"
     cells = "; ".join(markdown.escape(cell.label) for cell in made.cells) or "none"
     names = [world.name for world in made.worlds]
-    parts = [f"# {title}", *_summary(made, cells)]
+    claims = _claims(found)
+    parts = [f"# {title}", *_summary(made, cells, claims)]
     if picture:
         parts += [f"![{GAPS}]({picture})", f"*{GAPS}.*"]
     parts += ["## Scores"]
@@ -120,7 +121,7 @@ def document(
         left_out = "; ".join(markdown.escape(cell.label) for cell in made.left_out)
         parts += [f"Left out, because not every method flew there in every world: {left_out}."]
     parts += [markdown.table(("method", *names, *HEADINGS), lines(made), (0, len(names) + 1))]
-    parts += [*_worst_tenths(made), *_claims_table(found)]
+    parts += [*_worst_tenths(made), *_claims_table(claims, next(iter(found)).name)]
     legend = [f"- `{w.name}`: {markdown.escape(w.text)}" for w in made.worlds if w.name != w.text]
     parts += ["## The worlds", NAMED, "\n".join(legend)] if legend else []
     return "\n\n".join(parts) + "\n"
@@ -143,15 +144,18 @@ def _worst_tenths(made: Matrix) -> list[str]:
     return ["## The worst tenth of all drones", WORST_TENTH, markdown.table(headings, lines)]
 
 
-def _claims_table(found: Mapping[World, Tables]) -> list[str]:
-    """Verdicts by world on the claims that some other world than the first decides."""
-    claims = _claims(found)
+Claims = Mapping[str, Mapping[str, Verdict]]
+"""Verdicts by the title of a claim and the world, with the way of deployment."""
+
+
+def _claims_table(claims: Claims, first: str) -> list[str]:
+    """Verdicts by world on the claims that some other world than the `first` decides."""
     where = list(dict.fromkeys(place for own in claims.values() for place in own))
     lines = [
         (title, *(word_of(own.get(place, Verdict.UNTESTED)) for place in where))
         for title, own in claims.items()
     ]
-    heading, first = "## What of the claims holds where", next(iter(found)).name
+    heading = "## What of the claims holds where"
     if not claims:
         return [heading, f"What was flown decides no claim in a world but {first}."]
     return [
@@ -165,7 +169,7 @@ def _claims_table(found: Mapping[World, Tables]) -> list[str]:
     ]
 
 
-def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
+def _claims(found: Mapping[World, Tables]) -> Claims:
     """Verdict on each claim by world, of the claims that another world than the first decides."""
     made: dict[str, dict[str, Verdict]] = {}
     for world, tables in found.items():
@@ -183,8 +187,19 @@ def _claims(found: Mapping[World, Tables]) -> dict[str, dict[str, Verdict]]:
     }
 
 
-def _summary(made: Matrix, cells: str) -> list[str]:
-    """What to take away, in one screen: whom to choose for the worst world, and for each."""
+def _decided(claim: str, verdicts: Mapping[str, Verdict]) -> str:
+    """A line of the summary: where a claim holds and where it does not."""
+    parts = []
+    for verdict in (Verdict.SUPPORTED, Verdict.REFUTED):
+        where = [
+            place.replace(f", {AS_IS}", "") for place, own in verdicts.items() if own == verdict
+        ]
+        parts += [f"{word_of(verdict)} in {', '.join(dict.fromkeys(where))}"] if where else []
+    return f"- *{claim}*: {'; '.join(parts)}."
+
+
+def _summary(made: Matrix, cells: str, claims: Claims) -> list[str]:
+    """What to take away, in one screen: whom to choose, and what of the claims holds where."""
     front = [s for s in made.standings if s.worst is not None and s.entry in made.front]
     bullets = [
         f"- **Best in its worst world, {_flight(s)}**: {markdown.escape(_name(s.entry))}, "
@@ -199,6 +214,7 @@ def _summary(made: Matrix, cells: str) -> list[str]:
         bullets.append(f"- Highest mean in {world.name}: {first}, {score}{level}.")
     if not bullets:
         return ["## In short", "No method flew in every world."]
+    bullets += [_decided(claim, verdicts) for claim, verdicts in claims.items()]
     return [
         "## In short",
         "\n".join(bullets),
