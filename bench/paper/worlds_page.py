@@ -5,6 +5,7 @@ that of the mean over seeds. The worst world of a method decides: nobody knows b
 world a policy will be flown.
 """
 
+import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -144,17 +145,18 @@ def _worst_tenths(made: Matrix) -> list[str]:
     return ["## The worst tenth of all drones", WORST_TENTH, markdown.table(headings, lines)]
 
 
-Claims = Mapping[str, Mapping[str, Verdict]]
-"""Verdicts by the title of a claim and the world, with the way of deployment."""
+Claims = Mapping[str, Mapping[tuple[str, str], Verdict]]
+"""Verdicts by the title of a claim and the world with the way of deployment (`ways`)."""
 
 
 def _claims_table(claims: Claims, first: str) -> list[str]:
     """Verdicts by world on the claims that some other world than the `first` decides."""
-    where = list(dict.fromkeys(place for own in claims.values() for place in own))
+    places = list(dict.fromkeys(place for own in claims.values() for place in own))
     lines = [
-        (title, *(word_of(own.get(place, Verdict.UNTESTED)) for place in where))
+        (title, *(word_of(own.get(place, Verdict.UNTESTED)) for place in places))
         for title, own in claims.items()
     ]
+    where = [", ".join(filter(None, place)) for place in places]
     heading = "## What of the claims holds where"
     if not claims:
         return [heading, f"What was flown decides no claim in a world but {first}."]
@@ -171,30 +173,29 @@ def _claims_table(claims: Claims, first: str) -> list[str]:
 
 def _claims(found: Mapping[World, Tables]) -> Claims:
     """Verdict on each claim by world, of the claims that another world than the first decides."""
-    made: dict[str, dict[str, Verdict]] = {}
+    made: dict[str, dict[tuple[str, str], Verdict]] = {}
     for world, tables in found.items():
         for way, own in ways(tables).items():
             for one in judged(own):
                 if one.claim.section in (PAPER, OWN) and one.claim.of == DEPLOYED:
-                    where = ", ".join(filter(None, [world.name, way]))
-                    made.setdefault(one.claim.title, {})[where] = one.finding.verdict
+                    place = (world.name, way)
+                    made.setdefault(one.claim.title, {})[place] = one.finding.verdict
     first = next(iter(found)).name
     return {
         title: verdicts
         for title, verdicts in made.items()
-        if {v for where, v in verdicts.items() if where != first}
+        if {verdict for place, verdict in verdicts.items() if place != (first, "")}
         & {Verdict.SUPPORTED, Verdict.REFUTED}
     }
 
 
-def _decided(claim: str, verdicts: Mapping[str, Verdict]) -> str:
+def _decided(claim: str, verdicts: Mapping[tuple[str, str], Verdict]) -> str:
     """A line of the summary: where a claim holds and where it does not."""
     parts = []
-    for verdict in (Verdict.SUPPORTED, Verdict.REFUTED):
-        where = [
-            place.replace(f", {AS_IS}", "") for place, own in verdicts.items() if own == verdict
-        ]
-        parts += [f"{word_of(verdict)} in {', '.join(dict.fromkeys(where))}"] if where else []
+    for verdict, way in itertools.product((Verdict.SUPPORTED, Verdict.REFUTED), ("", AS_IS)):
+        where = [name for (name, own), v in verdicts.items() if (v, own) == (verdict, way)]
+        if where:
+            parts.append(f"{word_of(verdict)} in {', '.join(where)}" + (f" ({way})" if way else ""))
     return f"- *{claim}*: {'; '.join(parts)}."
 
 

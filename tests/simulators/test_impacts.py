@@ -126,6 +126,7 @@ def test_cradles_and_piles_differ_from_mujoco():
     ours = follow(balls(pos, vel), surface(), dt, 12_500, linear()).vel[-1, 0]
     np.testing.assert_allclose(theirs, [-0.167, 0.389, 0.389, 0.389], atol=2e-3)
     np.testing.assert_allclose(ours, [-0.016, 0.070, 0.330, 0.616], atol=2e-3)
+    np.testing.assert_allclose([theirs.sum(), ours.sum()], 1.0, atol=1e-9)  # momentum
 
     # One ball falls 0.1 m onto three that lie on the floor, 1 mm between them.
     a = apart + 1e-3

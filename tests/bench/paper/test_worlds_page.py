@@ -223,7 +223,9 @@ def test_claims_are_judged_of_policies_as_they_are_by_what_they_return_there():
     assert (
         "| Hybrid deploys above the LF baseline in every cell | undecided | **refuted** |" in text
     )
-    said = "- *Hybrid deploys above the LF baseline in every cell*: **refuted** in rotorpy."
+    said = (
+        "- *Hybrid deploys above the LF baseline in every cell*: **refuted** in rotorpy (as it is)."
+    )
     assert said in text[: text.index("## Scores")]
     assert "Hybrid needs the least HF flight" not in text  # about training, which was elsewhere
     assert "Hybrid, as it is | 0.93" in text
