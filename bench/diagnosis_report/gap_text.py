@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from bench.text.numbers import estimate, is_number, percent, quantity, rounded, scaled
 from bench.text.words import clean, count, join
+from diagnosis.logs.airframes import ASSUMED
 from diagnosis.logs.inputs import PRESCRIBED
 from diagnosis.result import Diagnosis
 from diagnosis.result_parts import ChannelGap
@@ -138,3 +139,21 @@ def measured_attitude(diagnosis: Diagnosis) -> list[str]:
     )
     more = " Give attitude_lag, or reference flights, to have that looked at."
     return [said + more * unknown]
+
+
+def not_given(diagnosis: Diagnosis) -> list[str]:
+    """The numbers that the data sheet of an own airframe leaves out, and what flies in their place.
+
+    Beside a twin the vehicle is learned, so that they hardly matter there.
+    """
+    own = diagnosis.flights.airframe
+    missing = [key for key in ASSUMED if own is not None and getattr(own, key) is None]
+    if not missing or diagnosis.details.followed:
+        return []
+    said = f"vehicle.toml does not give {join(missing)}"
+    if "drag" not in missing:
+        return [f"{said}, which a point mass does not need."]
+    alone = (
+        ": the point mass" if len(missing) == 1 else ". Of these a point mass needs drag only: it"
+    )
+    return [f"{said}{alone} flies without, and the answer may name drag."]

@@ -6,7 +6,12 @@ Words are chosen here; what they state was decided before and stands in the `Dia
 from collections.abc import Sequence
 
 from bench.diagnosis_report.effect_words import combined, parameter_words, range_of, toward, within
-from bench.diagnosis_report.gap_text import drift_clause, measured_attitude, outstanding
+from bench.diagnosis_report.gap_text import (
+    drift_clause,
+    measured_attitude,
+    not_given,
+    outstanding,
+)
 from bench.text.numbers import (
     estimate,
     is_number,
@@ -198,6 +203,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
         *_at_bounds(diagnosis),
         *_support(diagnosis),
         *measured_attitude(diagnosis),
+        *not_given(diagnosis),
         *_twin(diagnosis),
         *_silent(diagnosis),
     ]

@@ -138,6 +138,20 @@ def test_a_quadrotor_of_another_size_is_diagnosed_from_its_data_sheet(heavy, exc
     fixed = diagnosis.corrected(diagnosis.Diagnosis.of_json(found.to_json()))
     assert fixed.spec.mass == 1.5
     assert fixed.attitude_tau == pytest.approx(0.06)
+    whole = {"inertia": (0.02, 0.02, 0.03), "arm": 0.17, "rotor_lag": 0.03}
+    for given, said in [
+        ({}, "does not give inertia, drag, arm and rotor_lag. Of these a point mass needs drag"),
+        (whole, "does not give drag: the point mass flies without"),
+        ({"drag": (0.1, 0.1, 0.2)}, "does not give inertia, arm and rotor_lag, which a point mass"),
+        ({**whole, "drag": (0.1, 0.1, 0.2)}, None),
+    ]:
+        sheet = dataclasses.replace(found.flights.airframe, **given)
+        other = dataclasses.replace(
+            found, flights=dataclasses.replace(found.flights, airframe=sheet)
+        )
+        lines = [line for line in remarks(other) if "does not give" in line]
+        assert len(lines) == (said is not None)
+        assert all(said in line for line in lines)
 
 
 @few_or_all("mass", "trim")

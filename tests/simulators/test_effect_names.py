@@ -62,7 +62,9 @@ ALLOWED = {
     "diagnosis/decision.py": dict.fromkeys(
         ("downwash", "gust"), "the evidence of a threshold names the cases that it comes from"
     ),
-    "bench/diagnosis_report/gap_text.py": {"attitude_lag": "a key of [airframe] in vehicle.toml"},
+    "bench/diagnosis_report/gap_text.py": dict.fromkeys(
+        ("attitude_lag", "drag"), "keys of [airframe] in vehicle.toml"
+    ),
     "diagnosis/replay/believed.py": {"attitude_lag": "a key of [airframe] in vehicle.toml"},
     "methods/domain_randomization.py": dict.fromkeys(
         ("delay", "drag", "thrust_gain", "thrust_lag"), "the method is to draw these four"
