@@ -62,6 +62,7 @@ CLAIMED := paper off_spec budget ablations
 reports: $(READY)
 	@echo "Writing the pages in reports/ from the tables in results/."
 	@$(BIN)/bench claims $(addprefix results/,$(CLAIMED)) --notes reports/paper_notes.md
+	@$(BIN)/bench claims results/paper_rotorpy --out reports/rotorpy_claims.md
 	@for suite in $(CLAIMED) floor scale transfer field_parts field contact worlds paper_rotorpy; do \
 		$(BIN)/bench leaderboard results/$$suite > /dev/null && $(BIN)/bench report results/$$suite \
 			|| exit 1; \

@@ -73,7 +73,7 @@ def test_the_installed_wheel_answers_and_is_not_the_checkout(python, tmp_path):
     bench = python.with_name("bench")
     assert run(bench, "--version", cwd=tmp_path).startswith("fidelity-bench ")
     assert "trainer.epochs" in run(bench, "list", "methods", "--settings", cwd=tmp_path)
-    assert "16 runs, 0 finished" in run(bench, "plan", "quick", cwd=tmp_path)
+    assert "17 runs, 0 finished" in run(bench, "plan", "quick", cwd=tmp_path)
 
 
 def test_the_installed_wheel_writes_documents_and_reads_tables(python, tmp_path):

@@ -27,28 +27,28 @@ def where_sentence(diagnosis: Diagnosis) -> str:
         return _of_nothing(diagnosis)
     mostly, names = outstanding(diagnosis.where)
     if not names:
-        return "No single channel stands out of its noise."
+        return "No single channel is beyond noise."
     onsets = [
         f"{clean(c.channel)} at {rounded(c.onset_s, 2)} s"
         for c in diagnosis.where
         if c.onset_s is not None
     ]
     start = f" It sets in during the flights: {join(onsets)} after the start." if onsets else ""
-    return f"The gap {'lies mostly' if mostly else 'stands out of noise'} in {names}.{start}"
+    return f"The gap {'lies mostly' if mostly else 'is beyond noise'} in {names}.{start}"
 
 
 def _of_nothing(diagnosis: Diagnosis) -> str:
     """Which channels stand out where the verdict sees nothing."""
     names = _names([c for c in diagnosis.where if c.beyond_noise], shares=False)
     if not names:
-        return "No channel stands out of its noise."
+        return "No channel is beyond noise."
     few = "with so few flights that may be chance"
     why = few if diagnosis.verdict == "too_few" else "no known effect shows in it"
     return f"In {names} the gap exceeds its noise floor, but {why}."
 
 
 def outstanding(where: Sequence[ChannelGap], shares: bool = True) -> tuple[bool, str]:
-    """Channels in which a gap stands out of noise, and whether they hold most of it.
+    """Channels in which a gap is beyond noise, and whether they hold most of it.
 
     They are the main channels if noise explains none of these, and otherwise all that it does not
     explain. The text is empty if there are none; with `shares`, it holds the share of each.

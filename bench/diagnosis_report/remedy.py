@@ -32,7 +32,7 @@ def remedy(diagnosis: Diagnosis, files: bool = True) -> list[str]:
         few = "there are too few flights to tell whether anything changed."
         return [*advice, f"{'In the vehicle n' if advice else 'N'}othing yet: {few}"]
     if diagnosis.shows_nothing:
-        no_change = "these flights show no change that stands out of noise."
+        no_change = "these flights show no change beyond noise."
         return [*advice, f"{'In the vehicle n' if advice else 'N'}othing: {no_change}"]
     if not diagnosis.blamed:
         return [

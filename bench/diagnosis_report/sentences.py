@@ -134,7 +134,7 @@ def _not_known(diagnosis: Diagnosis) -> str:
     if names:
         left = f"of this remainder, what is beyond noise lies in {names}"
         return f"{share} of the gap fits no known effect; {left}."
-    alone = ", and no single channel stands out of noise" if where else ""
+    alone = ", and no single channel is beyond noise" if where else ""
     return f"{share} of the gap fits no known effect{alone}."
 
 
@@ -163,8 +163,8 @@ def _remainder_tail(diagnosis: Diagnosis) -> str:
     """In which channels the remainder lies, as the end of a sentence."""
     mostly, names = outstanding(diagnosis.remainder.where)
     if names:
-        return f"; the remainder {'lies mostly' if mostly else 'stands out of noise'} in {names}"
-    alone = "; no single channel of the remainder stands out of noise"
+        return f"; the remainder {'lies mostly' if mostly else 'is beyond noise'} in {names}"
+    alone = "; no single channel of the remainder is beyond noise"
     return alone if diagnosis.remainder.where else ""
 
 
@@ -257,7 +257,7 @@ def _beside_effect(diagnosis: Diagnosis) -> list[str]:
     said, doubt, shrink = [], diagnosis.doubt, diagnosis.shrink
     if diagnosis.remainder.noteworthy:
         mostly, where = outstanding(diagnosis.remainder.where, shares=False)
-        tail = f", {'most of it' if mostly else 'above noise'} in {where}" if where else ""
+        tail = f", {'most of it' if mostly else 'beyond noise'} in {where}" if where else ""
         said.append(f"{percent(diagnosis.remainder.share)} of the gap stays unexplained{tail}.")
     if doubt is not None:
         said.append(

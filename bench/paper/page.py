@@ -26,15 +26,17 @@ from bench.report.leaderboard import made_by
 from bench.report.page import write_both
 from bench.stats.choices import Better, Choice, better_settings, choices, on_task
 from bench.stats.scores import PRIMARY
-from bench.stats.statistics import difference, estimate
+from bench.stats.statistics import REALITY, difference, estimate
 from bench.stats.verdicts import Verdict, above
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.errors import UsageError
 from bench.text.numbers import MISSING, mean_std, number, span
 from bench.text.pages import read_notes, refuse_folder
+from bench.text.words import clean
 
-TITLE = "How to train a drone team: the paper's claims beside ours"
+TITLE = "How to train a drone team{}: the paper's claims beside ours"
+"""Of the first page, with the simulator flown in, where that is another."""
 CELLS = "The paper's claims, cell by cell"
 """Title of the second page."""
 WHY = "Why: experiments behind the answers"
@@ -202,7 +204,7 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> li
     own = content_of(tables)
     reasons = _reasons(notes_text, why.name)
     texts = {
-        path: (TITLE, document(own, reasons, figures, cells.name)),
+        path: (title_of(tables), document(own, reasons, figures, cells.name)),
         cells: (CELLS, cells_document(own, figures, path.name)),
     }
     if notes_text:
@@ -211,6 +213,12 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> li
     for place, (title, text) in texts.items():
         write_both(place, text, title, pictures, texts)
     return list(texts)
+
+
+def title_of(tables: Tables) -> str:
+    """The title of the first page, with the simulator in which most runs flew, if it is another."""
+    most = [*tables.results["simulator"].mode()][:1]
+    return TITLE.format("" if most in ([], [REALITY]) else f" in {clean(most[0])}")
 
 
 def _reasons(notes: str, why: str) -> list[str]:
@@ -231,7 +239,7 @@ def document(
         figures: Paragraphs of each figure, by its name in `FIGURES`.
         cells: Name of the page that has all cells.
     """
-    parts = [f"# {TITLE}", *whom(own.chosen, own.tables, bool(own.better), cells)]
+    parts = [f"# {title_of(own.tables)}", *whom(own.chosen, own.tables, bool(own.better), cells)]
     parts += by_task(own.alone)
     parts += [*_answer(own.found), *figures.get("cost", []), *reasons]
     sections = list(dict.fromkeys(j.claim.section for j in own.found))

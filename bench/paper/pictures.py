@@ -120,6 +120,10 @@ def write_cost(tables: Tables, path: Path) -> bool:
                 own = marks.get((n, task), [])
                 draw_marks(panel, own, entries, look_of, lambda entry: plain(name_of(entry)))
                 panel.set_title(f"{plain(task)}, N = {n}")
+                if not own:
+                    panel.text(0.5, 0.5, "not run", ha="center", transform=panel.transAxes)
+                    panel.set_axis_off()
+                    continue
                 _scale(panel)
             row[0].set_ylabel("settled reward")
         shown: dict[str, Any] = {}

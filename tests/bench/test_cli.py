@@ -190,8 +190,8 @@ def test_the_list_shows_plugins_of_others_with_their_package_and_broken_ones_wit
     assert "No module named 'fakes_that_do_not_exist'" in lines["shattered"]
     assert "fidelity-bench" not in lines["hybrid"]
     assert "broken" not in lines["hybrid"]
-    assert "16 runs" in lines["quick"]
-    assert "962 runs" in lines["paper"]
+    assert "17 runs" in lines["quick"]
+    assert "1042 runs" in lines["paper"]
 
 
 def test_the_list_of_one_kind_shows_settings_with_default_and_meaning(plugins, capsys, monkeypatch):

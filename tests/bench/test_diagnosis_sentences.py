@@ -193,9 +193,9 @@ CASES = {
         for end in ("low", "high")
     },
     "directions are words and not signs": (sized(reference(), *TRIM, name="trim"), "verdict"),
-    "part of a gap, the rest stands out of noise": (remaining(partly(), YAW, PITCH), "verdict"),
+    "part of a gap, the rest is beyond noise": (remaining(partly(), YAW, PITCH), "verdict"),
     "part of a gap, the rest does not stand out": (remaining(partly(), YAW), "verdict"),
-    "no cause, the rest stands out of noise": (remaining(likeliest(), YAW, PITCH), "verdict"),
+    "no cause, the rest is beyond noise": (remaining(likeliest(), YAW, PITCH), "verdict"),
     "no cause, the rest does not stand out": (remaining(likeliest(), YAW), "verdict"),
     "no cause, though a set makes up for the gap": (
         changed(unexplained(), "remainder", **SMALL_REST),
@@ -215,7 +215,7 @@ CASES = {
         "kind verdict remedy",
     ),
     "no small change could hide": (changed(none(), "details", limits=[]), "remark"),
-    "a gap in a channel that stands out of noise": (
+    "a gap in a channel that is beyond noise": (
         beyond_noise(effect(), "position drift z"),
         "where",
     ),

@@ -229,7 +229,7 @@ def test_numbers_that_may_be_biased_are_said_to_be(kind):
 
 def test_where_nothing_was_found_nothing_is_changed():
     text = remedy_text(made.load(made.none()), "px4", {}, [])
-    assert "Nothing: these flights show no change that stands out of noise." in text
+    assert "Nothing: these flights show no change beyond noise." in text
     assert "|" not in text
 
 

@@ -66,7 +66,7 @@ def test_built_in_suites_are_what_the_documentation_promises():
         "field_parts": (2, (3,), 5, 20),
         "floor": (1, (7, 18), 5, 6),
         "worlds": (1, (3,), 3, 44),
-        "paper": (4, (3, 5, 7, 9, 12, 18), 5, 11),
+        "paper": (4, (3, 5, 7, 9, 12, 18), 5, 13),
         "paper_rotorpy": (4, (3, 12), 5, 10),
         "transfer": (4, (3, 12), 5, 30),
         "ablations": (2, (3, 12), 3, 15),

@@ -136,6 +136,17 @@ def test_the_cost_figure_puts_rewards_over_minutes_by_task_and_team_size(tmp_pat
     assert panels["spread, N = 12"].get_xlim()[1] > 130.0
 
 
+def test_a_cell_without_runs_says_so_in_its_panel(tmp_path, figures):
+    sheet = Sheet()
+    for task, n in (("spread", 3), ("spread", 12), ("circle", 3)):
+        sheet.add("hybrid", "mlp", rewards=(-40.0, -42.0), task=task, team_size=n)
+    write_cost(sheet.tables(), tmp_path / "cost.png")
+    panels = {panel.get_title(): panel for panel in figures[0].axes}
+    said = {title: [text.get_text() for text in panel.texts] for title, panel in panels.items()}
+    assert [title for title, texts in said.items() if "not run" in texts] == ["circle, N = 12"]
+    assert not panels["circle, N = 12"].axison
+
+
 def test_a_method_of_one_team_size_alone_does_not_choose_what_the_cost_figure_shows(
     tmp_path, figures
 ):

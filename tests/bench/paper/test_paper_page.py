@@ -1,5 +1,6 @@
 """The page of claims: what stands in it, and that it is a function of the tables."""
 
+import dataclasses
 import functools
 import itertools
 import re
@@ -147,10 +148,18 @@ def test_sections_without_anything_tested_are_left_out():
     assert "- **Not tested** (" in found
 
 
+@pytest.mark.parametrize(("simulator", "title"), [("crazyflow", ""), ("rotorpy", " in rotorpy")])
+def test_the_title_names_a_simulator_that_is_not_the_default(simulator, title):
+    tables = Sheet().add("hybrid", "mlp", rewards=(-50.0, -51.0)).tables()
+    results = tables.results.assign(simulator=simulator)
+    found = document(content_of(dataclasses.replace(tables, results=results)), [], {}, "x.md")
+    assert found.startswith(f"# How to train a drone team{title}: the paper's claims beside ours\n")
+
+
 def test_a_page_of_no_rows_is_complete_and_has_no_figure_of_rows(tmp_path):
     write_claims(empty(), tmp_path / "page.md")
     found = (tmp_path / "page.md").read_text(encoding="utf-8")
-    assert found.startswith(f"# {TITLE}\n\n## What holds\n\n- **Not tested** (")
+    assert found.startswith(f"# {TITLE.format('')}\n\n## What holds\n\n- **Not tested** (")
     cells = (tmp_path / "page_cells.md").read_text(encoding="utf-8")
     assert cells == f"# {CELLS}\n\n[What follows from these tables](page.md).\n"
     assert found.endswith("\n\n0 runs.\n")
@@ -248,5 +257,9 @@ def test_the_committed_page_is_that_of_the_committed_tables(tmp_path, monkeypatc
     tables, reports = functools.reduce(Tables.merged, suites), ROOT / "reports"
     write_claims(tables, tmp_path / "paper.md", reports / "paper_notes.md")
     for name in ("paper.md", "paper_cells.md", "paper_why.md"):
+        own = (tmp_path / name).read_text(encoding="utf-8")
+        assert own == (reports / name).read_text(encoding="utf-8")
+    write_claims(Tables.load(ROOT / "results" / "paper_rotorpy"), tmp_path / "rotorpy_claims.md")
+    for name in ("rotorpy_claims.md", "rotorpy_claims_cells.md"):
         own = (tmp_path / name).read_text(encoding="utf-8")
         assert own == (reports / name).read_text(encoding="utf-8")
