@@ -6,12 +6,7 @@ Words are chosen here; what they state was decided before and stands in the `Dia
 from collections.abc import Sequence
 
 from bench.diagnosis_report.effect_words import combined, parameter_words, range_of, toward, within
-from bench.diagnosis_report.gap_text import (
-    drift_clause,
-    measured_attitude,
-    not_given,
-    outstanding,
-)
+from bench.diagnosis_report.gap_text import drift_clause, inputs_text, outstanding
 from bench.text.numbers import (
     estimate,
     is_number,
@@ -202,8 +197,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
         *_beside_effect(diagnosis),
         *_at_bounds(diagnosis),
         *_support(diagnosis),
-        *measured_attitude(diagnosis),
-        *not_given(diagnosis),
+        *inputs_text(diagnosis),
         *_twin(diagnosis),
         *_silent(diagnosis),
     ]
