@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from cells import Hold, Memory, fresh, lift, same, setup
 
+from bench.conformance.methods import behaviour
+from bench.conformance.suite import execute
 from methods.ppo import PPO, Learner, Steps, fly, loss, prepared
 from methods.running.metered import train_metered
 from methods.training.context import Context
@@ -154,3 +156,8 @@ def test_a_training_that_is_killed_goes_on_where_it_was(trained):
 def test_settings_that_make_no_sense_are_refused(settings, match):
     with pytest.raises(ValueError, match=match):
         PPO(**settings)
+
+
+def test_it_behaves_as_every_method_must():
+    few = {"passes": 2, "minibatches": 2}
+    assert [x for x in execute(PPO, behaviour(PPO, PointMass, {}, few)) if x.problem] == []
