@@ -102,7 +102,7 @@ class Rotorpy(Replayable):
 
     name: ClassVar[str] = "rotorpy"
     version: ClassVar[str] = "1"
-    replay_dt: ClassVar[float] = 0.005
+    replay_dt: ClassVar[float] = 0.002  # at 500 Hz acts the attitude loop of a Crazyflie
     airframes: ClassVar[Mapping[str, VehicleSpec]] = MappingProxyType({"cf21B_500": SPEC})
     """The Crazyflie Brushless, by the name that crazyflow gives it."""
     doors: ClassVar[tuple[str, ...]] = ("command", "plant", "wrench", "rotation", "state")

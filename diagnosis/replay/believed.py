@@ -78,8 +78,11 @@ def believed_simulator(
         spec = dataclasses.replace(spec, thrust_min=0.0, thrust_max=MEASURED * spec.thrust_max)
     # Buffers of effects are as fine as the simulator's own step, so that is the replay's.
     given["spec"] = spec
-    if "dt" in {field.name for field in dataclasses.fields(kind)}:
+    fields = {field.name for field in dataclasses.fields(kind)}
+    if "dt" in fields:
         given["dt"] = kind.replay_dt
+    if "freq" in fields:
+        given["freq"] = round(1.0 / kind.replay_dt)
     if airframe is not None and airframe.attitude_lag is not None:
         given["attitude_tau"] = airframe.attitude_lag
     return kind(**given)
