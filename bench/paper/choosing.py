@@ -16,6 +16,7 @@ from bench.stats.statistics import Entry, Values, estimate
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.numbers import MISSING, mean_std, number, significant, span
+from bench.text.words import join
 
 TIES = (
     "In brackets are methods that are not shown to be worse than the best and whose 95 % interval "
@@ -30,11 +31,8 @@ TUNED = (
     "does not name, the method had its defaults:"
 )
 """What is said of settings that are better than all defaults."""
-BETTER_SETTINGS = (
-    "With settings other than their defaults, some methods score higher than every method with "
-    "default settings that spends as much flight or less"
-)
-"""What is said of such settings where they are not listed."""
+BETTER_SETTINGS = "The table has default settings only. Higher, for no more flight, score"
+"""What is said where the names of such settings follow."""
 BETTER = "Settings that score higher than all defaults"
 """Heading of their list."""
 CHOSEN = "Which method to choose, and how far below it the others may be"
@@ -52,13 +50,15 @@ FLOWN = (
 """What the tables of rewards by flight show."""
 
 
-def whom(found: Sequence[Choice], tables: Tables, better: bool, cells: str) -> list[str]:
+def whom(
+    found: Sequence[Choice], tables: Tables, better: Sequence[Better], cells: str
+) -> list[str]:
     """Which method to choose at which budget: a line a team size, a column a budget.
 
     Args:
         found: What to choose.
         tables: What the sweep found.
-        better: Whether some settings score higher than all defaults (`better_defaults`).
+        better: Settings that score higher than all defaults (`better_defaults`).
         cells: Name of the page that has the details.
     """
     if not found:
@@ -84,7 +84,12 @@ def whom(found: Sequence[Choice], tables: Tables, better: bool, cells: str) -> l
         "residual's name has the MLP ensemble.",
     ]
     if better:
-        parts.append(f"{BETTER_SETTINGS} ([which]({cells}#{markdown.anchor(BETTER)})).")
+        names = dict.fromkeys(f"{markdown.escape(name_of_method(b.entry))} with "
+                              f"`{b.entry.variant}`" for b in better)  # fmt: skip
+        parts.append(
+            f"{BETTER_SETTINGS} {join(names)} ([where, and by how much]"
+            f"({cells}#{markdown.anchor(BETTER)}))."
+        )
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:
         parts.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")

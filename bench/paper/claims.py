@@ -111,6 +111,7 @@ CLAIMS = (
         "Hybrid has no HF training crash",
         "0 at every team size",
         AtMost(HYBRID, "training_crashes", 0.0, "the number of HF training crashes"),
+        GRID,
         of=BILLS,
     ),
     Claim(
@@ -187,6 +188,7 @@ CLAIMS = (
         "LF policies solve the task in LF",
         "position error of at most 0.15 m",
         AtMost(LF, "lf_position_error", 0.15, "the position error in low fidelity [m]"),
+        GRID,
         of=TRAINING,
     ),
     Claim(
@@ -215,6 +217,7 @@ CLAIMS = (
         "Grey box needs half a fleet-minute",
         "at most 0.5",
         AtMost(GREY_BOX, "fleet_minutes", 0.5, "the HF flight [fleet-minutes]"),
+        GRID,
         of=BILLS,
     ),
     Claim(

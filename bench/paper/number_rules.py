@@ -74,17 +74,19 @@ class AtMost(AbstractRule):
         found = [x for n in sizes(values) for x in of_size(values, self.entry, n)]
         if not found:
             return UNTESTED
-        cells = sorted(cell for cell, own in values.items() if own.get(self.entry))
-        over = [
-            cell.label
-            for cell in cells
-            if max(values[cell][self.entry].values()) > self.bound + 1e-9
-        ]
+        cells = {cell: [*own[self.entry].values()] for cell, own in sorted(values.items())
+                 if own.get(self.entry)}  # fmt: skip
+        over = [cell.label for cell, own in cells.items() if max(own) > self.bound + 1e-9]
         text = f"{range_text(found)} in {len(found)} runs"
         if over:
             where = "; ".join(over)
             text += f"; more than {self.bound:g} in {len(over)} of {len(cells)} cells ({where})"
-        return Finding(text, Verdict.REFUTED if over else Verdict.SUPPORTED)
+        lines = tuple(
+            (markdown.escape(cell.label), range_text(own), str(len(own)))
+            for cell, own in cells.items()
+        )
+        headings = ("cell", f"smallest to largest; at most {self.bound:g} is claimed", "runs")
+        return Finding(text, Verdict.REFUTED if over else Verdict.SUPPORTED, headings, lines)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench.paper.choosing import better_defaults, by_task, in_detail, reward_by_flight, whom
-from bench.paper.claims import BILLS, BUDGET, CLAIMS, OFF_SPEC, PAPER, Claim
+from bench.paper.claims import BILLS, BUDGET, CLAIMS, GRID, OFF_SPEC, PAPER, Claim
 from bench.paper.figures import (
     write_flights,
     write_settings,
@@ -50,7 +50,7 @@ COST = (
     "method: fewer or more calibration flights, or trainings that were cut off"
 )
 """What the first figure shows."""
-GRID = (
+SUMMARY = (
     "Settled reward, high-fidelity flight and share of training steps in contact against team "
     "size. There is one column for each task. Points are means over seeds, bars reach from the "
     "worst to the best seed. Contacts are of methods that train in high fidelity"
@@ -103,7 +103,7 @@ FIGURES = {
     "pipeline": (PIPELINE, write_pipeline),
     "views": (VIEWS, write_top_views),
     "cost": (COST, write_cost),
-    "summary": (GRID, write_summary),
+    "summary": (SUMMARY, write_summary),
     "flights": (FLIGHTS, write_flights),
     "worlds": (WORLDS, write_worlds),
     "settings": (SETTINGS, write_settings),
@@ -122,6 +122,8 @@ class Judged(NamedTuple):
     """The same by the return of the whole episode, the paper's metric."""
     so_far: Verdict
     """The verdict if the cells that were run were all."""
+    whole_so_far: Verdict
+    """The same by the return of the whole episode."""
 
 
 def judged(tables: Tables) -> list[Judged]:
@@ -129,8 +131,9 @@ def judged(tables: Tables) -> list[Judged]:
     found = []
     for claim in CLAIMS:
         so_far = claim.rule.judge(tables, PRIMARY)
-        whole = _whole(claim, claim.rule.judge(tables, "reward"))
-        found.append(Judged(claim, _whole(claim, so_far), whole, so_far.verdict))
+        whole = claim.rule.judge(tables, "reward")
+        both = _whole(claim, so_far), _whole(claim, whole)
+        found.append(Judged(claim, *both, so_far.verdict, whole.verdict))
     return found
 
 
@@ -221,6 +224,18 @@ def title_of(tables: Tables) -> str:
     return TITLE.format("" if most in ([], [REALITY]) else f" in {clean(most[0])}")
 
 
+def _flown_elsewhere(tables: Tables) -> list[str]:
+    """In which simulator most runs flew, if it is not the paper's, and how many cells."""
+    if title_of(tables) == TITLE.format(""):
+        return []
+    cells = tables.results.loc[tables.results["simulator"] != REALITY, ["task", "team_size"]]
+    return [
+        f"High-fidelity flight is flown in {clean(tables.results['simulator'].mode()[0])} here, "
+        f"which stands in for the real drone; the paper's is {REALITY}. Of the paper's {GRID} "
+        f"cells (a task and a team size) {len(cells.drop_duplicates())} were run."
+    ]
+
+
 def _reasons(notes: str, why: str) -> list[str]:
     """The section that lists the headings of the notes, each a link to the page `why`."""
     titles = re.findall(r"^## (.+)$", notes, re.MULTILINE)
@@ -239,7 +254,8 @@ def document(
         figures: Paragraphs of each figure, by its name in `FIGURES`.
         cells: Name of the page that has all cells.
     """
-    parts = [f"# {title_of(own.tables)}", *whom(own.chosen, own.tables, bool(own.better), cells)]
+    parts = [f"# {title_of(own.tables)}", *_flown_elsewhere(own.tables)]
+    parts += whom(own.chosen, own.tables, own.better, cells)
     parts += by_task(own.alone)
     parts += [*_answer(own.found), *figures.get("cost", []), *reasons]
     sections = list(dict.fromkeys(j.claim.section for j in own.found))
@@ -257,7 +273,7 @@ def document(
                 _title(j, cells),
                 j.claim.stated,
                 j.finding.ours,
-                word_of(j.finding.verdict),
+                word_of(j.finding.verdict, j.so_far),
                 _whole_text(j),
             )
             for j in claims
@@ -299,13 +315,13 @@ def _title(j: Judged, cells: str) -> str:
 
 def _whole_text(j: Judged) -> str:
     """The verdict by the whole return, with its numbers where they are others."""
-    word = word_of(j.whole.verdict)
+    word = word_of(j.whole.verdict, j.whole_so_far)
     return word if j.whole.ours == j.finding.ours else f"{word}: {j.whole.ours}"
 
 
 def _answer(found: Sequence[Judged]) -> list[str]:
     """Which claims stand: a list of verdicts, and below each the claims."""
-    given = [j for j in found if j.claim.of == BILLS and j.finding.verdict is Verdict.SUPPORTED]
+    given = [j for j in found if j.claim.of == BILLS and j.so_far is Verdict.SUPPORTED]
     found = [j for j in found if j not in given]
     undecided = [j for j in found if j.finding.verdict is Verdict.UNDECIDED]
     open_ = {
@@ -332,8 +348,10 @@ def _answer(found: Sequence[Judged]) -> list[str]:
     return ["## What holds", "\n".join(lines)]
 
 
-def word_of(verdict: Verdict) -> str:
-    """A verdict as Markdown, bold where it refutes."""
+def word_of(verdict: Verdict, so_far: Verdict) -> str:
+    """A verdict as Markdown, bold where it refutes; of a part that was run it says "so far"."""
+    if verdict is Verdict.UNDECIDED and so_far in (Verdict.SUPPORTED, Verdict.REFUTED):
+        return f"{so_far.value} so far"
     return f"**{verdict.value}**" if verdict is Verdict.REFUTED else verdict.value
 
 
