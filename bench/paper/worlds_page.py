@@ -216,11 +216,12 @@ def _summary(made: Matrix, cells: str, claims: Claims) -> list[str]:
     if not bullets:
         return ["## In short", "No method flew in every world."]
     bullets += [_decided(claim, verdicts) for claim, verdicts in claims.items()]
+    before = "*As it is*: it flew in crazyflow alone before. " if AS_IS in str(bullets) else ""
     return [
         "## In short",
         "\n".join(bullets),
-        f"{made.scale}. Scores here are means over {cells}. Methods that did not fly all of these "
-        f"in at least {FEWEST_WORLDS} worlds are left out.",
+        f"{before}{made.scale}. Scores here are means over {cells}. Methods that did not fly all "
+        f"of these in at least {FEWEST_WORLDS} worlds are left out.",
     ]
 
 
