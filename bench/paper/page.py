@@ -348,7 +348,7 @@ def _answer(found: Sequence[Judged]) -> list[str]:
     return ["## What holds", "\n".join(lines)]
 
 
-def word_of(verdict: Verdict, so_far: Verdict) -> str:
+def word_of(verdict: Verdict, so_far: Verdict = Verdict.UNDECIDED) -> str:
     """A verdict as Markdown, bold where it refutes; of a part that was run it says "so far"."""
     if verdict is Verdict.UNDECIDED and so_far in (Verdict.SUPPORTED, Verdict.REFUTED):
         return f"{so_far.value} so far"

@@ -132,9 +132,10 @@ def test_settings_above_every_default_of_the_same_bill_are_told():
     assert (paid.entry.variant, paid.above, paid.minutes) == ("limit=9", HYBRID, 200.0)
     assert (paid.score, paid.above_score) == pytest.approx((0.7, 0.6), abs=0.01)
     found = choices(sheet.tables())
-    for are_there in (True, False):
-        page = "\n\n".join(whom(found, sheet.tables(), are_there, "cells.md"))
-        assert (f"](cells.md#{markdown.anchor(BETTER)})" in page) == are_there
+    for these in (better, []):
+        page = "\n\n".join(whom(found, sheet.tables(), these, "cells.md"))
+        assert (f"](cells.md#{markdown.anchor(BETTER)})" in page) == bool(these)
+        assert ("LF baseline with `limit=9`" in page) == bool(these)
     page = "\n\n".join(better_defaults(found, better))
     assert page.startswith(f"## {BETTER}\n\n")
     assert better_defaults(found, []) == []

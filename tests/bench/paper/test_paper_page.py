@@ -143,6 +143,7 @@ def test_sections_without_anything_tested_are_left_out():
     assert [line.removeprefix("## ") for line in lines_of(found, "## ")] == [
         "What holds",
         claims.PAPER,
+        "Hybrid has no HF training crash",
         SOURCE,
     ]
     assert "- **Not tested** (" in found
