@@ -33,6 +33,7 @@ NAMES = {
     TRACKED: "PD tracking",
     Entry("ppo"): "PPO",
     CLEAN: "Hybrid on the unchanged drone",
+    Entry("hybrid", "history"): "Hybrid (history)",
 }
 """How a page calls them."""
 
