@@ -158,7 +158,7 @@ def _not_given(diagnosis: Diagnosis) -> list[str]:
     said = f"vehicle.toml does not give {join(missing)}"
     if "drag" not in missing:
         return [f"{said}, which a point mass does not need."]
-    alone = (
-        ": the point mass" if len(missing) == 1 else ". Of these a point mass needs drag only: it"
+    who = (
+        ": the point mass" if missing == ["drag"] else ". Of these a point mass needs drag only: it"
     )
-    return [f"{said}{alone} flies without, and the answer may name drag."]
+    return [f"{said}{who} flies without, and the answer may name drag."]

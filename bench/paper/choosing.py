@@ -31,7 +31,9 @@ TUNED = (
     "does not name, the method had its defaults:"
 )
 """What is said of settings that are better than all defaults."""
-BETTER_SETTINGS = "The table has default settings only. Higher, for no more flight, score"
+BETTER_SETTINGS = (
+    "The table has default settings only. These settings score higher and need no more flight"
+)
 """What is said where the names of such settings follow."""
 BETTER = "Settings that score higher than all defaults"
 """Heading of their list."""
@@ -84,12 +86,11 @@ def whom(
         "residual's name has the MLP ensemble.",
     ]
     if better:
-        names = dict.fromkeys(f"{markdown.escape(name_of_method(b.entry))} with "
-                              f"`{b.entry.variant}`" for b in better)  # fmt: skip
-        parts.append(
-            f"{BETTER_SETTINGS} {join(names)} ([where, and by how much]"
-            f"({cells}#{markdown.anchor(BETTER)}))."
+        names = dict.fromkeys(
+            f"{markdown.escape(name_of_method(b.entry))} with `{b.entry.variant}`" for b in better
         )
+        where = f"[where, and by how much]({cells}#{markdown.anchor(BETTER)})"
+        parts.append(f"{BETTER_SETTINGS}: {join(names)} ({where}).")
     fallen = [cell.label for cell in sorted(fallen_references(tables))]
     if fallen:
         parts.append(f"Without a score, because the upper reference diverged: {'; '.join(fallen)}.")

@@ -71,11 +71,10 @@ class AtMost(AbstractRule):
 
     def judge(self, tables: Tables, metric: str) -> Finding:
         values = undisturbed(tables, self.metric)
-        found = [x for n in sizes(values) for x in of_size(values, self.entry, n)]
+        cells = {c: [*own[self.entry].values()] for c, own in values.items() if own.get(self.entry)}
+        found = [*itertools.chain(*cells.values())]
         if not found:
             return UNTESTED
-        cells = {cell: [*own[self.entry].values()] for cell, own in sorted(values.items())
-                 if own.get(self.entry)}  # fmt: skip
         over = [cell.label for cell, own in cells.items() if max(own) > self.bound + 1e-9]
         text = f"{range_text(found)} in {len(found)} runs"
         if over:

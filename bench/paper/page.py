@@ -219,20 +219,25 @@ def write_claims(tables: Tables, path_md: Path, notes: Path | None = None) -> li
 
 
 def title_of(tables: Tables) -> str:
-    """The title of the first page, with the simulator in which most runs flew, if it is another."""
-    most = [*tables.results["simulator"].mode()][:1]
-    return TITLE.format("" if most in ([], [REALITY]) else f" in {clean(most[0])}")
+    """The title of the first page, with the simulator that is flown, if it is not the paper's."""
+    other = _other_simulator(tables)
+    return TITLE.format(f" in {clean(other)}" if other else "")
+
+
+def _other_simulator(tables: Tables) -> str:
+    """The simulator in which most runs flew; empty if it is the paper's, or nothing flew."""
+    most = [*tables.results["simulator"].mode(), REALITY][0]
+    return "" if most == REALITY else most
 
 
 def _flown_elsewhere(tables: Tables) -> list[str]:
-    """In which simulator most runs flew, if it is not the paper's, and how many cells."""
-    if title_of(tables) == TITLE.format(""):
+    """What was flown, if not in the paper's simulator."""
+    if not (other := _other_simulator(tables)):
         return []
-    cells = tables.results.loc[tables.results["simulator"] != REALITY, ["task", "team_size"]]
+    cells = tables.results.loc[tables.results["simulator"] == other, ["task", "team_size"]]
     return [
-        f"High-fidelity flight is flown in {clean(tables.results['simulator'].mode()[0])} here, "
-        f"which stands in for the real drone; the paper's is {REALITY}. Of the paper's {GRID} "
-        f"cells (a task and a team size) {len(cells.drop_duplicates())} were run."
+        f"Here {clean(other)} stands in for the real drone, as {REALITY} does in the paper. Of the "
+        f"paper's {GRID} cells (a task and a team size) {len(cells.drop_duplicates())} were run."
     ]
 
 

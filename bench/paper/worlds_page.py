@@ -216,7 +216,8 @@ def _summary(made: Matrix, cells: str, claims: Claims) -> list[str]:
     if not bullets:
         return ["## In short", "No method flew in every world."]
     bullets += [_decided(claim, verdicts) for claim, verdicts in claims.items()]
-    before = "*As it is*: it flew in crazyflow alone before. " if AS_IS in str(bullets) else ""
+    travelled_at_all = any(is_as_it_is(s.entry) for s in made.standings)
+    before = "*As it is*: the policy flew in crazyflow alone before. " if travelled_at_all else ""
     return [
         "## In short",
         "\n".join(bullets),

@@ -13,8 +13,10 @@ from diagnosis.replay.believed import believed_simulator, replayable_class
 
 @few_or_all("mass", "delay", "attitude_lag", "motor_lag")
 def test_more_mass_is_found_and_no_lag_beside_it(tmp_path, exclude):
-    """Replayed in steps of 5 ms, an attitude lag of 2 ms was named, too: the attitude loop of these
-    flights acts every 2 ms, as a Crazyflie's does, and the replay's did so once a step."""
+    """The attitude loop of these flights acts every 2 ms, as a Crazyflie's does.
+
+    Replayed in steps of 5 ms, in which it acts once, they had an attitude lag of 2 ms besides.
+    """
     heavier = Withheld("mass", {"e": 0.05})
     made = Case(
         "heavy", "single", (heavier,), "small", 5, reality="rotorpy", n_flights=4, seconds=8.0
