@@ -7,6 +7,7 @@ from diagnosis.replay.library import FAR, Slot
 from diagnosis.result import Diagnosis, Effect
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
+from simulators.effects.card import load_card
 
 
 def corrected(diagnosis: Diagnosis | Path | str, *, likeliest: bool = False) -> AbstractSimulator:
@@ -15,8 +16,9 @@ def corrected(diagnosis: Diagnosis | Path | str, *, likeliest: bool = False) -> 
     Airframe and mass are those of the flights. If the diagnosis had reference flights, what they
     already showed is in the simulator too, and the sizes act on top of it; if a twin was learned
     from them (`followed`), no effect says what they showed, and only what changed is in the
-    simulator. Under `none` and `too_few`, it is the simulator as it was. An effect with an onset,
-    such as a gust, sets in at that time after every reset.
+    simulator. Under `none` and `too_few`, it is the simulator as it was. A size beyond what its
+    parameter may be, such as a delay that is shorter than the simulator's own, acts as far as it
+    may. An effect with an onset, such as a gust, sets in at that time after every reset.
 
     Args:
         diagnosis: A diagnosis, or the path of a `diagnosis.json`.
@@ -69,12 +71,15 @@ def _put(values: dict[str, float], effect: Effect) -> None:
     """Writes the sizes of an effect over those of the reference flights, on which they stand."""
     if not effect.parameters:
         raise ValueError(f"`diagnosis` has no size of '{effect.name}'. Diagnose the flights again.")
-    kinds = registry.load("effect", effect.name).parameters
+    kinds, lower = (
+        registry.load("effect", effect.name).parameters,
+        load_card(effect.name).low_if_mapped,
+    )
     for parameter in effect.parameters:
         info, neutral = kinds[parameter.name], min(kinds[parameter.name].neutral, FAR)
         slot = Slot(
             effect.name, parameter.name, info.unit, neutral, info.low, info.high, info.factor
         )
         base = values.get(parameter.name)
-        on_top = parameter.value if base is None else slot.on_top(parameter.value, base)
-        values[parameter.name] = on_top
+        size = min(max(parameter.value, lower.get(parameter.name, info.low)), info.high)
+        values[parameter.name] = size if base is None else slot.on_top(size, base)

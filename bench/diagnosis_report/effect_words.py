@@ -3,10 +3,16 @@
 An effect without a card is shown under its registered name, in its parameters' own units.
 """
 
-from bench.text.words import clean
-from diagnosis.result import Effect
+from bench.text.numbers import MISSING, estimate, rounded, scaled, with_unit
+from bench.text.words import clean, join
+from diagnosis.result import Effect, Parameter
+from diagnosis.result_parts import Limit, SharedParameter
 from simulators import registry
 from simulators.effects.card import Shown, load_card
+from simulators.effects.contract import Parameter as Declared
+
+NOT_TOLD = "wider than its range"
+"""What stands for an interval of a size that these flights do not tell by itself."""
 
 
 def parameter_words(effect: str, name: str) -> Shown:
@@ -20,13 +26,18 @@ def toward(shown: Shown, value: float) -> tuple[str, float]:
     return clean(shown.opposite if backward else shown.label), -1.0 if backward else 1.0
 
 
-def range_of(effect: str, parameter: str) -> float | None:
-    """All that a parameter may be, SI; None for an effect that nobody has registered."""
+def declared(effect: str, parameter: str) -> Declared | None:
+    """What an effect says of a parameter, SI; None for an effect that nobody has registered."""
     try:
-        info = registry.load("effect", effect).parameters[parameter]
+        return registry.load("effect", effect).parameters[parameter]
     except (KeyError, registry.UnknownPluginError, registry.BrokenPluginError):
         return None
-    return info.high - info.low
+
+
+def outside(effect: str, parameter: Parameter) -> bool:
+    """Whether a size lies beyond what its parameter may be, as a change beside a twin can."""
+    info = declared(effect, parameter.name)
+    return info is not None and not info.low <= parameter.value <= info.high
 
 
 def within(interval: str) -> str:
@@ -53,3 +64,91 @@ def combined(effect: Effect) -> tuple[str, float, float | None, float | None] | 
         return None
     low, high = ends if own[1] > 0.0 else reversed(ends)
     return own[0], value, low, high
+
+
+def effect_phrase(effect: Effect, base: str) -> str:
+    """A found effect with sizes and intervals, as part of a sentence.
+
+    If an alias acts on the same number as the effect, the phrase gives that number alone, because
+    the flights do not tell which of the two it is.
+    """
+    told = combined(effect)
+    if told is None:
+        return _own_phrase(effect, base)
+    name, size, low, high = told
+    sign, direction = (-1.0, "less") if size < 0.0 else (1.0, "more")
+    value, interval = estimate(100.0 * abs(size), *scaled(low, high, 100.0 * sign))
+    between = within(with_unit(interval, "%") if interval else "")
+    own = _own_phrase(effect, base, intervals=False)
+    return f"{value} % {direction} {name} than {base}{between}, as {own} would give"
+
+
+def _own_phrase(effect: Effect, base: str, intervals: bool = True) -> str:
+    """An effect by the sizes of its own parameters."""
+    name = clean(effect.name)
+    words = load_card(name)
+    if len(effect.parameters) == 1 and words.more:
+        (parameter,) = effect.parameters
+        negative = parameter.value < 0 and bool(words.less)
+        size, interval = parameter_texts(name, parameter, -1.0 if negative else 1.0)
+        template = words.less if negative else words.more
+        return template.format(size, base=base) + within(interval if intervals else "")
+    sizes, directions = [], True
+    for parameter in effect.parameters:
+        shown = parameter_words(name, parameter.name)
+        label, sign = toward(shown, parameter.value)
+        size, interval = parameter_texts(name, parameter, sign)
+        directions = directions and bool(shown.opposite)
+        equal = f"{size} {label}" if shown.opposite else f"{label} = {size}"
+        sizes.append(equal + within(interval if intervals else ""))
+    return words.noun + (f" {'by' if directions else 'with'} {join(sizes)}" if sizes else "")
+
+
+def parameter_texts(effect: str, parameter: Parameter, sign: float = 1.0) -> tuple[str, str]:
+    """Value and interval of a parameter, both with the unit that people use."""
+    words = parameter_words(effect, parameter.name)
+    factor, unit = sign * words.factor, words.unit or parameter.unit
+    if not_told(effect, parameter):
+        return with_unit(rounded(factor * parameter.value, 2), unit), NOT_TOLD
+    ends = scaled(parameter.low, parameter.high, factor)
+    value, interval = estimate(factor * parameter.value, *ends)
+    return with_unit(value, unit), with_unit(interval, unit) if interval else ""
+
+
+def not_told(effect: str, parameter: Parameter) -> bool:
+    """Whether a 95 % interval is wider than all that the parameter may be."""
+    info = declared(effect, parameter.name)
+    if info is None or parameter.low is None or parameter.high is None:
+        return False
+    return parameter.high - parameter.low > info.high - info.low
+
+
+def shared_text(shared: SharedParameter, sign: float = 1.0) -> str:
+    """Value of a parameter in the reference flights times `sign`, in the unit that people use."""
+    words = parameter_words(shared.effect, shared.parameter)
+    return with_unit(rounded(sign * words.factor * shared.value), words.unit or shared.unit)
+
+
+def use_text(effect: str, parameter: Parameter) -> str:
+    """What a size may be used for, and the end of its range where it lies there or beyond."""
+    ends = {"low": ("at the lower end of", "below"), "high": ("at the upper end of", "above")}
+    if parameter.at_bound not in ends:
+        return parameter.use
+    at, beyond = ends[parameter.at_bound]
+    return f"{parameter.use}, {beyond if outside(effect, parameter) else at} its range"
+
+
+def limit_text(limit: Limit) -> tuple[str, float | None]:
+    """The smallest visible size of a parameter, and its share of all that the parameter may be.
+
+    A factor is shown as such. The share is None where it is not known or above 1.
+    """
+    if limit.smallest is None:
+        return MISSING, None
+    words, info = (f(limit.effect, limit.parameter) for f in (parameter_words, declared))
+    share = None if info is None else limit.smallest / (info.high - info.low)
+    if share is not None and share > 1.0:
+        return "more than its whole range", None
+    factor = info is not None and info.neutral == 1.0
+    size = rounded(words.factor * (limit.smallest + factor), 2)
+    return with_unit(size, words.unit or limit.unit), share

@@ -5,22 +5,23 @@ Words are chosen here; what they state was decided before and stands in the `Dia
 
 from collections.abc import Sequence
 
-from bench.diagnosis_report.effect_words import combined, parameter_words, range_of, toward, within
+from bench.diagnosis_report.effect_words import (
+    effect_phrase,
+    outside,
+    parameter_texts,
+    parameter_words,
+)
 from bench.diagnosis_report.gap_text import drift_clause, inputs_text, outstanding
 from bench.text.numbers import (
-    estimate,
     is_number,
     percent,
     probability,
     quantity,
     rounded,
-    scaled,
-    with_unit,
 )
 from bench.text.words import clean, count, join
 from diagnosis.interface.fault import Untold
-from diagnosis.result import Diagnosis, Effect, Parameter
-from diagnosis.result_parts import SharedParameter
+from diagnosis.result import Diagnosis, Effect
 from simulators.effects.card import load_card
 
 KINDS = {
@@ -31,8 +32,6 @@ KINDS = {
     "unexplained": "Unexplained",
 }
 """What the verdicts are called."""
-NOT_TOLD = "wider than its range"
-"""What stands for an interval of a size that these flights do not tell by itself."""
 
 
 def verdict(diagnosis: Diagnosis) -> str:
@@ -52,14 +51,26 @@ def verdict(diagnosis: Diagnosis) -> str:
         return _partly(diagnosis, against)
     if diagnosis.verdict == "unexplained":
         return _unexplained(diagnosis, against)
-    base = "before" if beside else "believed"
-    found = ", together with ".join(effect_phrase(e, base) for e in diagnosis.blamed)
-    start = (
-        "What changed since the reference flights:" if beside else "These flights are explained by"
-    )
+    found = ", together with ".join(effect_phrase(e, base(diagnosis)) for e in diagnosis.blamed)
+    start = "These flights are explained by"
+    if beside:
+        apart = ", apart from the mass that was weighed" if weighed_anew(diagnosis) else ""
+        start = f"What changed since the reference flights{apart}:"
     drift = drift_clause(diagnosis, "it" if len(diagnosis.blamed) == 1 else "them")
     sentences = [f"{start} {found}{_sure(diagnosis)}.", *_alike(diagnosis)]
     return " ".join([*sentences, *([f"{drift}."] if drift else [])])
+
+
+def weighed_anew(diagnosis: Diagnosis) -> bool:
+    """Whether the vehicle is believed to weigh something else than in the reference flights."""
+    reference = diagnosis.reference
+    return reference is not None and reference.mass != diagnosis.flights.mass
+
+
+def base(diagnosis: Diagnosis) -> str:
+    """What sizes are relative to."""
+    new = diagnosis.reference is None or weighed_anew(diagnosis)
+    return "believed" if new else "before"
 
 
 def _sure(diagnosis: Diagnosis) -> str:
@@ -100,7 +111,7 @@ def _too_few(diagnosis: Diagnosis) -> str:
         said += f", beside {count(len(diagnosis.reference.used), 'reference flight')}"
     if not diagnosis.effects:
         return f"{said}."
-    likeliest = effect_phrase(diagnosis.effects[0], "before")
+    likeliest = effect_phrase(diagnosis.effects[0], base(diagnosis))
     return (
         f"{said}. If something did, it looks most like {likeliest}, but two "
         "flights of an unchanged vehicle may differ as much."
@@ -109,11 +120,12 @@ def _too_few(diagnosis: Diagnosis) -> str:
 
 def _partly(diagnosis: Diagnosis, against: str) -> str:
     much = "Most" if diagnosis.remainder.mostly_explained else "Part"
-    base = "believed" if diagnosis.reference is None else "before"
-    found = ", together with ".join(effect_phrase(e, base) for e in diagnosis.blamed)
+    found = ", together with ".join(effect_phrase(e, base(diagnosis)) for e in diagnosis.blamed)
+    sure = {line.effect for line in diagnosis.support if line.confirmed}
+    confirmed = {effect.name for effect in diagnosis.blamed} <= sure
+    tail = ", which flights left out of the fit confirm" if confirmed else ""
     sentences = [
-        f"{much} of what separates these flights from {against} is explained by {found}, which "
-        "flights left out of the fit confirm.",
+        f"{much} of what separates these flights from {against} is explained by {found}{tail}.",
         *_alike(diagnosis),
         _not_known(diagnosis),
     ]
@@ -226,8 +238,11 @@ def _twin(diagnosis: Diagnosis) -> list[str]:
     best = max(lines, key=lambda line: line.simulator / max(line.twin, 1e-12))
     single = diagnosis.reference is not None and len(diagnosis.reference.used) == 1
     left_out = "parts of its flight" if single else "reference flights"
+    why = "The simulator as delivered already misses the reference flights"
+    if weighed_anew(diagnosis):
+        why = "The vehicle weighed something else in the reference flights"
     return [
-        "The simulator as delivered already misses the reference flights, so these flights are "
+        f"{why}, so these flights are "
         f"compared with a twin that was learned from the reference: on {left_out} left out of its "
         f"fit it is off by {quantity(best.twin, best.unit, 2)} in {clean(best.channel)}, the "
         f"simulator by {quantity(best.simulator, best.unit, 2)}."
@@ -265,16 +280,23 @@ def _beside_effect(diagnosis: Diagnosis) -> list[str]:
 
 
 def _at_bounds(diagnosis: Diagnosis) -> list[str]:
-    """Parameters that lie at an end of their allowed range, with the side to which they point."""
+    """Parameters at an end of their allowed range, with the side to which they point, or beyond."""
     sides = {"low": "at most", "high": "at least"}
-    ends = join(
-        f"{clean(parameter_words(e.name, p.name).label)} of {load_card(clean(e.name)).label} "
-        f"({sides[p.at_bound]} {parameter_texts(clean(e.name), p)[0]})"
-        for e in diagnosis.blamed
-        for p in e.parameters
-        if p.at_bound in sides
-    )
-    return [f"At the end of its allowed range, and so descriptive only: {ends}."] if ends else []
+    at, beyond = [], []
+    for effect in diagnosis.blamed:
+        name = clean(effect.name)
+        for p in effect.parameters:
+            if p.at_bound not in sides:
+                continue
+            size = parameter_texts(name, p)[0]
+            words = f"{clean(parameter_words(name, p.name).label)} of {load_card(name).label}"
+            if outside(name, p):
+                beyond.append(f"{words} ({size})")
+            else:
+                at.append(f"{words} ({sides[p.at_bound]} {size})")
+    where = (("At the end of", at), ("Beyond", beyond))
+    so = "its allowed range, and so descriptive only"
+    return [f"{place} {so}: {join(ends)}." for place, ends in where if ends]
 
 
 def _support(diagnosis: Diagnosis) -> list[str]:
@@ -290,69 +312,6 @@ def _support(diagnosis: Diagnosis) -> list[str]:
     if idle and not logs_first(diagnosis):
         said.append(f"Flights left out of the fit do not confirm {idle}.")
     return said
-
-
-def effect_phrase(effect: Effect, base: str) -> str:
-    """A found effect with sizes and intervals, as part of a sentence.
-
-    If an alias acts on the same number as the effect, the phrase gives that number alone, because
-    the flights do not tell which of the two it is.
-    """
-    told = combined(effect)
-    if told is None:
-        return _own_phrase(effect, base)
-    name, size, low, high = told
-    sign, direction = (-1.0, "less") if size < 0.0 else (1.0, "more")
-    value, interval = estimate(100.0 * abs(size), *scaled(low, high, 100.0 * sign))
-    between = within(with_unit(interval, "%") if interval else "")
-    own = _own_phrase(effect, base, intervals=False)
-    return f"{value} % {direction} {name} than {base}{between}, as {own} would give"
-
-
-def _own_phrase(effect: Effect, base: str, intervals: bool = True) -> str:
-    """An effect by the sizes of its own parameters."""
-    name = clean(effect.name)
-    words = load_card(name)
-    if len(effect.parameters) == 1 and words.more:
-        (parameter,) = effect.parameters
-        negative = parameter.value < 0 and bool(words.less)
-        size, interval = parameter_texts(name, parameter, -1.0 if negative else 1.0)
-        template = words.less if negative else words.more
-        return template.format(size, base=base) + within(interval if intervals else "")
-    sizes, directions = [], True
-    for parameter in effect.parameters:
-        shown = parameter_words(name, parameter.name)
-        label, sign = toward(shown, parameter.value)
-        size, interval = parameter_texts(name, parameter, sign)
-        directions = directions and bool(shown.opposite)
-        equal = f"{size} {label}" if shown.opposite else f"{label} = {size}"
-        sizes.append(equal + within(interval if intervals else ""))
-    return words.noun + (f" {'by' if directions else 'with'} {join(sizes)}" if sizes else "")
-
-
-def parameter_texts(effect: str, parameter: Parameter, sign: float = 1.0) -> tuple[str, str]:
-    """Value and interval of a parameter, both with the unit that people use."""
-    words = parameter_words(effect, parameter.name)
-    factor, unit = sign * words.factor, words.unit or parameter.unit
-    if not_told(effect, parameter):
-        return with_unit(rounded(factor * parameter.value, 2), unit), NOT_TOLD
-    ends = scaled(parameter.low, parameter.high, factor)
-    value, interval = estimate(factor * parameter.value, *ends)
-    return with_unit(value, unit), with_unit(interval, unit) if interval else ""
-
-
-def not_told(effect: str, parameter: Parameter) -> bool:
-    """Whether a 95 % interval is wider than all that the parameter may be."""
-    whole = range_of(effect, parameter.name)
-    if whole is None or parameter.low is None or parameter.high is None:
-        return False
-    return parameter.high - parameter.low > whole
-
-
-def shared_text(shared: SharedParameter, sign: float = 1.0) -> str:
-    """Value of a parameter in the reference flights times `sign`, in the unit that people use."""
-    words = parameter_words(shared.effect, shared.parameter)
-    return with_unit(rounded(sign * words.factor * shared.value), words.unit or shared.unit)
 
 
 def not_checked(parts: Sequence[Untold]) -> list[str]:

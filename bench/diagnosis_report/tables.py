@@ -3,15 +3,20 @@
 import dataclasses
 from collections.abc import Sequence
 
-from bench.diagnosis_report.effect_words import parameter_words, range_of, toward
+from bench.diagnosis_report.effect_words import (
+    limit_text,
+    parameter_texts,
+    parameter_words,
+    shared_text,
+    toward,
+    use_text,
+)
 from bench.diagnosis_report.gap_text import added
 from bench.diagnosis_report.sentences import (
     class_label,
     is_shared,
     left_out_lines,
-    parameter_texts,
     set_label,
-    shared_text,
 )
 from bench.text.numbers import (
     MISSING,
@@ -25,7 +30,7 @@ from bench.text.numbers import (
     with_unit,
 )
 from bench.text.words import clean
-from diagnosis.result import Diagnosis, Effect, Parameter
+from diagnosis.result import Diagnosis, Effect
 from diagnosis.result_parts import ChannelGap
 from simulators.effects.card import load_card
 
@@ -213,19 +218,13 @@ def parameters_table(effect: Effect) -> Table | None:
         value, interval = parameter_texts(name, parameter, sign)
         raw = with_unit(rounded(parameter.value, 4), parameter.unit)
         inside = f"{clean(parameter.name)} = {raw}"
-        rows.append((label, value, interval or MISSING, inside, _use(parameter)))
+        rows.append((label, value, interval or MISSING, inside, use_text(name, parameter)))
     if not rows:
         return None
     caption = f"Parameters of {load_card(name).label}"
     headings = ("parameter", "value", "95 %", "in the simulator", "use")
     shown = len(headings) - all(row[-1] == "measured" for row in rows)
     return Table(caption, headings[:shown], tuple(row[:shown] for row in rows), frozenset({0, 4}))
-
-
-def _use(parameter: Parameter) -> str:
-    """What a size may be used for, and the end of its range where it lies there."""
-    ends = {"low": ", at the lower end of its range", "high": ", at the upper end of its range"}
-    return parameter.use + ends.get(parameter.at_bound, "")
 
 
 def shrink_table(diagnosis: Diagnosis) -> Table | None:
@@ -259,12 +258,7 @@ def limits_table(diagnosis: Diagnosis) -> Table | None:
     for line in diagnosis.details.limits:
         name = clean(line.effect)
         words = parameter_words(name, clean(line.parameter))
-        size = MISSING if line.smallest is None else rounded(words.factor * line.smallest, 2)
-        shown = with_unit(size, words.unit or line.unit)
-        whole = range_of(line.effect, line.parameter)
-        share = None if whole is None or line.smallest is None else line.smallest / whole
-        if share is not None and share > 1.0:
-            shown, share = "more than its whole range", None
+        shown, share = limit_text(line)
         either = " or ".join(filter(None, (words.label, words.opposite)))
         rows.append((load_card(name).label, clean(either), shown, percent(share)))
     if diagnosis.details.followed:

@@ -29,12 +29,13 @@ def blame(study: Study, shrink: Shrink) -> Blame:
     """The verdict on `study`; `shrink` is how far its effects shrink left-out flights' gap."""
     judged, chosen = study.verdict, study.verdict.chosen.effects
     standing = {name for name in chosen if _stands(study, name)}
-    grows = judged.doubted and shrink.percent is not None and shrink.percent < 0.0
+    falls = shrink.percent is None or shrink.percent >= 0.0
+    grows = bool(chosen) and judged.doubted and not falls
     kind = judged.kind if standing == chosen and not grows else "unexplained"
-    confirmed = frozenset(line.effect for line in study.support if line.confirmed) & standing
+    helpful = {line.effect for line in study.support if line.confirmed} & standing
+    confirmed = frozenset() if grows else frozenset(helpful)
     named = chosen if kind != "unexplained" else None
-    verdict = verdict_of(kind, bool(confirmed) and not grows)
-    return Blame(verdict, named, confirmed if named is None else named)
+    return Blame(verdict_of(kind, bool(confirmed)), named, confirmed if named is None else named)
 
 
 def _stands(study: Study, name: str) -> bool:

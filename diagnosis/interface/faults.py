@@ -73,13 +73,14 @@ def interface_faults(
     wrong = had | {fault.part for fault in own}  # each is read from columns of both sets
     turn = None
     if not {"attitude", "position"} & wrong:
-        turn = _turned_since(now.windows, before.windows)
+        size, then_size = _path_turn(now), _path_turn(before)
+        if size is not None and then_size is not None:  # what both share is no change
+            own = [fault for fault in own if fault.part != "frame of the path"]
+            turn = _turned_since(size.since(then_size))
     later = None
     if not {"angular velocity", "motor order", MOTOR_CLOCK} & wrong:
         commanded = any(drone.pwm is not None for drone in _drones(flights))
         later = later_since(now.turned, before.turned, commanded)
-    if turn is not None:  # it says more than that the path is turned
-        own = [fault for fault in own if fault.part != "frame of the path"]
     beside = (in_reference(fault) for fault in there if fault.part in OWN)
     return in_order(fault for fault in (*own, turn, later, *beside) if fault is not None)
 
@@ -294,12 +295,12 @@ def _path_frame(windows: Windows, made: Checks) -> InterfaceFault | None:
     )
 
 
-def _turned_since(windows: Windows | None, before: Windows | None) -> InterfaceFault | None:
+def _path_turn(made: Checks) -> Size | None:
+    return None if made.windows is None else scales.path_turn(made.windows)
+
+
+def _turned_since(size: Size) -> InterfaceFault | None:
     """A turn of the path since the reference, which a new calibration of motion capture makes."""
-    now, then = (None if some is None else scales.path_turn(some) for some in (windows, before))
-    if now is None or then is None:
-        return None
-    size = now.since(then)
     if not size.beyond(0.0, 0.0) or abs(size.value) < scales.TURN_SINCE:
         return None
     return _turned(
@@ -354,11 +355,12 @@ def _followed(followed: Sequence[Following]) -> list[InterfaceFault | None]:
 
 
 def _heading(drones: Sequence[DroneLog]) -> InterfaceFault | None:
-    off = []
+    off, parts = [], scales.parts_of(len(drones))
     for drone in drones:
         if drone.cmd is not None:
             apart = np.exp(1j * (measured(drone)[:, 8] - drone.cmd[:, 2]))
-            off.append(float(np.angle(apart.mean())))
+            pieces = np.array_split(apart, min(parts, len(apart)))
+            off += [float(np.angle(piece.mean())) for piece in pieces]
     size = scales.heading(off)
     if size is None or not size.beyond(-scales.HEADING, scales.HEADING):
         return None

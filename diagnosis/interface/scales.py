@@ -137,9 +137,17 @@ def command_turn(drones: Sequence[Following]) -> Size | None:
 
 
 def heading(off: Sequence[float]) -> Size | None:
-    """Heading less its command [rad], from each drone's mean."""
+    """Heading less its command [rad], from the mean of each piece of flight.
+
+    Ends may lie beyond a half turn, so that one of 180 degrees has an interval as any other.
+    """
     turns = np.exp(1j * np.asarray(off))
-    return jackknife(len(turns), lambda some: float(np.angle(np.sum(turns[list(some)]))))
+    whole = np.sum(turns)
+
+    def turn(some: Sequence[int]) -> float:
+        return float(np.angle(whole) + np.angle(np.sum(turns[list(some)]) / whole))
+
+    return jackknife(len(turns), turn)
 
 
 def _over(piece: Int[np.ndarray, " rows"], estimate: Callable[[np.ndarray], float]) -> Size | None:

@@ -136,11 +136,12 @@ def _besides(effects: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _shares(alias: str, change: Change) -> bool:
-    """Whether the parameter changes alike, whichever of the two effects acts."""
-    return any(
-        (other.autopilot, other.parameter) == (change.autopilot, change.parameter)
-        for other in load_card(alias).changes
-    )
+    """Whether the parameter changes alike, whichever of the two effects acts.
+
+    Changes of one parameter that hold on different vehicles (`Change.where`) are not alike.
+    """
+    acts = (change.autopilot, change.parameter, change.where)
+    return any((x.autopilot, x.parameter, x.where) == acts for x in load_card(alias).changes)
 
 
 Ends = tuple[float, float | None, float | None]

@@ -65,8 +65,8 @@ class Naming:
     """Named effects; empty unless the change is `effect` or `partly`."""
     aliases: Mapping[str, tuple[str, ...]]
     """Effects that these flights cannot tell from each of them."""
-    probability: float
-    """Probability that the first named effect or one of its aliases is true, among candidates."""
+    probabilities: Mapping[str, float]
+    """Probability, among candidates, that each named effect or one of its aliases is true."""
     parameters: tuple[ChangedParameter, ...]
     """Parameters of the named effects, estimated together."""
     candidates: tuple[Candidate, ...]

@@ -6,15 +6,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy import stats
 
 from diagnosis.decide.advice import blind_to, next_flight
 from diagnosis.decide.prepared import Progress, Question, silent
 from diagnosis.decide.support import supported
 from diagnosis.decision import Decision
+from diagnosis.fit.gap import rms_interval
 from diagnosis.fit.shrinkage import unknown_shrink
 from diagnosis.logs.flights import LeftOut
 from diagnosis.recorded import MOST_CANDIDATES, flights_used, limits_of, settings_of, this_program
+from diagnosis.replay.library import Library
 from diagnosis.result import (
     Candidate,
     Details,
@@ -34,6 +35,7 @@ from diagnosis.result_parts import (
     Shrink,
 )
 from diagnosis.statements import (
+    answer_probability,
     beyond_noise,
     main_channels,
     mostly_explained,
@@ -84,7 +86,7 @@ def as_diagnosis(question: Question, study: ChangeStudy) -> Diagnosis:
     others = rms([one.before for one in study.scored], [one.valid for one in study.scored])
     return Diagnosis(
         verdict=verdict,
-        probability=effects[0].probability if found.effects else None,
+        probability=answer_probability(None, (e.probability for e in effects if e.blamed)),
         effects=effects,
         remainder=remainder,
         doubt=None,
@@ -163,41 +165,42 @@ def _used(flights: Flights, counted: Sequence[str], odd: Mapping[str, str]) -> F
 
 def _effects(study: ChangeStudy, verdict: str, decision: Decision) -> tuple[Effect, ...]:
     """The named effects; where none is named and something shows, the best candidate, unblamed."""
-    found = study.answer
+    found, library = study.answer, study.twin.library
     if found.effects:
-        # Of the first effect or what looks like it (`Naming.probability`). No name is surer than
-        # that undisturbed flights show none.
-        sure = found.probability * (1.0 - decision.alarm_chance)
+        # Of the effect or what looks like it. No name is surer than that undisturbed flights show
+        # none.
         return tuple(
             Effect(
                 name=name,
                 blamed=True,
-                probability=sure if i == 0 else min(sure, 1.0 - decision.alarm_chance),
+                probability=found.probabilities[name] * (1.0 - decision.alarm_chance),
                 aliases=found.aliases[name],
-                parameters=_parameters(found.parameters, name, verdict),
+                parameters=_parameters(found.parameters, name, verdict, library),
             )
-            for i, name in enumerate(found.effects)
+            for name in found.effects
         )
     if found.change == "none" or not found.candidates:
         return ()
     best = found.candidates[0]
     if found.change == "too_few" and not (best.p < decision.alarm_chance and best.log_evidence > 0):
         return ()
-    shown = _parameters(best.parameters, best.effect, verdict)
+    shown = _parameters(best.parameters, best.effect, verdict, library)
     if len(study.twin.scores) < FEWEST_REFERENCES:
         shown = tuple(dataclasses.replace(one, low=None, high=None) for one in shown)
     return (Effect(name=best.effect, blamed=False, probability=None, aliases=(), parameters=shown),)
 
 
 def _parameters(
-    changed: Sequence[ChangedParameter], effect: str, verdict: str
+    changed: Sequence[ChangedParameter], effect: str, verdict: str, library: Library
 ) -> tuple[Parameter, ...]:
+    """What a simulator of the reference needs, in which every parameter is neutral."""
+    neutral = {slot.parameter: slot.neutral for slot in library.slots if slot.effect == effect}
     return tuple(
         Parameter(
             name=one.parameter,
-            value=one.value,
-            low=one.low,
-            high=one.high,
+            value=neutral[one.parameter] + one.value,
+            low=neutral[one.parameter] + one.low,
+            high=neutral[one.parameter] + one.high,
             unit=one.unit,
             at_bound=one.beyond,
             use=use_of(verdict, one.beyond, True),
@@ -218,7 +221,7 @@ def _where(
     floors, found = allowed(study.twin, study.scored), []
     for c in study.twin.colour.seen:
         gap, floor = float(np.sqrt(np.mean(each[:, c] ** 2))), float(floors[c])
-        low, high = _interval(each[:, c], decision)
+        low, high = rms_interval(each[:, c] ** 2, np.ones(len(each)), decision)
         found.append(
             ChannelGap(
                 channel=CHANNELS[c],
@@ -237,19 +240,10 @@ def _where(
     return tuple(found)
 
 
-def _interval(
-    values: Float[np.ndarray, " flights"], decision: Decision
-) -> tuple[float | None, float | None]:
-    """The 95 % interval of a mean over flights, by the logarithm; none from too few flights."""
-    if len(values) < decision.fewest_flights or np.any(values <= 0.0):
-        return None, None
-    log = np.log(values)
-    half = stats.t.ppf(0.975, len(log) - 1) * np.std(log, ddof=1) / np.sqrt(len(log))
-    return float(np.exp(log.mean() - half)), float(np.exp(log.mean() + half))
-
-
 def _remainder(study: ChangeStudy, verdict: str, decision: Decision) -> Remainder:
-    share = 0.0 if verdict in ("none", "too_few") else left_share(study.twin, study.scored)
+    share = 0.0
+    if verdict not in ("none", "too_few"):
+        share = left_share(study.twin, study.scored) if study.answer.effects else 1.0
     return Remainder(
         share=share,
         noteworthy=noteworthy(share, decision),

@@ -88,6 +88,13 @@ class Hypothesis:
             and self.looks_alike(effect, e, decision)
         )
 
+    def share(self, effect: str, aliases: Sequence[str], decision: Decision) -> float:
+        """Probability that one of these effects, or an alias of it, acts beside the others."""
+        rest = tuple(e for e in self.effects if e != effect)
+        without = self.of(*rest).log_evidence + decision.effect_cost
+        odds = [self.of(*rest, e).log_evidence - without for e in (effect, *aliases)]
+        return float(np.exp(np.logaddexp.reduce(odds) - np.logaddexp.reduce([0.0, *odds])))
+
     def looks_alike(self, effect: str, other: str, decision: Decision) -> bool:
         """Whether another effect does most of what one of these does beside the others."""
         rest = tuple(e for e in self.effects if e != effect)

@@ -38,7 +38,7 @@ class Named(Naming):
             change="unexplained",
             effects=(),
             aliases={},
-            probability=0.0,
+            probabilities={},
             parameters=(),
             at=self.nothing,
             instead=(),
@@ -81,16 +81,16 @@ def name_change(
         "nothing": search.nothing,
     }
 
-    def unnamed(change: VerdictKind, share: float) -> Named:
-        return Named(change, (), {}, share, (), at=search.nothing, **rest)
+    def unnamed(change: VerdictKind) -> Named:
+        return Named(change, (), {}, {}, (), at=search.nothing, **rest)
 
     if len(reference) < FEWEST_REFERENCES:  # nobody knows how flights of one vehicle differ
-        return unnamed("too_few", 0.0)
+        return unnamed("too_few")
     if not leading or share < decision.least_chance:
         if sure or search.p_none < decision.alarm_chance or _elsewhere(reference, target, decision):
-            return unnamed("unexplained", share)
+            return unnamed("unexplained")
         few = min(len(reference), len(target)) < decision.few_flights
-        return unnamed("too_few" if few else "none", share)
+        return unnamed("too_few" if few else "none")
     first, *others = alike
     together = alone[several[0]].of(*several)
     known = {e: together.alike(e, search.effects, decision) for e in several[1:]}
@@ -102,7 +102,7 @@ def name_change(
             change="partly" if at.p_left < decision.alarm_chance else "effect",
             effects=at.effects,
             aliases={first: tuple(alike), **{e: known[e] for e in further}},
-            probability=share,
+            probabilities={first: share, **{e: at.share(e, known[e], decision) for e in further}},
             parameters=search.sizes(at),
             at=at,
             instead=instead,

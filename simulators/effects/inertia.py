@@ -52,18 +52,31 @@ class Inertia(PlantEffect):
         probe=Probe("rotation", {"e": 0.5}),
         check="look for mass that was moved outwards or inwards, such as a longer battery",
         changes=(
-            Change(autopilot="px4", parameter="MC_ROLLRATE_K, MC_PITCHRATE_K", powers={"e": 1.0}),
+            Change(
+                autopilot="px4",
+                parameter="MC_ROLLRATE_K",
+                powers={"e": 1.0},
+                beside_reference=True,
+            ),
+            Change(
+                autopilot="px4",
+                parameter="MC_PITCHRATE_K",
+                powers={"e": 1.0},
+                beside_reference=True,
+            ),
             Change(
                 autopilot="crazyflie",
                 parameter="ctrlMel.kR_xy",
                 where="Mellinger controller",
                 powers={"e": 1.0},
+                beside_reference=True,
             ),
             Change(
                 autopilot="crazyflie",
                 parameter="ctrlMel.kw_xy",
                 where="Mellinger controller",
                 powers={"e": 1.0},
+                beside_reference=True,
             ),
         ),
     )

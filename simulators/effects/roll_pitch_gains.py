@@ -77,7 +77,13 @@ class RollPitchGains(AutopilotEffect):
             ),
             Change(
                 autopilot="px4",
-                parameter="MC_ROLLRATE_K, MC_PITCHRATE_K",
+                parameter="MC_ROLLRATE_K",
+                powers={"damping": -1.0, "roll": -1.0},
+                beside_reference=True,
+            ),
+            Change(
+                autopilot="px4",
+                parameter="MC_PITCHRATE_K",
                 powers={"damping": -1.0},
                 beside_reference=True,
             ),

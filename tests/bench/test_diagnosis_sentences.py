@@ -22,10 +22,10 @@ from diagnoses_for_tests import (
     unexplained,
 )
 
+from bench.diagnosis_report.effect_words import effect_phrase
 from bench.diagnosis_report.gap_text import expected, shrink_sentence, where_sentence
 from bench.diagnosis_report.remedy import remedy
 from bench.diagnosis_report.sentences import (
-    effect_phrase,
     kind_label,
     next_flight,
     remarks,

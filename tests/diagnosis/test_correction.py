@@ -7,6 +7,7 @@ import pytest
 from flights_for_tests import sizes
 
 import diagnosis
+from bench.diagnosis_report.sentences import remarks
 from diagnosis.result_parts import SharedParameter
 from simulators.crazyflow import Crazyflow
 from simulators.effects.mass import Mass
@@ -42,6 +43,17 @@ def test_sizes_act_on_top_of_what_reference_flights_show():
     assert Mass.parameters["e"].factor
     assert sizes(simulator)["Mass"]["e"] == pytest.approx(0.32)
     assert sizes(simulator)["Wind"]["x"] == pytest.approx(0.3)
+
+
+def test_a_size_beyond_its_range_acts_as_far_as_it_may():
+    """A twin finds commands earlier than before; no simulator acts before it is told."""
+    found, (mass, *_) = effect(), effect().effects
+    early = dataclasses.replace(mass.parameter("e"), name="seconds", value=-0.02, at_bound="low")
+    delay = dataclasses.replace(mass, name="delay", parameters=(early,))
+    simulator = diagnosis.corrected(dataclasses.replace(found, effects=(delay,)))
+    assert sizes(simulator)["Delay"]["seconds"] == 0.0
+    said = remarks(dataclasses.replace(found, effects=(delay,)))
+    assert any(line.startswith("Beyond its allowed range") and "-20 ms" in line for line in said)
 
 
 def test_without_a_cause_the_simulator_stays_as_it_was():

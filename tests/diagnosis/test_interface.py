@@ -13,7 +13,7 @@ from bench.diagnosis_report.page import diagnosis_page
 from bench.diagnosis_report.sentences import remarks
 from blind.draw.faults import ALL
 from blind.fly.log_faults import shifted
-from diagnosis.interface import scales
+from diagnosis.interface import faults, scales
 from diagnosis.interface.fault import MOTOR_CLOCK, PARTS, of_reference
 from diagnosis.interface.faults import interface_faults as found
 from diagnosis.interface.mended import in_time, mended
@@ -151,6 +151,28 @@ def test_no_turn_is_read_from_a_reference_whose_attitude_is_wrong(clean, fault):
     (told,) = found(turned, with_fault(clean, fault))
     assert told.part == "attitude of the reference"
     assert told.advice.startswith("In the reference flights: the attitude looks like ")
+
+
+def test_a_path_that_was_turned_nearly_as_much_before_is_no_fault(clean):
+    """One is within what markers are set by, the other is not; what both share falls out."""
+    less, more = (with_fault(clean, "path_turned_in_yaw", angle=a) for a in (0.08, 0.11))
+    assert [fault.part for fault in found(more)] == ["frame of the path"]
+    assert found(more, less) == ()
+
+
+@pytest.mark.parametrize("n", [1, 6])
+def test_a_reversed_heading_is_named_from_one_flight_too(clean, n):
+    drones = [flight.drones[0] for flight in clean.flights[:n]]
+    rng = np.random.default_rng(0)
+    made = []
+    for drone in drones:
+        cmd = drone.cmd.copy()
+        cmd[:, 2] = faults.measured(drone)[:, 8] + np.pi + 0.03 * rng.normal()
+        made.append(dataclasses.replace(drone, cmd=cmd))
+    fault = faults._heading(made)
+    assert fault is not None
+    assert abs(fault.evidence[0].value) == pytest.approx(180.0, abs=3.0)
+    assert faults._heading(drones) is None
 
 
 def test_beside_a_reference_the_turn_since_then_counts_where_both_are_off(clean):

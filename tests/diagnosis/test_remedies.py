@@ -71,14 +71,15 @@ def test_the_believed_mass_is_what_a_controller_should_hold():
 
 
 def test_gains_of_two_loops_are_undone_together_and_only_to_fly_as_before():
-    sizes = parameter("stiffness", 0.5, 0.4, 0.6), parameter("damping", 0.25, 0.2, 0.3)
+    sizes = [parameter("stiffness", 0.5, 0.4, 0.6), parameter("damping", 0.25, 0.2, 0.3)]
+    sizes.append(parameter("roll", -0.3, -0.4, -0.2))  # all gains of roll, so not their ratio
     assert not firmware_changes(found("roll_pitch_gains", *sizes), "px4")
     before = found("roll_pitch_gains", *sizes, reference=True)
     assert amounts(before, "px4") == pytest.approx(
         {
             "MC_ROLL_P": 1.25 / 1.5,
             "MC_PITCH_P": 1.25 / 1.5,
-            "MC_ROLLRATE_K": 1 / 1.25,
+            "MC_ROLLRATE_K": 1 / (1.25 * 0.7),
             "MC_PITCHRATE_K": 1 / 1.25,
         }
     )
@@ -119,6 +120,13 @@ def test_a_change_waits_for_an_alias_that_another_parameter_makes_up_for():
     assert waits["ctrlMel.mass"] == waits["ctrlLee.mass"] == ("thrust_gain",)
     fading = found("mass", parameter("e", 0.1), aliases=("battery",))
     assert firmware_changes(fading, "px4")[0].waits_for == ("battery",)
+
+
+def test_a_parameter_changes_alike_only_where_both_changes_hold_on_the_same_vehicle():
+    diagnosis = found("frame_misalignment", parameter("angle", 0.1), aliases=("yaw_misalignment",))
+    for autopilot in ("px4", "crazyflie"):
+        (change,) = firmware_changes(diagnosis, autopilot)
+        assert (change.alike, change.waits_for) == ((), ("yaw_misalignment",))
 
 
 def together(*effects):

@@ -16,8 +16,10 @@ from diagnosis.decision import Decision
 from diagnosis.engine import diagnose
 from diagnosis.fit import shrinkage
 from diagnosis.fit.evidence import Evidence
+from diagnosis.fit.gap import rms_interval
 from diagnosis.fit.search import Fits, polish, refit, without
 from diagnosis.fit.shrinkage import Drift, flown_without, left_out, shrink, unknown_shrink
+from diagnosis.result import Support
 from simulators.effects.drag import Drag
 from simulators.effects.wind import Wind
 
@@ -102,7 +104,8 @@ def test_a_clear_effect_that_they_deny_stands_where_references_are_followed(repl
 def test_a_drift_that_grows_where_more_than_noise_is_left_blames_nothing(replay, percent, verdict):
     fits, _ = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
     judged = dataclasses.replace(judge_supported(fits, Floor())[1], doubted=True)
-    study = made_study(fits, judged)
+    helps = Support(effect="wind", percent=9.0, low=5.0, high=12.0, n=4, confirmed=True)
+    study = made_study(fits, judged, (helps,))
     shrink = dataclasses.replace(unknown_shrink(4, ""), percent=percent)
     found = blame(study, shrink)
     assert found.verdict == verdict
@@ -163,6 +166,20 @@ def test_the_interval_of_the_shrinkage_is_that_of_its_percentage(replay, monkeyp
     lost = shrunk((0.1, np.nan), (0.01, 0.005))
     assert lost.percent is None
     assert "cannot be flown in 6 windows" in lost.reason
+
+
+@pytest.mark.parametrize("n", [3, 5, 9])
+def test_the_interval_of_a_gap_over_flights_covers_what_it_says(n):
+    """Flights differ: their sums of squares scatter like chi-square with three degrees."""
+    rng = np.random.default_rng(n)
+    ends = (rms_interval(100.0 * rng.chisquare(3, n), np.full(n, 100)) for _ in range(2000))
+    assert np.mean([low < np.sqrt(3.0) < high for low, high in ends]) == pytest.approx(
+        0.95, abs=0.02
+    )
+
+
+def test_two_flights_tell_no_interval_of_a_gap():
+    assert rms_interval(np.asarray([1.0, 2.0]), np.asarray([10, 10])) == (None, None)
 
 
 def test_parameters_of_which_flights_say_nothing_have_no_interval(replay):

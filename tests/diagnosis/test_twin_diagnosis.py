@@ -12,12 +12,16 @@ from test_twin import EVERY, LIBRARY, column, flight, long_flight, plain_twin
 from diagnosis.decide.prepared import Question
 from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, VehicleFile
 from diagnosis.logs.inputs import Inputs, choose_inputs
+from diagnosis.replay.library import make_library
 from diagnosis.result import Diagnosis
 from diagnosis.twin import flown as flown_channels
+from diagnosis.twin.answer import ChangedParameter
+from diagnosis.twin.as_diagnosis import _parameters as as_parameters
 from diagnosis.twin.as_diagnosis import alone, as_diagnosis, weighed_anew
 from diagnosis.twin.diagnose_change import ChangeStudy, answer_change
 from diagnosis.twin.flown import reference_channels, twin_replay
 from diagnosis.twin.twin import make_twin
+from simulators.crazyflow import Crazyflow
 
 T = np.arange(0.0, 6.0, 0.01)
 
@@ -80,6 +84,27 @@ def test_a_change_becomes_an_effect_with_its_size_and_a_smaller_drift():
     assert found.support[0].confirmed
     assert sum(c.share for c in found.where) == pytest.approx(1.0)
     assert found.remainder.share < 0.5
+
+
+def test_a_size_is_what_a_simulator_of_the_reference_needs():
+    """A change of a factor stands on the neutral 1: rotors 1.4 times as slow as before."""
+    changed = ChangedParameter("motor_lag", "scale", "-", 0.4, 0.3, 0.5, 0.1, "no")
+    library = make_library(Crazyflow(), referenced=True, twin=True)
+    (scale,) = as_parameters((changed,), "motor_lag", "effect", library)
+    assert (scale.value, scale.low, scale.high) == pytest.approx((1.4, 1.3, 1.5))
+
+
+def test_each_of_two_effects_has_a_probability_of_its_own():
+    large = [(column("attitude_gain", "g"), 0.2), (column("trim", "roll"), 0.02)]
+    found = diagnosis_of(large)
+    assert {e.name for e in found.blamed} == {"attitude_gain", "trim"}
+    assert len({e.probability for e in found.blamed}) == 2
+    assert found.probability == min(e.probability for e in found.blamed)
+
+
+def test_intervals_of_gaps_hold_them():
+    found = diagnosis_of([(column("attitude_gain", "g"), 0.06)])
+    assert all(gap.low < gap.gap_rms < gap.high for gap in found.where)
 
 
 def test_no_change_says_none_and_how_small_a_change_would_have_been_seen():

@@ -13,8 +13,8 @@ from flights_for_tests import SIGMA, fly
 from installed import fresh_registry
 
 from bench.diagnosis_report.documents import diagnosis_text
+from bench.diagnosis_report.effect_words import effect_phrase
 from bench.diagnosis_report.page import diagnosis_page
-from bench.diagnosis_report.sentences import effect_phrase
 from blind.draw import cases, catalogue
 from blind.fly.crazyflow_reality import CrazyflowReality
 from blind.fly.rotorpy_reality import RotorpyReality

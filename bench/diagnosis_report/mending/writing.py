@@ -101,12 +101,17 @@ def load_diagnosis(path: Path) -> tuple[Diagnosis, Path]:
 
 
 def _new_values(diagnosis: Diagnosis, values: dict[str, float]) -> dict[str, float]:
-    """New values of the parameters in `values` that are measured and wait for nothing."""
+    """New values of the parameters in `values` that are measured and wait for nothing.
+
+    Changes of one parameter that hold on different vehicles are left to the reader.
+    """
     new: dict[str, float] = {}
-    for change in firmware_changes(diagnosis, "px4"):
+    changes = firmware_changes(diagnosis, "px4")
+    for change in changes:
         if change.descriptive or change.waits_for:
             continue
         for name in change.parameters:
-            if name in values:
+            where = {other.where for other in changes if name in other.parameters}
+            if name in values and where == {change.where}:
                 new[name] = change.of(new.get(name, values[name]))
     return new
