@@ -17,6 +17,7 @@ has it since 2025 (THRUST_MAX of `platform_defaults_*.h`); older firmware means 
 `controller_mellinger.c`, `kalman_core.c`, `quatcompress.h`, `motors.c` (August 2026).
 """
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import ClassVar
@@ -26,7 +27,16 @@ import pandas as pd
 from jaxtyping import Float64
 
 from diagnosis.importing.frames import quat_of_rpy, rpy_of
-from diagnosis.importing.reader import AbstractReader, Recording, Request, Stream, reading
+from diagnosis.importing.reader import (
+    AbstractReader,
+    Recording,
+    Request,
+    Stream,
+    broken_off,
+    known_voltage,
+    read_csv,
+    reading,
+)
 from diagnosis.logs.columns import LogError
 from simulators.vehicle import GRAVITY
 
@@ -36,26 +46,39 @@ TIMES = ("timestamp", "time", "t", "tick")
 """What clients call the column of times, in any case of letters."""
 MILLISECONDS = 0.5
 """Median step from which times are milliseconds: a log has more than 2 rows a second."""
+TOGETHER = 0.5
+"""Share of times at which variables must stand together to be of one block; a choice. Of different
+blocks nearly none do."""
+INVALID_RPM = 65535.0
+"""A motor's speed that was not measured. Source: `motors.c`, `UINT16_MAX`."""
 PITCH = np.asarray([1.0, -1.0, 1.0])
 """Signs of roll, pitch, yaw as the firmware counts them."""
 
+MOST_LOGGED = 20
+"""Variables that the uSD deck logs of one event; it leaves out the others without a word. Source:
+`MAX_USD_LOG_VARIABLES_PER_EVENT` of `usddeck.c`."""
 LOGGED = (
     *(f"stateEstimate.{name}" for name in ("x", "y", "z", "vx", "vy", "vz")),
     *(f"stateEstimate.{name}" for name in ("qx", "qy", "qz", "qw")),
-    *(f"gyro.{name}" for name in "xyz"),
-    *(f"acc.{name}" for name in "xyz"),
     *(f"controller.{name}" for name in ("roll", "pitch", "yaw")),
-    *(f"ctrlMel.{name}" for name in ("zdx", "zdy", "zdz")),
     "stabilizer.thrust",
     *(f"motor.m{i}" for i in range(1, 5)),
     "pm.vbat",
 )
-"""Variables that the recipe logs."""
+"""Variables that the recipe logs, `MOST_LOGGED` at most."""
+MELLINGER = dict(zip(LOGGED[10:13], (f"ctrlMel.zd{axis}" for axis in "xyz"), strict=True))
+"""What to log in the place of some of them where Mellinger's controller flies."""
+
+
+def _instead(name: str) -> str:
+    """The comment on a variable that Mellinger's controller has under another name."""
+    return f"   # Mellinger's controller: {MELLINGER[name]}" if name in MELLINGER else ""
+
 
 RECIPE = (
     "1     # version\n512   # buffer size [bytes]\nlog   # file name\n0     # start by itself\n"
     "on:fixedFrequency\n250   # rate [Hz]\n1     # mode: in step with the stabilizer\n"
-    + "".join(f"{name}\n" for name in LOGGED)
+    + "".join(f"{name}{_instead(name)}\n" for name in LOGGED)
 )
 """config.txt on the card of the uSD deck; start with the parameter usd.logging = 1."""
 
@@ -82,9 +105,9 @@ class CrazyflieCsvReader(AbstractReader):
         variables: dict[str, pd.Series] = {}
         notes = []
         for file in _files(path) if path.is_dir() else [path]:
-            found, unit = _read_csv(file)
+            found, said = _read_csv(file, request)
             variables |= found
-            notes.append(f"Times of {file.name} are read as {unit}.")
+            notes += said
         with reading("CSV file"):
             streams, missing = crazyflie_streams(variables, request)
         return Recording({"": tuple(streams)}, tuple(missing), tuple(notes))
@@ -113,16 +136,24 @@ _WANTED = {
 
 
 def _group(variables: Variables, names: str) -> tuple[np.ndarray, np.ndarray] | None:
-    """Times and columns of variables that were logged together; `names` as `group.a b c`."""
+    """Times and columns of variables that were logged together; `names` as `group.a b c`.
+
+    A time at which one of them has no number gives a row without one.
+
+    Raises:
+        LogError: They were logged at different times.
+    """
     group, _, rest = names.partition(".")
     found = [variables.get(f"{group}.{name}") for name in rest.split()]
     known = [variable for variable in found if variable is not None]
     if len(known) < len(found):
         return None
-    t = known[0].index
-    if not all(variable.index.equals(t) for variable in known):
+    if all(variable.index.equals(known[0].index) for variable in known):
+        return known[0].index.to_numpy(), np.stack([v.to_numpy() for v in known], axis=1)
+    rows = pd.concat([v.groupby(level=0).first() for v in known], axis=1)
+    if rows.notna().all(axis=1).mean() < TOGETHER:
         raise LogError(f"{names} stand in different blocks; log them in one block.")
-    return t.to_numpy(), np.stack([variable.to_numpy() for variable in known], axis=1)
+    return rows.index.to_numpy(), rows.to_numpy()
 
 
 def _stream(
@@ -181,7 +212,10 @@ def _plain(variables: Variables) -> list[Stream]:
     return [
         *_stream(variables, "ang_vel", "gyro.x y z", np.pi / 180.0, "deg/s to rad/s"),
         *_stream(variables, "acc", "acc.x y z", GRAVITY, "g to m/s^2"),
-        *_stream(variables, "battery", "pm.vbat"),
+        *(
+            dataclasses.replace(volts, values=known_voltage(volts.values))
+            for volts in _stream(variables, "battery", "pm.vbat")
+        ),
     ]
 
 
@@ -235,7 +269,10 @@ def _rotors(variables: Variables) -> list[Stream]:
     for names in ("rpm.m1 m2 m3 m4", "motor.m1_rpm m2_rpm m3_rpm m4_rpm"):
         found = _stream(variables, "rotor_vel", names, 2.0 * np.pi / 60.0, "rev/min to rad/s")
         if found and np.any(found[0].values):
-            return out + found
+            (speeds,) = found
+            unknown = speeds.values > (INVALID_RPM - 0.5) * 2.0 * np.pi / 60.0
+            values = np.where(unknown, np.nan, speeds.values)
+            return [*out, dataclasses.replace(speeds, values=values)]
     return out
 
 
@@ -264,21 +301,22 @@ def _is_header(head: bytes) -> bool:
     return timed and any(name.partition(".")[0] in _GROUPS and "." in name for name in names)
 
 
-_GROUPS = {name.partition(".")[0] for name in LOGGED} | {"stateEstimateZ", "ctrltarget", "rpm"}
+_GROUPS = {name.partition(".")[0] for name in (*LOGGED, *MELLINGER.values())}
+_GROUPS |= {"stateEstimateZ", "ctrltarget", "gyro", "acc", "rpm"}
 """Groups of variables that are known."""
 
 
 def _whole(head: bytes) -> bool:
     """Whether a file with this header is a flight by itself: it holds position and an input."""
     names = " ".join(_names(head))
-    return "stateEstimate" in names and any(n in names for n in (".thrust", "cmd_thrust", "motor."))
+    placed = any(f"{group}.x" in _names(head) for group in ("stateEstimate", "stateEstimateZ"))
+    return placed and any(n in names for n in (".thrust", "cmd_thrust", "motor."))
 
 
-def _read_csv(file: Path) -> tuple[dict[str, pd.Series], str]:
-    """Variables of a CSV file, in which cells may be empty, and the unit of its times."""
+def _read_csv(file: Path, request: Request) -> tuple[dict[str, pd.Series], list[str]]:
+    """Variables of a CSV file, in which cells may be empty, and notes on what was read."""
     with reading("CSV file"):
-        frame = pd.read_csv(file, skipinitialspace=True, encoding="utf-8-sig")
-        frame.columns = frame.columns.str.strip()
+        frame = read_csv(file)
     key = next((name for name in frame.columns if name.lower() in TIMES), None)
     if key is None or frame.empty:
         raise LogError(f"{file.name}: no row follows the header.")
@@ -289,12 +327,14 @@ def _read_csv(file: Path) -> tuple[dict[str, pd.Series], str]:
         raise LogError(f"{file.name}: column '{kinds[0]}' holds text; numbers are expected.")
     if not np.isfinite(frame[key].to_numpy(np.float64)).all():
         raise LogError(f"{file.name}: a row has no time; is the file truncated?")
-    empty = frame.isna().to_numpy()
+    notes, empty = [], frame.isna().to_numpy()
     if empty[-1].any() and not empty[:-1, empty[-1]].any():
-        raise LogError(f"{file.name}: the last row is cut; copy the file again.")
+        notes.append(broken_off(f"{file.name}: the last row is cut", request))
+        frame = frame.iloc[:-1]
     t = frame[key].to_numpy(np.float64)
     milli = len(t) > 1 and float(np.median(np.diff(np.unique(t)))) >= MILLISECONDS
     frame = frame.drop(columns=key).astype(np.float64).set_index(t * 1e-3 if milli else t)
     known = {str(name): pd.Series(values) for name, values in frame.items()}
     found = {name: values.loc[np.isfinite(values)] for name, values in known.items()}
-    return found, "milliseconds" if milli else "seconds"
+    unit = "milliseconds" if milli else "seconds"
+    return found, [*notes, f"Times of {file.name} are read as {unit}."]

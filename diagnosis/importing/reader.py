@@ -19,6 +19,7 @@ from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float64
 
 from diagnosis.logs.columns import GROUPS, LogError
@@ -75,8 +76,8 @@ class Request:
     """Largest collective thrust of the airframe [N]."""
     full_thrust: float | None = None
     """Collective thrust [N] at the largest command, where the operator knows it."""
-    topics: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """Field -> topic that it is to be taken from."""
+    topics: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    """Field -> topics that it is to be taken from, one a drone."""
     columns: Path | None = None
     """The file columns.toml; without it, one beside a table is taken."""
     truncated: bool = False
@@ -184,6 +185,25 @@ def broken_off(what: str, request: Request, remedy: str = "") -> str:
             f"{what}; copy the file again{remedy}, or use what comes before with --truncated."
         )
     return f"{what}; what comes before is used."
+
+
+def read_csv(file: Path) -> pd.DataFrame:
+    """A table of a CSV file; names of columns without spaces around them.
+
+    A comma at the end of every row is none of a column.
+
+    Raises:
+        LogError: Rows have more cells than the header.
+    """
+    how = {"skipinitialspace": True, "encoding": "utf-8-sig"}
+    frame = pd.read_csv(file, **how)
+    if not isinstance(frame.index, pd.RangeIndex):  # the first column was taken for names of rows
+        if frame.iloc[:, -1].notna().any() or frame.index.nlevels > 1:
+            raise LogError(f"{file.name}: rows have more cells than the header has names.")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", pd.errors.ParserWarning)
+            frame = pd.read_csv(file, index_col=False, **how)
+    return frame.rename(columns=str.strip)
 
 
 def known_voltage(

@@ -33,8 +33,10 @@ LONGEST_BACK_S = 1.0
 """Longest step back in time that is taken for a late message [s]; a choice. Another log that is
 appended to a file begins anew."""
 HOLE = 2.5
-"""Distance of neighbours, in median periods, from which there is a hole; one lost message is
-bridged, two are not. A choice."""
+"""Distance of neighbours, in periods, from which there is a hole; one lost message is bridged, two
+are not. A choice."""
+BURST = 8
+"""Steps over whose mean a period is taken, since messages may come in bursts; a choice."""
 BACKWARDS = 0.01
 """Share of rows that may come out of order, as messages over a radio do; a choice."""
 VEL_SPAN = 0.06
@@ -48,7 +50,7 @@ ONE_CLOCK = 1e-7
 """Clocks that differ by less are one clock [s]; below a microsecond, the finest that logs count."""
 REQUIRED = ("pos", "quat")
 """Fields without which nothing can be said about a flight; a velocity may be derived."""
-INPUTS = (("cmd_angles", "cmd_thrust"), ("rotor_vel",), ("pwm", "battery"))
+INPUTS = (("cmd_angles", "cmd_thrust"), ("rotor_vel",), ("pwm", "battery"), ("cmd_thrust",))
 """Fields that drive a replay, any one group of them, the preferred group first."""
 MEASURED = ("pos", "vel", "quat")
 """Fields that a replay is compared with."""
@@ -67,7 +69,7 @@ class Taken:
     change: str
     """What was done to units and frames."""
     rate: float
-    """Median rate of its rows [Hz]."""
+    """Rate of its rows [Hz]."""
     resampling: str
     """How its rows became those of the flight."""
     dropped: int
@@ -94,6 +96,12 @@ def make_rows(streams: Sequence[Stream], zero: float) -> Rows:
     """
     clean, dropped, notes = _cleaned(streams)
     inputs = _inputs(clean, notes)
+    if "cmd_angles" in clean and "cmd_thrust" not in clean:
+        notes.append("The commanded attitude is left out: no commanded thrust was found beside it.")
+        del clean["cmd_angles"]
+    if "vel" in clean and _rate(clean["vel"].t) < SLOW * min(RATES[0], _rate(clean["pos"].t)):
+        notes.append(f"The velocity is slower than the position: {clean['vel'].source}.")
+        del clean["vel"]
     if "vel" not in clean:
         clean["vel"] = _derived_vel(clean["pos"])
         notes.append(
@@ -116,8 +124,9 @@ def make_rows(streams: Sequence[Stream], zero: float) -> Rows:
         how, hole = _how(name, stream, t, resampled), float(np.diff(stream.t).max())
         said = (name, stream.source, stream.change, _rate(stream.t))
         taken.append(Taken(*said, how, dropped.get(name, 0), hole))
-    if _rate(clean["pos"].t) < SLOW * _rate(t):
-        columns["interpolated"] = _between(t, clean["pos"].t)
+    slowest = min((clean[name] for name in MEASURED), key=lambda stream: _rate(stream.t))
+    if _rate(slowest.t) < SLOW * _rate(t):
+        columns["interpolated"] = _between(t, slowest.t)
     notes += _low_rates(clean, t)
     return Rows(columns, tuple(taken), tuple(notes))
 
@@ -246,8 +255,14 @@ def _even_clock(needed: Sequence[Stream]) -> Float[np.ndarray, " rows"]:
     return t
 
 
+def _period(t: Float[np.ndarray, " rows"]) -> float:
+    """Typical time from row to row [s], though rows may come in bursts or leave holes."""
+    steps = min(BURST, len(t) - 1)
+    return float(np.median((t[steps:] - t[:-steps]) / steps))
+
+
 def _rate(t: Float[np.ndarray, " rows"]) -> float:
-    return float(1.0 / np.median(np.diff(t)))
+    return 1.0 / _period(t)
 
 
 def _covered(
@@ -256,7 +271,7 @@ def _covered(
     """Times that lie between rows which are no hole apart."""
     right = np.clip(np.searchsorted(rows, t - ONE_CLOCK), 1, len(rows) - 1)
     inside = (t >= rows[0] - ONE_CLOCK) & (t <= rows[-1] + ONE_CLOCK)
-    return inside & (np.diff(rows)[right - 1] <= HOLE * np.median(np.diff(rows)))
+    return inside & (np.diff(rows)[right - 1] <= HOLE * _period(rows))
 
 
 def _at(t: Float[np.ndarray, " times"], stream: Stream) -> Float[np.ndarray, "times columns"]:
@@ -296,8 +311,7 @@ def _spline(
 ) -> Float[np.ndarray, "times columns"]:
     """Cubic splines, one for each run of rows without a hole; NaN in holes."""
     out = np.full((len(t), values.shape[1]), np.nan)
-    step = np.diff(rows)
-    edges = [0, *(np.flatnonzero(step > HOLE * np.median(step)) + 1), len(rows)]
+    edges = [0, *(np.flatnonzero(np.diff(rows) > HOLE * _period(rows)) + 1), len(rows)]
     for low, high in itertools.pairwise(edges):
         inside = (t >= rows[low] - ONE_CLOCK) & (t <= rows[high - 1] + ONE_CLOCK)
         if high - low >= FEWEST_ROWS:
@@ -341,5 +355,5 @@ def _low_rates(clean: dict[str, Stream], t: Float[np.ndarray, " times"]) -> list
         return []
     return [
         f"Slower than the rows ({_rate(t):.3g} Hz): {names}. Rows between measurements are "
-        f"interpolated; those between positions are compared with nothing."
+        f"interpolated; those between rows of the slowest of them are compared with nothing."
     ]

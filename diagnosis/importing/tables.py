@@ -23,7 +23,16 @@ import pandas as pd
 from jaxtyping import Float64
 
 from diagnosis.importing.frames import enu, flu, quat_of, quat_of_rpy, rpy_of
-from diagnosis.importing.reader import FIELDS, AbstractReader, Recording, Request, Stream, reading
+from diagnosis.importing.reader import (
+    FIELDS,
+    AbstractReader,
+    Recording,
+    Request,
+    Stream,
+    known_voltage,
+    read_csv,
+    reading,
+)
 from diagnosis.logs.columns import LogError, did_you_mean, one_line
 from simulators.vehicle import GRAVITY
 
@@ -101,6 +110,7 @@ def _streams(
         unit = UNIT_OF[field]
         parts = [_column(frame, known[n], unit, request, n, place) for n in names]
         values = np.stack([values for values, _ in parts], axis=1)
+        values = known_voltage(values) if field == "battery" else values
         source = ", ".join(dict.fromkeys(_name(known[name]) for name in names))
         change = ", ".join(dict.fromkeys(word for _, words in parts for word in words))
         streams.append(_turned(field, t, values, source, change, said))
@@ -109,7 +119,7 @@ def _streams(
 
 def _csv(path: Path, truncated: bool) -> pd.DataFrame:
     """The table; `truncated`: whether a last row that breaks off is left out, not refused."""
-    frame = pd.read_csv(path, skipinitialspace=True, encoding="utf-8-sig")
+    frame = read_csv(path)
     last = path.read_text(encoding="utf-8-sig").rstrip().rpartition("\n")[2]
     cells, columns = len(next(csv.reader([last]), ())), len(frame.columns)
     if len(frame) and (cells < columns or frame.iloc[-1].isna().all()):
@@ -119,7 +129,7 @@ def _csv(path: Path, truncated: bool) -> pd.DataFrame:
                 f"the last row {what}; is the file truncated? --truncated uses the rows before it."
             )
         frame = frame.iloc[:-1]
-    return frame.rename(columns=str.strip)
+    return frame
 
 
 def read_columns_file(path: Path) -> dict[str, Any]:

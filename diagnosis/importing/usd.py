@@ -29,6 +29,10 @@ KINDS |= {"l": "i4", "L": "u4", "q": "i8", "Q": "u8", "e": "f2"}
 """Letters of types, as numpy calls them."""
 
 
+NUMBER, TIME = "event id", "event time"
+"""What an event begins with; no variable is called so, as events have a variable `id` or `t`."""
+
+
 class UsdReader(AbstractReader):
     """Logs of the uSD deck; our own reader."""
 
@@ -64,7 +68,7 @@ def _header(data: bytes) -> tuple[dict[int, np.dtype], int, float]:
         _, at = _text(data, at + 2)  # the event's name
         (size,) = struct.unpack_from("<H", data, at)
         at += 2
-        row = [("id", "<u2"), ("t", f"<{clock}")]
+        row = [(NUMBER, "<u2"), (TIME, f"<{clock}")]
         for _ in range(size):
             text, at = _text(data, at)
             variable, _, kind = text.rstrip(")").rpartition("(")
@@ -99,8 +103,8 @@ def _variables(
             continue
         index = np.asarray(places[number])[:, None] + np.arange(kind.itemsize)
         rows = raw[index].reshape(-1).view(kind)
-        t = rows["t"].astype(np.float64) * scale
+        t = rows[TIME].astype(np.float64) * scale
         for name in kind.names or ():
-            if name not in ("id", "t"):
+            if name not in (NUMBER, TIME):
                 found.setdefault(name, pd.Series(rows[name].astype(np.float64), t))
     return found

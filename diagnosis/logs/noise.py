@@ -21,6 +21,9 @@ DEGREE = 3
 """Degree of the polynomial."""
 LARGEST_STEP = 0.03
 """Rows further apart than this [s] are not fitted together."""
+COARSEST = 0.06
+"""Rows further apart than this [s] follow no attitude, so that rows between them are needed; a
+choice. Where these were interpolated from slower attitudes, its noise comes out too small."""
 FLOOR = np.asarray([2e-4] * 3 + [2e-3] * 3 + [5e-4] * 3)
 """Smallest noise that is believed: 0.2 mm, 2 mm/s, 0.5 mrad; a choice below any motion capture."""
 UNSEEN_ATTITUDE_RAD = 1e3
@@ -63,6 +66,8 @@ def _squares(log: DroneLog) -> list[Float[np.ndarray, "_fits 3"]]:
     if log.interpolated is not None:
         seen = ~log.interpolated
         moved = _left(log.t[seen], rows[seen])
+        if seen.sum() > 1 and np.median(np.diff(log.t[seen])) <= COARSEST:
+            turned = moved
     return [moved[:, :3], moved[:, 3:6], turned[:, 6:]]
 
 

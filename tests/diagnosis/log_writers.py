@@ -161,9 +161,9 @@ def variables(log, thrust_max):
     return {f"{group}.{n}": v for group, named in columns.items() for n, v in named.items()}
 
 
-def write_usd(path, log, thrust_max, version=2):
-    """A log of the uSD deck."""
-    named = variables(log, thrust_max)
+def write_usd(path, log, thrust_max, version=2, named=None):
+    """A log of the uSD deck, of `named` variables or those of the flight."""
+    named = named or variables(log, thrust_max)
     out = bytearray(struct.pack("<BHHH", 0xBC, version, 1, 7) + b"fixedFrequency\0")
     out += struct.pack("<H", len(named)) + b"".join(f"{n}(f)".encode() + b"\0" for n in named)
     for i, t in enumerate(log.t + START):

@@ -192,6 +192,11 @@ def test_blocks_of_one_flight_may_lack_rows(tmp_path):
     block.write_text(block.read_text()[:-30])
     with pytest.raises(LogError, match=r"session: pos-20261123\.csv: .*(cut|text)"):
         import_logs([folder], tmp_path / "out2", VEHICLE)
+    whole, _, last = block.read_text().rstrip().rpartition("\n")
+    block.write_text(f"{whole}\n{last.partition(',')[0]},0.1\n")
+    with pytest.raises(LogError, match=r"the last row is cut; copy .* --truncated"):
+        import_logs([folder], tmp_path / "out2", VEHICLE)
+    assert import_logs([folder], tmp_path / "out2", VEHICLE, truncated=True).flights
 
 
 @pytest.mark.parametrize(

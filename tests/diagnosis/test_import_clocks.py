@@ -167,3 +167,41 @@ def doubled(stream):
     return dataclasses.replace(
         stream, t=np.tile(stream.t[:25], 90)[: len(values)], values=values[:2250]
     )
+
+
+@pytest.mark.parametrize("vel", [5, 12, 25])
+def test_a_velocity_slower_than_rows_and_positions_is_derived_anew(vel):
+    """Interpolated rows of it would count as measured, with far less noise than it has."""
+    rows = make_rows(streams(circle(), {"pos": 2, "vel": vel, "quat": 2}), 0.0)
+    derived = any("velocity is slower than the position" in note for note in rows.notes)
+    assert derived == (vel > 5)  # of 250 rows a second
+    assert "interpolated" not in rows.columns
+
+
+def test_rows_between_slow_attitudes_are_marked():
+    rows = make_rows(streams(circle(), {"pos": 2, "vel": 2, "quat": 12}), 0.0)
+    measured = rows.columns["t"][rows.columns["interpolated"] == 0.0]
+    assert np.median(np.diff(measured)) == pytest.approx(0.048, abs=0.02)
+
+
+def test_thrust_alone_drives_a_replay_and_attitudes_alone_do_not():
+    every = streams(circle())
+    rows = make_rows([s for s in every if s.field != "cmd_angles"], 0.0)
+    assert "cmd_thrust" in rows.columns
+    assert "cmd_roll" not in rows.columns
+    pwm = Stream("pwm", every[0].t, np.full((len(every[0].t), 4), 0.5), "motors")
+    volts = Stream("battery", every[0].t, np.full((len(every[0].t), 1), 4.0), "battery")
+    rows = make_rows([*(s for s in every if s.field != "cmd_thrust"), pwm, volts], 0.0)
+    assert "pwm_1" in rows.columns
+    assert "cmd_roll" not in rows.columns
+    assert any("commanded attitude is left out" in note for note in rows.notes)
+
+
+def test_messages_that_come_in_pairs_hold_no_holes():
+    """2 ms and 18 ms apart, as a radio's batches are."""
+    log = circle()
+    kept = np.sort(np.concatenate([np.arange(0, 745, 5), np.arange(0, 745, 5) + 1]))
+    pairs = [dataclasses.replace(s, t=s.t[kept], values=s.values[kept]) for s in streams(log)]
+    later = [dataclasses.replace(s, t=s.t + 1e-3 * (i % 2)) for i, s in enumerate(pairs)]
+    rows = make_rows(later, 0.0)
+    assert np.diff(rows.columns["t"]).max() < 0.03

@@ -9,14 +9,23 @@ import pandas as pd
 import pytest
 from flights_for_tests import fly
 from import_logs_for_tests import FLOWN, FORMATS, write_log
-from log_writers import RATES, write_bag
+from log_writers import RATES, variables, write_bag, write_usd
 from scipy.spatial.transform import Rotation
 
-from diagnosis.importing.bags import _odometry
+from diagnosis.importing.bags import _TWIST as TWIST
+from diagnosis.importing.bags import _odometry, _recording
 from diagnosis.importing.convert import import_logs
-from diagnosis.importing.crazyflie import crazyflie_streams, unpacked
+from diagnosis.importing.crazyflie import (
+    LOGGED,
+    MOST_LOGGED,
+    RECIPE,
+    crazyflie_streams,
+    unpacked,
+)
 from diagnosis.importing.reader import Request
 from diagnosis.importing.report import import_report
+from diagnosis.importing.resample import make_rows
+from diagnosis.logs.columns import LogError
 from diagnosis.logs.flights import load_flights
 from simulators.point_mass import PointMass
 from simulators.vehicle import GRAVITY, VEHICLES
@@ -140,7 +149,7 @@ def test_a_bag_without_a_thrust_scale_says_what_to_give(written, tmp_path):
 
 def test_a_topic_that_is_not_there_is_named(written, tmp_path):
     with pytest.raises(ValueError, match=r"--topic vel=/speed: there is no such topic; found: /tw"):
-        imported(written("ros1"), tmp_path / "out", topics={"vel": "/speed"})
+        imported(written("ros1"), tmp_path / "out", topics={"vel": ("/speed",)})
 
 
 @pytest.mark.parametrize("first", [0, 5])
@@ -197,3 +206,153 @@ def test_a_packed_quaternion_is_unpacked():
         packed.append(float(word))
     turn = Rotation.from_quat(unpacked(np.asarray(packed))).inv() * Rotation.from_quat(quats)
     assert turn.magnitude().max() < 5e-3
+
+
+def test_the_recipe_logs_no_more_than_the_deck_takes_and_enough_to_diagnose(log):
+    """The deck leaves out the variables after the twentieth without a word."""
+    assert len(LOGGED) <= MOST_LOGGED == 20
+    assert [line.split()[0] for line in RECIPE.splitlines()[-len(LOGGED) :]] == [*LOGGED]
+    flown = {n: pd.Series(v, log.t) for n, v in variables(log, SPEC.thrust_max).items()}
+    logged = {name: flown[name] for name in LOGGED if name in flown}
+    streams, _ = crazyflie_streams(logged, Request(mass=0.0434, thrust_max=SPEC.thrust_max))
+    rows = make_rows(streams, 0.0)
+    assert {"cmd_roll", "cmd_thrust", "battery", "vel_x"} <= set(rows.columns)
+
+
+def test_a_motor_speed_that_was_not_measured_is_empty(log):
+    speeds = {f"rpm.m{i}": pd.Series(np.full(len(log.t), 20000.0), log.t) for i in (1, 2, 3, 4)}
+    speeds["rpm.m2"].iloc[0] = 65535.0
+    streams, _ = crazyflie_streams(speeds, Request(mass=0.0434, thrust_max=0.8))
+    (rotors,) = streams
+    assert np.isnan(rotors.values[0, 1])
+    assert np.isfinite(rotors.values[1:]).all()
+
+
+def test_variables_of_a_uSD_log_may_be_called_as_the_header_of_an_event(log, tmp_path):  # noqa: N802
+    file = tmp_path / "log00"
+    named = {**variables(log, SPEC.thrust_max), "id": 0.0 * log.t, "t": log.t}
+    write_usd(file, log, SPEC.thrust_max, named=named)
+    (drone,), _ = imported(file, tmp_path / "out")
+    np.testing.assert_allclose(drone.pos, log.pos, atol=1e-4)
+
+
+def test_a_crazyflie_block_without_position_is_no_flight_by_itself(log, tmp_path):
+    """Thrust may stand in the block of the quaternion."""
+    folder, named = tmp_path / "session", variables(log, SPEC.thrust_max)
+    folder.mkdir()
+    for block in ("pos", "rest"):
+        chosen = [n for n in named if (n[-2:] in (".x", ".y", ".z")) == (block == "pos")]
+        frame = pd.DataFrame({"Timestamp": 1e3 * log.t, **{n: named[n] for n in chosen}})
+        frame.to_csv(folder / f"{block}.csv", index=False)
+    (drone,), _ = imported(folder, tmp_path / "out")
+    np.testing.assert_allclose(drone.pos, log.pos, atol=1e-9)
+
+
+def test_an_empty_cell_and_a_comma_at_the_end_of_every_row_cost_one_row(log, tmp_path):
+    file = tmp_path / "log.csv"
+    frame = pd.DataFrame({"Timestamp": 1e3 * log.t, **variables(log, SPEC.thrust_max)})
+    frame.loc[100, "stateEstimate.x"] = np.nan
+    frame.loc[200, "pm.vbat"] = 0.0
+    header, *rows = frame.to_csv(index=False).splitlines()
+    file.write_text("\n".join([header, *(f"{row}," for row in rows)]) + "\n")
+    (drone,), _ = imported(file, tmp_path / "out")
+    assert len(drone.t) > 0.9 * len(log.t)
+    np.testing.assert_allclose(
+        np.interp(drone.t, log.t - log.t[0], log.pos[:, 0]), drone.pos[:, 0], atol=1e-3
+    )
+    assert drone.battery.min() > 3.0
+
+
+def posed(**frame):
+    """Two hundred messages of motion capture."""
+    point = Namespace(x=0.0, y=0.0, z=1.0)
+    turn = Namespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    pose = Namespace(position=point, orientation=turn)
+    return [(i / 50, Namespace(pose=pose, header=Namespace(**frame))) for i in range(200)]
+
+
+def asked(mask=0):
+    turn = Namespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    one = Namespace(orientation=turn, thrust=0.5, type_mask=mask)
+    return [(i / 50, one) for i in range(200)]
+
+
+def moving(frame):
+    linear = Namespace(x=0.0, y=0.0, z=0.0)
+    one = Namespace(twist=Namespace(linear=linear), header=Namespace(frame_id=frame))
+    return [(i / 50, one) for i in range(200)]
+
+
+POSE, TARGET = "geometry_msgs/PoseStamped", "mavros_msgs/AttitudeTarget"
+
+
+def recorded(rows, **topics):
+    request = Request(mass=1.0, thrust_max=20.0, full_thrust=20.0, topics=topics)
+    return _recording(rows, [], [], request)
+
+
+def test_poses_of_motion_capture_are_those_of_the_drone_that_is_commanded():
+    rows = {
+        ("/mavros/setpoint_raw/attitude", TARGET): asked(),
+        ("/mavros/local_position/pose", POSE): posed(),
+        ("/vrpn/cf1/pose", POSE): posed(),
+        ("/mavros/setpoint_position/local", POSE): posed(),
+    }
+    with pytest.raises(LogError, match=r"several topics could be pos: .*--topic pos=TOPIC"):
+        recorded(rows)
+    chosen = ("/vrpn/cf1/pose",)
+    found = recorded(rows, pos=chosen, quat=chosen)
+    (streams,) = found.drones.values()
+    sources = {stream.field: stream.source for stream in streams}
+    assert sources["pos"] == sources["quat"] == "/vrpn/cf1/pose"
+    assert sources["cmd_thrust"] == "/mavros/setpoint_raw/attitude"
+    assert any("setpoint_position/local is left out" in note for note in found.notes)
+
+
+def test_each_of_two_drones_has_a_topic_of_its_own():
+    rows = {}
+    for drone in ("cf1", "cf2"):
+        rows[f"/{drone}/target", TARGET] = asked()
+        rows |= {(f"/{drone}/{name}", POSE): posed() for name in ("pose", "camera")}
+    chosen = ("/cf1/pose", "/cf2/camera")
+    drones = recorded(rows, pos=chosen, quat=chosen).drones
+    sources = {name: {s.field: s.source for s in streams} for name, streams in drones.items()}
+    assert [sources[name]["pos"] for name in ("cf1", "cf2")] == [*chosen]
+
+
+def test_a_velocity_of_a_body_frame_is_left_out():
+    rows = {
+        ("/mavros/setpoint_raw/attitude", TARGET): asked(),
+        ("/mavros/local_position/pose", POSE): posed(),
+        ("/mavros/local_position/velocity_body", TWIST): moving("base_link"),
+    }
+    found = recorded(rows)
+    assert "vel" not in {stream.field for stream in found.drones[""]}
+    assert any("velocity_body is left out" in note for note in found.notes)
+    rows["/mavros/local_position/velocity_local", TWIST] = moving("map")
+    assert "vel" in {stream.field for stream in recorded(rows).drones[""]}
+
+
+@pytest.mark.parametrize(("mask", "field"), [(128, "cmd_angles"), (64, "cmd_thrust")])
+def test_what_a_set_point_masks_is_empty(mask, field):
+    rows = {("/mavros/setpoint_raw/attitude", TARGET): asked(mask)}
+    streams = {s.field: s.values for s in recorded(rows).drones[""]}
+    assert {name for name, values in streams.items() if np.isnan(values).all()} == {field}
+
+
+def setpoints(thrust):
+    down = np.asarray([0.0, 0.0, -thrust])
+    quat = np.asarray([1.0, 0.0, 0.0, 0.0])
+    times = (20_000 * i for i in range(200))
+    return [(t / 1e6, Namespace(timestamp=t, q_d=quat, thrust_body=down)) for t in times]
+
+
+def test_two_topics_of_one_px4_message_are_chosen_by_name():
+    kind = "px4_msgs/VehicleAttitudeSetpoint"
+    topics = [f"/fmu/{way}/vehicle_attitude_setpoint" for way in ("in", "out")]
+    rows = {(topic, kind): setpoints(0.5) for topic in topics}
+    with pytest.raises(LogError, match=f"several topics could be cmd_angles: {', '.join(topics)};"):
+        recorded(rows)
+    chosen = (topics[1],)
+    (streams,) = recorded(rows, cmd_angles=chosen, cmd_thrust=chosen).drones.values()
+    assert {stream.source.split()[0] for stream in streams} == {*chosen}

@@ -133,19 +133,19 @@ def _vehicle(out: Path, vehicle: Path | None, drone: str | None, mass: float | N
         raise UsageError(f"--vehicle {vehicle} cannot be read: {error}") from error
 
 
-def _topics(given: Sequence[str]) -> dict[str, str]:
-    """Field -> topic."""
+def _topics(given: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Field -> topics."""
     from diagnosis.importing.bags import NAMED
     from diagnosis.importing.reader import FIELDS
 
-    found = {}
+    found: dict[str, tuple[str, ...]] = {}
     for text in given:
         match = NAMED.fullmatch(text)
         if match is None:
             raise UsageError(
                 f"`--topic` must be FIELD=/TOPIC with one of {', '.join(FIELDS)}, got '{text}'."
             )
-        found[match[1]] = match[2]
+        found[match[1]] = (*found.get(match[1], ()), match[2])
     return found
 
 
