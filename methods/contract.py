@@ -95,6 +95,8 @@ class AbstractMethod(eqx.Module):
 
     resumes_from: ClassVar[tuple[str, ...]] = ()
     """Parents whose fitted residual it needs, too, which must be of its class's default shape."""
+    identifies: ClassVar[bool] = False
+    """Whether it searches all registered effects, so that each of them decides its result."""
     parent_cells: ClassVar[Mapping[str, tuple[str, int]]] = {}
     """Parents of one fixed cell, name -> (task, team size); the others are of the run's own."""
 

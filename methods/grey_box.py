@@ -72,6 +72,7 @@ class GreyBox(AbstractMethod):
     trainer: BPTT = eqx.field(default=BPTT(decay=0.99))
     """How the policy is trained."""
 
+    identifies: ClassVar[bool] = True
     version: ClassVar[str] = "2"
     parents: ClassVar[tuple[str, ...]] = ()
     simulator: ClassVar[str] = "point_mass"

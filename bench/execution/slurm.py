@@ -197,7 +197,10 @@ def _make_submitter(folder: Path, slots: int) -> Any:
 def _end(job: _Job) -> Ended:
     """How a job ended; one without a result was killed."""
     if job.job.paths.result_pickle.exists():
-        packed, error = job.job.result()
+        try:
+            packed, error = job.job.result()
+        except Exception as failure:  # submitit's own, where the job could not even begin
+            return Ended(job.slot, error=f"{one_line(failure)}; see {job.job.paths.stderr}")
         return Ended(job.slot, value=pickle.loads(packed) if packed else None, error=error)
     state = f"job {job.job.job_id}, {job.job.state}"
     return Ended(

@@ -6,7 +6,8 @@ and in the nominal point mass, which shows how much of the return was lost betwe
 
 A run is billed for its own flights; the flights of its parents stand in the parents' rows. So a
 run that only deploys its parent's policy costs nothing, and the flights of the Hybrid from which
-`recalibrated` starts stand in the Hybrid's row. Only `hybrid_once` inherits its parent's flights.
+`recalibrated` starts stand in the Hybrid's row. Only `hybrid_once` and `online` inherit their
+parent's flights.
 """
 
 import contextlib

@@ -16,7 +16,7 @@ from bench.paper.rule import (
     summary,
 )
 from bench.paper.values import HYBRID, NAMES, Source
-from bench.stats.scores import scored, undisturbed
+from bench.stats.scores import at_home, scored, undisturbed
 from bench.stats.statistics import Cell, Entry, Values, difference, estimate, matched, seed_values
 from bench.stats.verdicts import Verdict, above, below, by_cell, every, holm, over_cells
 from bench.store.tables import Tables
@@ -112,8 +112,7 @@ class Above(AbstractRule):
         """
         if self.share or metric != "settled_reward" or self.source is not undisturbed:
             return "", Verdict.UNTESTED
-        scores = seed_values(scored(tables), "score")
-        plain = {cell: own for cell, own in scores.items() if cell == Cell(*cell[:2])}
+        plain = at_home(seed_values(scored(tables), "score"), tables)
         pairs = self._claimed(plain)
         test = over_cells((a, b) for _, a, b in pairs)
         if math.isnan(test.low):

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from bench.plan.realities import joined
-from bench.stats.scores import PRIMARY, UPPER, home_of, undisturbed
-from bench.stats.statistics import Cell, Entry, Values, matched, seed_values
+from bench.stats.scores import PRIMARY, UPPER, undisturbed
+from bench.stats.statistics import Cell, Entry, Values, home_of, matched, seed_values
 from bench.store.tables import Tables
 
 LF = Entry("lf_baseline")

@@ -210,7 +210,7 @@ def _best(
         """How much less it scores at least; NaN where seeds are too few for an interval."""
         return over_cells(zip(flown[ranked[0]], flown[entry], strict=True)).low
 
-    return (*ranked[:1], *(entry for entry in ranked[1:] if behind(entry) <= 0.0))
+    return (*ranked[:1], *(entry for entry in ranked[1:] if not behind(entry) > 0.0))
 
 
 def _shared(

@@ -13,7 +13,7 @@ import dataclasses
 import functools
 import importlib.metadata
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax
@@ -37,7 +37,10 @@ from simulators.tracking import PDTracker
 PROTOCOL = "2"
 """Version of what all runs share and no plug-in's version tells: trainer, rollout, contacts,
 evaluation (`reports/protocol.md`). It is part of every key."""
-PACKAGES = ("fidelity-bench", "jax", "equinox", "optax", "crazyflow", "mujoco")
+PACKAGES = (
+    *("fidelity-bench", "jax", "equinox", "optax", "scipy", "pysindy"),
+    *("crazyflow", "mujoco", "rotorpy"),
+)
 """Installed packages whose versions are recorded with a run; they are not part of its key."""
 
 
@@ -82,7 +85,20 @@ def expand(suite: Suite) -> Plan:
     if not runs:
         reason = next(iter(broken), "its rows are restricted to other tasks or team sizes.")
         raise PlanError(f"Suite '{suite.name}' has nothing to run: {reason}")
+    _check_identities(runs.values())
     return Plan(list(runs.values()), list(broken))
+
+
+def _check_identities(runs: Iterable[Run]) -> None:
+    """Raises PlanError if tables could not tell two runs apart (`simulator` is in no variant)."""
+    taken: dict[tuple, str] = {}
+    for run in runs:
+        if taken.setdefault(run.identity, run.name) != run.name:
+            raise PlanError(
+                f"Method '{run.method}' is planned twice on {run.task} with {run.team_size} drones "
+                f"as '{run.variant or 'default'}', in two ways that tables do not tell apart. Put "
+                "rows of another `simulator` into a suite and a folder of their own."
+            )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -214,7 +230,10 @@ def _make_recipe(
         "task_overrides": row.task_settings,
         "nominal_overrides": row.nominal,
         "sources": _sources(
-            found | {"evaluation": Evaluation} | ({"controller": Followers} if row.tracked else {})
+            found
+            | {"evaluation": Evaluation}
+            | ({"controller": Followers} if row.tracked else {})
+            | (_candidates() if method_class.identifies else {})
         ),
         "cost": 0.5 if row.deploys else _cost(method_class, team_size),
         "reality": row.world or REALITY,
@@ -240,6 +259,11 @@ def _plugins(
     effects = map(type, (*reality.effects, *added))
     found |= {f"effect {effect.__name__}": effect for effect in effects}
     return found | ({"drawn team": DrawnState} if isinstance(reality, Drawn) else {})
+
+
+def _candidates() -> dict[str, type]:
+    """Every registered effect, by kind and name."""
+    return {f"effect {cls.__name__}": cls for cls in registry.load_all("effect").values()}
 
 
 def _flying(row: Row, reality: AbstractSimulator, home: str) -> dict[str, Setting]:

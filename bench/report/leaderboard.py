@@ -53,8 +53,9 @@ HOW_TO_READ = (
     " to.",
     "Numbers have as many digits as their intervals allow. `#` is the first rank on an axis other "
     "than the reward, by the same rule; the lowest value is the best. The crashes, fleet-minutes "
-    "and time of a training are its own; those of the run that it starts from are not added. A "
-    "row that only deploys another run's policy trains nothing, and has no rank on these three.",
+    "and time of a training are its own; those of the run that it starts from are not added, but "
+    "for the fleet-minutes of `hybrid_once` and `online`, which fly with what those flights gave. "
+    "A row that only deploys another run's policy trains nothing, and has no rank on these three.",
     "A crash is the onset of a contact, per agent: another drone closer than 0.30 m, or the "
     "floor. Contacts are flags: drones push each other only in worlds with `collision`.",
 )

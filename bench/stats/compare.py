@@ -99,7 +99,7 @@ def load_side(text: str, default: Path | None) -> Side:
         UsageError: There is no such folder or entry.
     """
     folder, _, name = text.rpartition(":")
-    if not folder and Path(text).is_dir():
+    if Path(text).is_dir():
         folder, name = text, ""
     elif folder and not Path(folder).is_dir():  # a colon that belongs to the name
         folder, name = "", text

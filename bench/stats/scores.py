@@ -16,13 +16,12 @@ import numpy as np
 import pandas as pd
 
 from bench.stats.statistics import (
-    REALITY,
     Cell,
     Entry,
     Values,
     cell_of,
     entry_of,
-    names_world,
+    home_of,
     records,
     seed_values,
 )
@@ -91,17 +90,6 @@ def recovered(tables: Tables) -> Values:
     zero = np.asarray([zeros.get(run, np.nan) for run in rows["run"]], float)
     kept = rows.assign(metric="score", value=1.0 - np.asarray(rows["value"], float) / zero)
     return seed_values(kept, "score")
-
-
-def home_of(tables: Tables) -> str:
-    """The high-fidelity simulator of a sweep: that of the rows that name no other world."""
-    named = pd.DataFrame(tables.results[["run", "simulator", "variant"]])
-    found = {
-        row["simulator"]
-        for row in records(named.drop_duplicates("run"))
-        if not names_world(row["variant"])
-    }
-    return REALITY if REALITY in found or not found else min(found)
 
 
 def at_home(values: Values, tables: Tables) -> Values:

@@ -238,16 +238,29 @@ def default_of(entry: Entry) -> Entry:
     return entry._replace(variant=world[0] if world else "")
 
 
-def cells_meant(task: str, team_size: int, variant: str, known: Collection[Cell]) -> set[Cell]:
+def cells_meant(
+    task: str, team_size: int, variant: str, known: Collection[Cell], home: str = REALITY
+) -> set[Cell]:
     """The cells in which a run was planned to fly, where it ended before its evaluation.
 
-    Its variant may name their world; otherwise it is that without effects, if any of `known`, the
-    cells of its task and team size, is.
+    Its variant may name their world; otherwise it is the `home` of the sweep without effects, if
+    that is any of `known`, the cells of its task and team size.
     """
     if named := _WORLD.search(variant):
         return {Cell(task, team_size, named[1], named[2] or "")}
-    plain = {cell for cell in known if not cell.deployed_effects}
+    plain = {c for c in known if not c.deployed_effects and c.simulator == home}
     return plain or set(known) or {Cell(task, team_size)}
+
+
+def home_of(tables: Tables) -> str:
+    """The high-fidelity simulator of a sweep: that of the rows that name no other world."""
+    named = pd.DataFrame(tables.results[["run", "simulator", "variant"]])
+    found = {
+        row["simulator"]
+        for row in records(named.drop_duplicates("run"))
+        if not names_world(row["variant"])
+    }
+    return REALITY if REALITY in found or not found else min(found)
 
 
 Endings = Mapping[str, list[int]]
@@ -258,13 +271,14 @@ def flown_in(tables: Tables) -> dict[str, list[tuple[Cell, Entry]]]:
     """Where each run was evaluated, or was meant to be if it failed before its evaluation."""
     found: dict[str, list[tuple[Cell, Entry]]] = {}
     worlds: dict[tuple[str, int], set[Cell]] = {}
+    home = home_of(tables)
     for row in records(tables.results.drop_duplicates(["run", "simulator", "deployed_effects"])):
         cell = cell_of(row)
         found.setdefault(row["run"], []).append((cell, entry_of(row)))
         worlds.setdefault((cell.task, cell.team_size), set()).add(cell)
     for row in records(_every_run(tables)):
         entry, size = entry_of(row), (str(row["task"]), int(row["team_size"]))
-        meant = cells_meant(*size, entry.variant, worlds.get(size, set()))
+        meant = cells_meant(*size, entry.variant, worlds.get(size, set()), home)
         found.setdefault(row["run"], [(cell, entry) for cell in meant])
     return found
 

@@ -148,18 +148,19 @@ class KeptRuns:
         return self._found[run.name]
 
     def _outcome(self, run: Run) -> Outcome | None:
-        paths = [path_of(folder, run.task, run.team_size) for folder in self._folders]
-        kept = ((path, load_kept(path, run.name).get(run.name)) for path in paths)
-        path, own = next((found for found in kept if found[1] is not None), (paths[0], None))
         rows = self._recorded.runs.loc[self._recorded.runs["run"].eq(run.name)]
-        if own is None or run.variant or len(rows) != 1:
+        if run.variant or len(rows) != 1:
             return None
         row: dict[str, Any] = rows.iloc[0].to_dict()
         if row["key"] != run.key or row["status"] == "failed":
             return None
-        if own.committed not in ("", row["committed"]):
-            return None  # the row was replaced since
-        return _outcome(run, own, row, self._recorded, path)
+        for folder in self._folders:
+            path = path_of(folder, run.task, run.team_size)
+            own = load_kept(path, run.name).get(run.name)
+            # Another time is that of a row that was replaced since.
+            if own is not None and own.committed in ("", row["committed"]):
+                return _outcome(run, own, row, self._recorded, path)
+        return None
 
 
 def _outcome(

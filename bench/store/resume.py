@@ -1,11 +1,12 @@
 """Which runs of a plan are in the store, and which are still to do."""
 
 import dataclasses
+import json
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-from bench.plan.expansion import Plan
+from bench.plan.expansion import Plan, packages
 from bench.plan.planned_run import Run
 from bench.plan.provenance import provenance
 from bench.store.record import Outcome
@@ -64,7 +65,7 @@ def make_standing(
     by_name = {run.name: run for run in plan.runs}
     rows = finished_rows(recorded)
     if replace:
-        foreign = foreign_rows(plan, recorded) & rows
+        foreign = with_children(foreign_rows(plan, recorded), plan.runs) & rows
         standing.outdated.update({name: name for name in foreign})
         rows -= foreign
         sound = _without_foreign(sound, {name: by_name[name] for name in foreign})
@@ -86,6 +87,15 @@ def make_standing(
 
     again, restored = lost_parents(standing.missing, by_name, lost, kept, resumed)
     return dataclasses.replace(standing, again=again, restored=restored)
+
+
+def with_children(names: Collection[str], runs: Iterable[Run]) -> set[str]:
+    """`names` and all runs that start from them, directly or not; `runs` has parents first."""
+    found = set(names)
+    for run in runs:
+        if not found.isdisjoint(run.parents.values()):
+            found.add(run.name)
+    return found
 
 
 def _without_foreign(sound: Mapping[str, dict], foreign: Mapping[str, Run]) -> Mapping[str, dict]:
@@ -181,15 +191,19 @@ def failed_row(name: str, causes: Mapping[str, str]) -> dict[str, Any] | None:
 
 
 def foreign_rows(plan: Plan, recorded: Tables) -> set[str]:
-    """Planned runs whose row another program or machine made, under the same key."""
-    programs = recorded.column("program")
-    machines = recorded.column("machine")
-    here = provenance()["machine"]
-    return {
-        run.name
-        for run in plan.runs
-        if run.name in programs and (programs[run.name], machines[run.name]) != (run.program, here)
-    }
+    """Planned runs whose row another program or machine made, under the same key.
+
+    Other versions of the packages make another program, too.
+    """
+    programs, machines = recorded.column("program"), recorded.column("machine")
+    versions, here, now = recorded.column("versions"), provenance()["machine"], packages()
+
+    def foreign(run: Run) -> bool:
+        then = json.loads(versions[run.name] or "{}")
+        same = all(then.get(name, version) == version for name, version in now.items())
+        return (programs[run.name], machines[run.name]) != (run.program, here) or not same
+
+    return {run.name for run in plan.runs if run.name in programs and foreign(run)}
 
 
 def made_by(run: Run, content: Mapping[str, Any]) -> bool:
@@ -220,7 +234,7 @@ def stale_lines(done: Sequence[Run], recorded: Tables, sound: Mapping[str, dict]
     gone = 0
     for run in done:
         if not sound.get(run.name, {}).get("sources"):  # the folder is gone or was restored
-            gone += programs[run.name] != run.program
+            gone += programs.get(run.name, run.program) != run.program
             continue
         for name, source in run.sources.items():
             if sound[run.name]["sources"].get(name, source) != source:

@@ -62,7 +62,7 @@ OTHERS = ("sensor_combined",)
 RECIPE = (
     "# etc/logging/logger_topics.txt on the SD card of the autopilot: message, distance [ms].\n"
     "# PX4 then logs these alone. Restart it, fly, and read the log with: bench import LOG.ulg\n"
-    "# Before: MPC_THR_HOVER within a factor of 1.6 of the throttle in hover; SDLOG_MODE 0 (armed).\n"
+    "# Before: SDLOG_MODE 0 (armed); MPC_THR_HOVER within 1.6 times the throttle in hover.\n"
     + "".join(f"{name} {distance}\n" for name, distance in TOPICS.items())
 )
 """What to log."""

@@ -264,6 +264,9 @@ def test_a_side_is_a_folder_an_entry_or_both(tmp_path):
     tables.save(tmp_path)
     assert load_side(str(tmp_path), None).entry is None
     assert load_side(f"{tmp_path}:good", None).entry == Entry("good")
+    colon = tmp_path / "C:results"
+    tables.save(colon)
+    assert load_side(str(colon), None).entry is None
     assert load_side("good", tmp_path).entry == Entry("good")
     with pytest.raises(UsageError, match=r"'good' is no folder\. Name one: FOLDER:METHOD"):
         load_side("good", None)

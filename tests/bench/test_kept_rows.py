@@ -1,5 +1,6 @@
 """Tables are the record, folders of runs a cache: which rows a sweep in a clone changes."""
 
+import json
 import math
 import shutil
 
@@ -171,6 +172,29 @@ def test_replace_trains_again_what_another_source_or_machine_made(
     here = origins.provenance() | {"machine": "another one"}
     monkeypatch.setattr(bench.store.resume, "provenance", lambda: here)
     assert sweep("--method", "instant", "--replace")[1].startswith("Rows of ")
+
+
+def test_what_starts_from_a_replaced_run_is_replaced_too(sweep, trainer, out, monkeypatch):
+    """Else its row would be of a policy that is no longer there."""
+    sweep()
+    edit(monkeypatch)
+    status, said, _ = sweep("--replace")
+    assert (status, sorted(trained_methods(trainer))) == (0, ["child"] * 2 + ["instant"] * 2)
+    assert "that will be replaced: 4." in said
+    other = bench.store.resume.packages() | {"jax": "0.0.1"}
+    monkeypatch.setattr(bench.store.resume, "packages", lambda: other)
+    assert "that will be replaced: 4." in sweep("--replace")[1]
+
+
+def test_rows_of_restored_runs_may_be_missing(sweep, out):
+    """A sweep that stopped after it had restored a parent, and before its tables were written."""
+    sweep()
+    for file in out.glob("*.parquet"):
+        file.unlink()
+    for content in (out / "runs").glob("*/run.json"):
+        said = json.loads(content.read_text()) | {"sources": {}}
+        content.write_text(json.dumps(said))
+    assert sweep()[0] == 0
 
 
 def test_replace_that_stops_at_a_failure_keeps_the_rows_that_were_not_reached(

@@ -21,6 +21,7 @@ from methods.contract import AbstractMethod, Setup
 from methods.hybrid import Hybrid
 from methods.hybrid_once import HybridOnce
 from methods.training.policy import make_policy
+from simulators import registry
 from simulators.effects.drag import Drag
 from simulators.point_mass import PointMass
 from tasks.circle import Circle
@@ -212,6 +213,20 @@ def test_a_key_changes_with_a_declared_version_and_reaches_the_children(plugins,
     after = names(expand(make_suite(Row("child"))))
     assert set(before).isdisjoint(after)
     assert [name[:-10] for name in before] == [name[:-10] for name in after]
+
+
+def test_a_method_that_identifies_is_of_another_program_with_another_effect(plugins):
+    """Whatever it finds in the end, every registered effect was a candidate."""
+    grey, hot = (only(Row(name)).sources for name in ("grey_box", "hf_hotstart"))
+    effects = {f"effect {cls.__name__}" for cls in registry.load_all("effect").values()}
+    assert effects <= {*grey}
+    assert not effects & {*hot}
+
+
+def test_rows_that_tables_cannot_tell_apart_are_refused(plugins):
+    rows = Row("instant"), Row("instant", simulator="rotorpy")
+    with pytest.raises(PlanError, match="'instant' is planned twice on spread with 2 drones"):
+        only(*rows)
 
 
 def test_a_variant_names_what_differs_sorted(plugins):

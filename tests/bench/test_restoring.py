@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import jax
 import numpy as np
@@ -94,6 +95,14 @@ def test_a_policy_of_a_row_that_was_replaced_is_not_restored(sweep, suite, train
     found = load_kept(path_of(out, "spread", 2))
     committed = {row["run"]: row["committed"] for _, row in Tables.load(out).runs.iterrows()}
     assert {run: kept.committed for run, kept in found.items()} == committed
+
+
+def test_a_stale_policy_hides_none_of_another_folder(sweep, suite, trainer, out, clone, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(out, other)
+    change(out, lambda kept: kept._replace(committed="2020-01-01T00:00:00+00:00"))
+    assert sweep("--reuse", str(other), of=suite)[0] == 0
+    assert trained_methods(trainer) == ["child", "child"]
 
 
 def test_an_older_file_says_nothing_of_rows_and_is_used(sweep, suite, trainer, out, clone):

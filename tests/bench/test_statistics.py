@@ -141,6 +141,7 @@ def test_a_run_that_never_flew_was_meant_for_the_world_of_its_variant():
         ("trainer.lr=0.01", {plain, windy}, plain),
         ("", {windy}, windy),
         ("", set(), plain),
+        ("", {plain, Cell("spread", 3, "rotorpy")}, plain),
     ):
         assert cells_meant("spread", 3, variant, known) == {meant}
     reality = parse_reality("crazyflow+mass(e=0.2)+drag(c=2)")

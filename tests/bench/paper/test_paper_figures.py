@@ -22,7 +22,8 @@ from bench.paper.values import HYBRID
 from bench.report.page import data_uri
 from bench.report.pictures.cost import points
 from bench.report.pictures.looks import BUILT_IN, COLORS
-from bench.stats.scores import home_of, undisturbed
+from bench.stats.scores import undisturbed
+from bench.stats.statistics import home_of
 
 WRITERS = pytest.mark.parametrize("write", [write_cost, write_summary])
 

@@ -1,5 +1,6 @@
 """The page of worlds: who survives where, from small tables of two suites."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -175,6 +176,17 @@ def test_the_summary_says_who_is_not_shown_to_be_worse_than_the_best():
     (line,) = [x for x in document(found, made).splitlines() if "Highest mean in rotorpy" in x]
     assert "grey box, " in line
     assert line.endswith("; not shown to be above Hybrid.")
+
+
+def test_with_one_seed_nobody_is_shown_to_be_worse_than_the_best():
+    sheet = Sheet()
+    for world in (PLAIN, ROTORPY):
+        add(sheet, world, "grey_box", mean=-60.0)
+        add(sheet, world, "hybrid", "mlp", mean=-62.0)
+    tables = sheet.tables()
+    one = {n: f.loc[f["seed"].eq(0)] for n, f in vars(tables).items() if "seed" in f}
+    found, made = viewed([dataclasses.replace(tables, **one)])
+    assert made.best == dict.fromkeys(found, (GREY, HYBRID))
 
 
 def test_claims_that_no_other_world_decides_are_left_out():
