@@ -45,8 +45,8 @@ from diagnosis.logs.noise import measured
 
 FEWEST_WINDOWS = 8
 """Fewest windows that say anything; two seconds and a half of flight."""
-UNITS = {4.0: "one rotor's share", 2.2046: "pounds", 35.274: "ounces"}
-"""Units of a mass that can look like a kilogram, by how many of them are one."""
+POUNDS = 2.2046
+"""Pounds in a kilogram, the one unit in which a mass is within three times the airframe's."""
 
 
 def interface_faults(
@@ -260,13 +260,12 @@ def _thrust_scale(windows: Windows, vehicle: VehicleFile) -> InterfaceFault | No
     evidence = sized("thrust over the force that the path needs", size, "-", *scales.THRUST, 1.0)
     # A mass in another unit shows as a mass that is far from the airframe's by the same factor.
     apart = vehicle.mass / vehicle.spec.mass
-    unit = next((u for k, u in UNITS.items() if not over and 0.75 < apart / k < 1.33), None)
-    if unit is not None and 0.75 < factor / apart < 1.33:
+    if not over and 0.75 < apart / POUNDS < 1.33 and 0.75 < factor / apart < 1.33:
         return InterfaceFault(
             part="thrust",
-            readings=(f"a mass in {unit}",),
+            readings=("a mass in pounds",),
             advice=f"The mass in vehicle.toml is {apart:.1f} times the airframe's, and thrust "
-            f"carries {1.0 / size.value:.1f} times less: is the mass in {unit}?",
+            f"carries {1.0 / size.value:.1f} times less: is the mass in pounds?",
             evidence=(evidence,),
         )
     more, less = "The simulator makes", "these flights show"
