@@ -69,7 +69,8 @@ def interface_faults(
     before = then or checks(reference)
     there = _faults(reference, before)
     had = {fault.part for fault in there}
-    own = [fault for fault in found if fault.part not in had & SIZED]
+    had_too = [fault for fault in there if fault.part in SIZED and not _turned_more(fault, found)]
+    own = [fault for fault in found if fault.part not in {fault.part for fault in had_too}]
     wrong = had | {fault.part for fault in own}  # each is read from columns of both sets
     turn = None
     if not {"attitude", "position"} & wrong:
@@ -292,6 +293,19 @@ def _path_frame(windows: Windows, made: Checks) -> InterfaceFault | None:
         "the attitude: check the yaw between the motion capture's frame and the drone's.",
         size,
     )
+
+
+def _turned_more(before: InterfaceFault, found: Sequence[InterfaceFault]) -> bool:
+    """Whether an angle that was off before is off by as much again as would be a fault."""
+    limit = {"heading": scales.HEADING, "frame of the commands": scales.TURN}.get(before.part)
+    now = next((fault for fault in found if fault.part == before.part), None)
+    if limit is None or now is None:
+        return False
+    angles = [np.radians([e.value, e.low, e.high]) for e in (now.evidence[0], before.evidence[0])]
+    size, then = (Size(*map(float, angle)) for angle in angles)
+    size = size.since(then)
+    turns = 2.0 * math.pi * round(size.value / (2.0 * math.pi))
+    return Size(size.value - turns, size.low - turns, size.high - turns).beyond(-limit, limit)
 
 
 def _path_turn(made: Checks) -> Size | None:

@@ -175,6 +175,23 @@ def test_a_reversed_heading_is_named_from_one_flight_too(clean, n):
     assert faults._heading(drones) is None
 
 
+def test_a_heading_that_is_off_by_much_more_than_before_is_a_fault(clean):
+    def off(angle):
+        made = []
+        for flight in clean.flights:
+            (drone,) = flight.drones
+            cmd = drone.cmd.copy()
+            cmd[:, 2] = faults.measured(drone)[:, 8] - angle
+            made.append(dataclasses.replace(flight, drones=(dataclasses.replace(drone, cmd=cmd),)))
+        return dataclasses.replace(clean, flights=tuple(made))
+
+    once, twice, more = off(0.7), off(0.75), off(2.2)
+    assert "heading" in {fault.part for fault in found(once)}
+    assert "heading" not in {fault.part for fault in found(twice, once)}
+    assert "heading" in {fault.part for fault in found(more, once)}
+    assert "heading" in {fault.part for fault in found(off(-2.9), once)}
+
+
 def test_beside_a_reference_the_turn_since_then_counts_where_both_are_off(clean):
     left, right = (with_fault(clean, "path_turned_in_yaw", angle=a) for a in (0.26, -0.26))
     (fault,) = found(left, right)
