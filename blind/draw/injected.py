@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from blind.draw.catalogue import Parameters
-from blind.draw.faults import ALL, able
+from blind.draw.faults import ALL, Fault, able
 from blind.draw.folders import Folders
 from diagnosis.logs.flights import FlightSet, VehicleFile, write_flights
 
@@ -22,6 +22,8 @@ FEWEST_FLIGHTS = 4
 """Fewest flights that can be split into halves of which each tells a scatter."""
 UNDISTURBED = 0.25
 """Share of the cases without a fault; a choice."""
+DRAWS = 20
+"""Most times that a fault's numbers are drawn again because the logs cannot hold them; a choice."""
 NOTHING = "none"
 """What stands in the place of a fault in an undisturbed case."""
 UNNAMED = "flights"
@@ -91,15 +93,32 @@ def _case(flights: FlightSet, plan: tuple[str, int], rng: np.random.Generator) -
     names = np.asarray([flight.name for flight in flights.flights])
     chosen = rng.permutation(len(names))
     half = len(names) // 2
-    fault = ALL.get(name)
+    fault, target = ALL.get(name), tuple(sorted(names[chosen[:half]].tolist()))
     return Injected(
         id=rng.bytes(8).hex(),
         fault=name,
         size=fault.sizes[size] if fault else "",
-        parameters=fault.draw(size, rng, 0.0) if fault else {},
-        target=tuple(sorted(names[chosen[:half]].tolist())),
+        parameters=_drawn(fault, size, _some(flights, target), rng) if fault else {},
+        target=target,
         reference=tuple(sorted(names[chosen[half:]].tolist())),
     )
+
+
+def _drawn(fault: Fault, size: int, flights: FlightSet, rng: np.random.Generator) -> Parameters:
+    """Numbers of a fault that these logs can hold; others are drawn again.
+
+    Raises:
+        ValueError: None of many can be.
+    """
+    for _ in range(DRAWS):
+        parameters = fault.draw(size, rng, 0.0)
+        try:
+            fault.apply(flights, parameters)
+        except ValueError as error:
+            why = error
+        else:
+            return parameters
+    raise ValueError(f"`{flights.path}` cannot hold a fault that is in the list: {why}")
 
 
 def write_injected(folders: Folders, flights: FlightSet, cases: Sequence[Injected]) -> None:

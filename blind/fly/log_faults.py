@@ -16,17 +16,25 @@ from diagnosis.logs.flights import DroneLog
 from diagnosis.logs.inputs import VOLTS
 from simulators.vehicle import GRAVITY, VehicleSpec
 
-INPUTS = ("cmd", "pwm")
+SLACK = 1e-3
+"""Share of a row's step by which times may be off; stamps of an epoch have steps of 0.2 us."""
+INPUTS = ("cmd", "thrust", "pwm")
 """Columns that a vehicle is told; rotor speeds are what it does."""
 
 
 def more_thrust(log: DroneLog, e: float, spec: VehicleSpec) -> DroneLog:
-    """The log of a vehicle whose rotors give 1 + `e` times the thrust that they are believed to."""
+    """The log of a vehicle whose rotors give 1 + `e` times the thrust that they are believed to.
+
+    Raises:
+        ValueError: No input that the vehicle could be given makes the thrust that it then needs.
+    """
     changed = {}
     if log.cmd is not None:
         changed["cmd"] = _with(log.cmd, 3, log.cmd[:, 3] / (1.0 + e))
-    if log.rotor_vel is not None:
-        c0, c1, c2 = spec.rpm2thrust
+    if log.thrust is not None:
+        changed["thrust"] = log.thrust / (1.0 + e)
+    c0, c1, c2 = spec.rpm2thrust
+    if log.rotor_vel is not None and c2:
         n = log.rotor_vel * 60.0 / (2.0 * np.pi)
         thrust = (c0 + c1 * n + c2 * n * n) / (1.0 + e)
         n = (-c1 + np.sqrt(np.maximum(c1**2 - 4.0 * c2 * (c0 - thrust), 0.0))) / (2.0 * c2)
@@ -36,7 +44,13 @@ def more_thrust(log: DroneLog, e: float, spec: VehicleSpec) -> DroneLog:
         top = -(linear**2) / (4.0 * square)
         volts = np.minimum(log.pwm * log.battery[:, None], top)
         grams = (linear - np.sqrt(linear**2 + 4.0 * square * volts)) / (-2.0 * square * (1.0 + e))
-        changed["pwm"] = (linear * grams + square * grams**2) / log.battery[:, None]
+        duty = (linear * grams + square * grams**2) / log.battery[:, None]
+        # Beyond its top the map's voltage falls again.
+        if grams.max() > -linear / (2.0 * square) or duty.max() > max(1.0, log.pwm.max()):
+            raise ValueError("no duty makes the thrust that this vehicle would need.")
+        changed["pwm"] = duty
+    if not changed:
+        raise ValueError("nothing in the log says how much thrust was asked for.")
     return dataclasses.replace(log, **changed)
 
 
@@ -53,7 +67,8 @@ def shifted(log: DroneLog, seconds: float, drift: float = 0.0) -> DroneLog:
     wanted = log.t + seconds + drift * (log.t - log.t[0])
     kept = (wanted >= log.t[0]) & (wanted <= log.t[-1])
     # An input is held until the next row, so that the row before a time has what acts then.
-    held = np.searchsorted(log.t, wanted[kept] + 1e-9, side="right") - 1
+    t, late = log.t - log.t[0], SLACK * float(np.median(np.diff(log.t)))
+    held = np.searchsorted(t, wanted[kept] - log.t[0] + late, side="right") - 1
     columns = {
         field.name: None if value is None else value[held if field.name in INPUTS else kept]
         for field in dataclasses.fields(log)

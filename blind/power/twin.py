@@ -256,15 +256,15 @@ def _falls(
 def write_table(tallies: Sequence[Tally]) -> str:
     """The table of undisturbed flights and of single faults, in Markdown."""
     lines = [
-        "| fault | named or alias | named first | mean estimate | coverage | limit | misfit left "
-        "| drift falls by |",
-        "|---|---|---|---|---|---|---|---|",
+        "| fault | named or alias | named first | wrong effect | mean estimate | coverage | limit "
+        "| misfit left | drift falls by |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for tally in tallies:
         if tally.case == CLEAN:
             aside = np.mean([len(a.set_aside) for a in tally.answers])
             alarms = proportion(tally.alarms, len(tally.answers)).text()
-            lines.append(f"| none: alarms | {alarms} | | | | | {aside:.2f} aside | |")
+            lines.append(f"| none: alarms | {alarms} | | | | | | {aside:.2f} aside | |")
         elif len(tally.case) == 1:
             lines.append(_line(tally))
     return "\n".join(lines)
@@ -293,8 +293,8 @@ def _line(tally: Tally) -> str:
     limit = np.median([p.limit for p in shown]) if shown else np.nan
     return (
         f"| {_written(tally.case)} | {proportion(tally.named, n).text()} | {tally.first}/{n} | "
-        f"{mean:+.4f} | {held}/{len(shown)} | {limit:.4f} | {tally.misfit_left:.2f} | "
-        f"{tally.drift_taken} |"
+        f"{tally.misled}/{n} | {mean:+.4f} | {held}/{len(shown)} | {limit:.4f} | "
+        f"{tally.misfit_left:.2f} | {tally.drift_taken} |"
     )
 
 

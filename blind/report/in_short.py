@@ -1,6 +1,7 @@
 """What the blind report found, on one screen: a table of the draws, and one of injected faults."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from bench.stats.statistics import records
 from bench.text import markdown
@@ -11,11 +12,14 @@ from blind.report.sections import COVERAGE, INTERVALS
 from blind.report.tables import OURS, Tables
 from blind.score.injected import FALSE_ALARM, INSIDE, MISLED, shares
 
+ABSTAINED, SILENT = "abstention, both", "nothing blamed at all, both"
+"""Scores of cases that no effect of the library explains."""
 RIGHT = (
     ("one effect acts: it is named, and nothing else", "exact set of singles", "decidable"),
     ("two effects act: both are named, and nothing else", "exact set of pairs", "decidable"),
     ("nothing acts: nothing is found", "nothing found in clean flights", "decidable"),
-    ("the library lacks what acts: the gap is called unexplained", "abstention, both", "decidable"),
+    ("the library lacks what acts: the answer says that more is there", ABSTAINED, "decidable"),
+    ("the same, and no effect of the library is blamed", SILENT, "decidable"),
     ("a stated 95 % interval holds the true size", INTERVALS, "all"),
 )
 """Lines of the first table: what is right, the score that counts it, and on which cases."""
@@ -64,6 +68,10 @@ def _share(tables: Tables, score: str, cases: str) -> str:
     return MISSING
 
 
+def _hits(row: Mapping[str, Any]) -> str:
+    return f"{row['hits']} of {row['n']}" if row["n"] else MISSING
+
+
 def _injected(runs: Sequence[InjectedTables]) -> str:
     rows = []
     for tables in runs:
@@ -71,7 +79,7 @@ def _injected(runs: Sequence[InjectedTables]) -> str:
         right = int((faulty["named"].astype(bool) | faulty["refused"].astype(bool)).sum())
         counted = {row["score"]: row for row in records(shares(tables.cases, tables.numbers))}
         few = int(faulty["verdict"].eq("too_few").sum())
-        others = (f"{counted[score]['hits']} of {counted[score]['n']}" for score in COUNTED)
+        others = (_hits(counted[score]) for score in COUNTED)
         name, n = markdown.escape(tables.run["injected"]), len(faulty)
         rows.append((name, f"{right} of {n}", f"{few} of {n}", *others))
     answers = ("faults named, or logs refused with the reason", "too few flights to tell")

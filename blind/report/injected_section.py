@@ -25,7 +25,8 @@ METHOD = (
     "its columns are changed by arithmetic, such that they are what a vehicle, a clock or a "
     "logger with this fault would have logged. A quarter of the cases get no fault. Each "
     "diagnosis runs in a process of its own that is given folders of flights with a random "
-    "name. What was done stands in a salted file whose SHA-256 was printed before the first "
+    "name; files of flights keep theirs, which the diagnosis does not read. What was done stands "
+    "in a salted file whose SHA-256 was printed before the first "
     "diagnosis and checked after the last. Halves of one set are not independent: they share "
     "their flights, so that intervals are those of more draws from these flights, not of other "
     "vehicles."
@@ -35,7 +36,9 @@ WORDS = (
     "be wrong, or the logs are refused with a reason. *Named*: the answer blames an effect that "
     "describes the fault, or an effect that these flights cannot tell from it, or it says that "
     "the part of the logs is wrong that has the fault. *Wrong effect*: the answer blames "
-    "effects, and none of them describes the fault. Intervals are 95 %, Clopper and Pearson's."
+    "effects, and none of them describes the fault. Undisturbed cases with the verdict `too_few` "
+    "could raise no alarm and are not among those that did not. Intervals are 95 %, Clopper and "
+    "Pearson's."
 )
 FRAMES = ("cases", "numbers")
 """Tables by file name."""

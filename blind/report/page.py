@@ -36,8 +36,9 @@ INTRODUCTION = (
 DECIDABLE = (
     "Kinds of cases: in *single* and *pair*, one or two effects of the library act; in *clean*, "
     "none; in *unknown*, something acts for which the library has no effect; in *excluded*, an "
-    "effect of the library acts that the diagnosis was told to leave out. In the last two the "
-    "right answer names no effect. A case is *decidable* if its flights without noise differ, at "
+    "effect of the library acts that the diagnosis was told to leave out. In the last two an "
+    "answer is right if it says that something else acts, too; whether it blames an effect all the "
+    "same is counted apart. A case is *decidable* if its flights without noise differ, at "
     "the noise that was logged, from the nominal simulator and from every refitted rival by a "
     "chi-square of 25 or more. In an undecidable case an answer is right if it is `none`, or if "
     "the true effect is the named one or among its aliases. For realities with equations of their "

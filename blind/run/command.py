@@ -17,7 +17,7 @@ from blind.report.injected_section import InjectedTables, is_injected, write_inj
 from blind.report.page import write_report
 from blind.report.tables import Tables, make_tables, save_labels
 from blind.run.answer_baselines import answer_baselines
-from blind.run.answering import answer_shown, read_answers
+from blind.run.answering import answer_shown, read_answers, sources_digest
 from blind.run.children import Task, python, run_one
 from blind.run.display import CasesProgress
 from blind.run.measuring import measure_all, read_measures, unmeasured
@@ -69,6 +69,8 @@ def _work(
     def answer(labels: Mapping[str, Case]) -> None:
         if folders.gone(len(labels)):
             console.print("Flights of the draw are gone; its seeds fly them again.")
+            if folders.read_state().get("generator") != sources_digest(with_generator=True):
+                console.print("[red]Another version of the program drew them.[/]")
             _fly(folders, {"out": str(folders.out.resolve())}, len(labels), console)
         _answer(folders, labels, jobs, console)
 

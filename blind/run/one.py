@@ -22,6 +22,7 @@ def main() -> int:
     parser.add_argument("--reference", type=Path)
     parser.add_argument("--exclude", action="append", default=[])
     asked = parser.parse_args()
+    sources = sources_digest()  # before a diagnosis that may outlast them
     try:
         reference = load_flights(asked.reference) if asked.reference else None
         found = diagnose(load_flights(asked.flights), reference=reference, exclude=asked.exclude)
@@ -29,7 +30,7 @@ def main() -> int:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
     asked.out.mkdir(parents=True, exist_ok=True)
-    write_json(asked.out / PROGRAM, {"sources": sources_digest()})
+    write_json(asked.out / PROGRAM, {"sources": sources})
     write_json(asked.out / "diagnosis.json", found.to_json())
     return 0
 

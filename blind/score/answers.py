@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from diagnosis.result import Diagnosis, Effect
-from diagnosis.statements import judged_of
 
 REFUSED = "exit status 2"
 """How the cause of a diagnosis begins that refused its logs (`blind.run.one`)."""
@@ -13,17 +12,17 @@ REFUSED = "exit status 2"
 def scored_form(content: Mapping[str, Any]) -> Mapping[str, Any]:
     """An answer as the scores read it.
 
-    `partly` counts as `unexplained` and names nothing: an answer that says that something else
-    acts abstains, as it did before it had a word of its own.
+    Its effects are those that it blames. `partly` abstains, as `unexplained` does, because it says
+    that something else acts; what it blames counts all the same.
 
     Raises:
         ValueError: The content is of no known schema, or not what its schema says.
     """
     found = Diagnosis.of_json(content)
-    whole, remainder, shrink = found.verdict == "effect", found.remainder, found.shrink
+    remainder, shrink = found.remainder, found.shrink
     return {
-        "verdict": judged_of(found.verdict),
-        "effects": [_effect(effect) for effect in found.effects] if whole else [],
+        "verdict": found.verdict,
+        "effects": [_effect(effect) for effect in found.blamed],
         "candidates": [
             {"effects": list(c.effects), "probability": c.posterior, "evidence": c.evidence}
             for c in found.candidates
@@ -58,7 +57,9 @@ def beside_truth(
 
 def _effect(effect: Effect) -> dict[str, Any]:
     sizes = {
-        p.name: {"value": p.value, "low": p.low, "high": p.high, "unit": p.unit}
+        p.name: {"value": p.value, "unit": p.unit}
+        # An interval that is marked as descriptive is not meant to hold the truth.
+        | {end: None if p.use == "descriptive" else getattr(p, end) for end in ("low", "high")}
         for p in effect.parameters
     }
     return {

@@ -30,6 +30,8 @@ from diagnosis.statements import judged_of
 Json = Mapping[str, Any]
 Row = dict[str, Any]
 
+UNTOLD = ("too_few", "failed")
+"""Verdicts that say nothing of whether something changed."""
 FALSE_ALARM = "anything wrong found in undisturbed flights"
 MISLED = "a wrong effect blamed for a fault"
 INSIDE = "truth inside stated 95 % intervals"
@@ -66,7 +68,9 @@ def power(cases: pd.DataFrame) -> pd.DataFrame:
 def shares(cases: pd.DataFrame, numbers: pd.DataFrame) -> pd.DataFrame:
     """False alarms and coverage: hits, cases, value and interval of each."""
     rows = records(cases)
+    # An answer that nothing can be told, or none at all, could have been no false alarm.
     quiet = [row for row in rows if row["fault"] == NOTHING]
+    quiet = [row for row in quiet if row["found"] or row["verdict"] not in UNTOLD]
     faulty = [row for row in rows if row["fault"] != NOTHING]
     # An interval that is marked as descriptive is not meant to hold the truth.
     stated = [

@@ -66,10 +66,10 @@ def outcome(own: LabelledSet, found: Diagnosis | None, cause: str = "") -> str:
         return "abstained"
     blamed = found.blamed
     if own.label == NONE:
-        return "right" if found.verdict == "none" else "wrong"
+        return "right" if found.verdict == "none" and not found.interface else "wrong"
     if any(not _means(own, effect) for effect in blamed):
         return "wrong"
-    if found.verdict == "none":
+    if found.verdict == "none" and not found.interface:
         return "missed"
     if own.label == UNKNOWN:
         return "right"

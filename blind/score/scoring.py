@@ -19,6 +19,7 @@ from scipy import stats
 from blind.draw.cases import Case
 from blind.draw.catalogue import Withheld
 from blind.score.identifiable import Bounds, Comparison, compare, distance, over_bound, seen
+from diagnosis.statements import judged_of
 
 FLAGGED = 0.1
 """Unexplained share from which an answer that names an effect also says that more is there [-]."""
@@ -27,7 +28,8 @@ BINS = 5
 """Bins of stated probabilities."""
 
 Answer = Mapping[str, Any]
-"""An answer in the form of `answers.scored_form`; `verdict` and `effects` are required."""
+"""An answer in the form of `answers.scored_form`; `verdict` and `effects`, those that it blames,
+are required."""
 
 Measured = Mapping[str, Any]
 """What `measures.measure` says of a case; without it, no shrink is compared."""
@@ -123,8 +125,10 @@ def score(
 def _judge(case: Case, answer: Answer | None, measured: Measured) -> Row:
     truth = {effect.name for effect in case.effects}
     decidable = bool(measured.get("decidable", True))
-    verdict = "failed" if answer is None else str(answer["verdict"])
-    chosen = list(answer["effects"]) if answer is not None and verdict == "effect" else []
+    said = "failed" if answer is None else str(answer["verdict"])
+    verdict = judged_of(said)
+    every = list(answer["effects"]) if answer is not None else []
+    chosen = every if verdict == "effect" else []
     chosen.sort(key=lambda effect: -(effect.get("probability") or 0.0))
     names = [effect["name"] for effect in chosen]
     classes = [{effect["name"], *effect.get("aliases", ())} for effect in chosen]
@@ -139,13 +143,13 @@ def _judge(case: Case, answer: Answer | None, measured: Measured) -> Row:
         "truth": " + ".join(sorted(truth)) or "none",
         "size": case.size,
         "decidable": decidable,
-        "verdict": verdict,
-        "answer": " + ".join(sorted(names)) if names else verdict,
+        "verdict": said,
+        "answer": " + ".join(sorted(effect["name"] for effect in every)) or said,
         "top1": (bool(names[:1]) and names[0] in truth) or forgiven,
         "class1": (bool(classes) and bool(classes[0] & truth)) or forgiven,
         "exact": (bool(truth) and set(names) == truth) or forgiven,
         "quiet": verdict == "none",
-        "unexplained": verdict == "unexplained" or (not decidable and verdict == "none"),
+        "silent": (verdict == "unexplained" and not every) or (not decidable and verdict == "none"),
         "abstained": abstained or (not decidable and verdict == "none"),
         "blamed": verdict == "effect" and not abstained,
         **_shrink(answer or {}, measured),
@@ -202,8 +206,8 @@ def _half_width(truth: Withheld, found: Comparison, given: Mapping[str, Any]) ->
 
 
 def _stated(case: Case, answer: Answer | None) -> list[tuple[float, bool]]:
-    """Probabilities of the named effects, and whether they were there."""
-    if answer is None or answer["verdict"] != "effect":
+    """Probabilities of the blamed effects, and whether they were there."""
+    if answer is None:
         return []
     # An excluded effect is not in the library: whatever is named instead is wrong.
     truth = {e.name for e in case.effects} if case.kind in ("single", "pair") else set()
@@ -225,7 +229,7 @@ _SCORES: tuple[tuple[str, str, tuple[str, ...], float | None], ...] = (
     ("abstention, unknown effect", "abstained", ("unknown",), 0.95),
     ("abstention, excluded effect", "abstained", ("excluded",), 0.95),
     ("abstention, both", "abstained", _WITHHELD, 0.95),
-    ("nothing blamed at all, both", "unexplained", _WITHHELD, None),
+    ("nothing blamed at all, both", "silent", _WITHHELD, None),
 )
 """Name, column, kinds of case and aim of each score."""
 

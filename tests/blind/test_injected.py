@@ -112,6 +112,32 @@ def test_thrust_over_every_kind_of_input_changes_by_the_same_factor():
     )
 
 
+def test_thrust_that_no_duty_makes_is_refused_and_drawn_again():
+    """By the map a motor makes 70 gf at most, at 3.1 V."""
+    full = made_log(pwm=np.full((200, 4), 0.9), battery=np.full(200, 4.0))
+    with pytest.raises(ValueError, match="no duty makes the thrust"):
+        log_faults.more_thrust(full, -0.05, SPEC)
+    assert (log_faults.more_thrust(full, 0.05, SPEC).pwm < full.pwm).all()
+    bare = dataclasses.replace(full, cmd=None, pwm=None, rotor_vel=np.full((200, 4), 2000.0))
+    unknown = dataclasses.replace(SPEC, rpm2thrust=(0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="nothing in the log says how much thrust"):
+        log_faults.more_thrust(bare, 0.05, unknown)
+
+
+def test_thrust_without_angles_is_scaled_and_shifted():
+    one = dataclasses.replace(made_log(), cmd=None, thrust=np.linspace(0.2, 0.5, 200))
+    np.testing.assert_allclose(log_faults.more_thrust(one, 0.1, SPEC).thrust, one.thrust / 1.1)
+    np.testing.assert_array_equal(log_faults.shifted(one, 0.03).thrust, one.thrust[3:])
+
+
+def test_a_shift_of_stamps_since_1970_is_the_same():
+    one = made_log()
+    epoch = dataclasses.replace(one, t=one.t + 1.7e9)
+    for seconds in (0.02, 0.04):
+        now, then = (log_faults.shifted(log, seconds) for log in (one, epoch))
+        np.testing.assert_array_equal(now.cmd, then.cmd)
+
+
 def test_a_shift_moves_inputs_and_keeps_the_path():
     one = made_log()
     late = log_faults.shifted(one, 0.03)
@@ -303,6 +329,10 @@ def test_scores_count_aliases_refusals_and_wrong_effects():
     run |= {"flights": 4, "started": "", "sha256": "", "described": ["delay", "thrust_gain"]}
     found = InjectedTables(table, numbers, run)
     assert in_short([], [found])[1] == INJECTED
+    quiet = table.assign(verdict=table["verdict"].mask(table["fault"].eq(NOTHING), "too_few"))
+    quiet["found"] = quiet["refused"]
+    untold = shares(quiet, numbers).set_index("score")
+    assert untold.loc["anything wrong found in undisturbed flights", "n"] == 1
     assert "| &lt;b&gt; | 4 of 6 | 0 of 6 | 1 of 6 | 2 of 2 | 1 of 2 |" in in_short([], [found])[-1]
     text = "\n".join([*section(found), *by_size([found])])
     assert "<b>" not in text

@@ -158,6 +158,18 @@ def test_a_scale_is_compared_from_one():
     assert found.error == pytest.approx(0.2)
 
 
+def test_a_partly_right_answer_abstains_and_what_it_blames_counts():
+    """Nothing of the library acts as it says: what it blames beside is wrong."""
+    given = RIGHT | {EXCLUDED.id: answer(effect("wind", 0.6, x=0.1), verdict="partly")}
+    scores = score(ALL, given)
+    assert value(scores, "abstention, excluded effect") == 1.0
+    assert value(scores, "nothing blamed at all, both") == 0.5
+    row = scores.cases.set_index("case").loc[EXCLUDED.id]
+    assert (row["verdict"], row["answer"]) == ("partly", "wind")
+    low = scores.reliability.set_index("from").loc[0.6]
+    assert (low["n"], low["value"]) == (1, 0.0)
+
+
 def test_coverage_counts_every_interval_of_a_right_answer():
     given = answer(effect("wind", x=0.3, y=0.9, z=0.0))
     row = score({WIND.id: WIND}, {WIND.id: given}).proportions.set_index("score")
