@@ -45,6 +45,11 @@ def changed_params(data: SimData, vehicle: Vehicle) -> dict[str, Any]:
         )
         if not np.allclose(new, old, rtol=1e-6, atol=0.0):
             changed[name] = new.tolist()
+    gain = float(vehicle.thrust_gain)
+    if "rpm2thrust" in changed and gain > 0.0:
+        # crazyflow makes the range of its rotors' speeds of these, which stays.
+        limits = data.controls.force_torque.params
+        changed |= {n: gain * float(np.ravel(limits[n])[0]) for n in ("thrust_min", "thrust_max")}
     return changed
 
 

@@ -11,6 +11,21 @@ from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
+GAINS = tuple(
+    Change(autopilot=pilot, parameter=name, where=where, powers={"e": 1.0}, beside_reference=True)
+    for pilot, where, names in (
+        ("px4", "", "MC_ROLLRATE_K MC_PITCHRATE_K MC_YAWRATE_K"),
+        (
+            "crazyflie",
+            "Mellinger controller",
+            "ctrlMel.kR_xy ctrlMel.kw_xy ctrlMel.kd_omega_rp ctrlMel.ki_m_xy "
+            "ctrlMel.kR_z ctrlMel.kw_z ctrlMel.ki_m_z",
+        ),
+    )
+    for name in names.split()
+)
+"""All that turns into a torque, which must grow as the inertia does."""
+
 
 class Inertia(PlantEffect):
     """Mass further out or closer in than believed. Source: spread of published airframe data."""
@@ -51,34 +66,7 @@ class Inertia(PlantEffect):
         },
         probe=Probe("rotation", {"e": 0.5}),
         check="look for mass that was moved outwards or inwards, such as a longer battery",
-        changes=(
-            Change(
-                autopilot="px4",
-                parameter="MC_ROLLRATE_K",
-                powers={"e": 1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="px4",
-                parameter="MC_PITCHRATE_K",
-                powers={"e": 1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlMel.kR_xy",
-                where="Mellinger controller",
-                powers={"e": 1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlMel.kw_xy",
-                where="Mellinger controller",
-                powers={"e": 1.0},
-                beside_reference=True,
-            ),
-        ),
+        changes=GAINS,
     )
 
     def plant(

@@ -101,6 +101,13 @@ class RollPitchGains(AutopilotEffect):
                 powers={"damping": -1.0},
                 beside_reference=True,
             ),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlMel.kd_omega_rp",
+                where="Mellinger controller",
+                powers={"acceleration": -1.0},
+                beside_reference=True,
+            ),
         ),
     )
 

@@ -5,7 +5,8 @@
 
 The torque: while the drone turns about b at w_b, the rotors on one side fly forward faster. At
 2 m/s and 1 rad/s, RotorPy's lift accelerates roll or pitch by 0.5 rad/s^2. f acts amid the rotors;
-l is the vehicle's arm. A simulator without rotation ignores the torque.
+l is the vehicle's arm. A simulator without rotation ignores the torque. |c| counts up to `FASTEST`:
+without drag beside it, a drone at full thrust would be at infinity within ten seconds.
 """
 
 from typing import ClassVar
@@ -19,6 +20,10 @@ from simulators.effects.card import EffectCard, Shown
 from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
+
+
+FASTEST = 20.0
+"""Speed across the axis up to which lift grows with its square [m/s]; flights here are slower."""
 
 
 class TranslationalLift(WrenchEffect):
@@ -58,7 +63,8 @@ class TranslationalLift(WrenchEffect):
         yaw = jnp.sum(up * turn, axis=-1, keepdims=True)
         square = (vehicle.arm * vehicle.arm_scale) ** 2
         lift = self.k * vehicle.believed_mass
-        squared = jnp.sum(across**2, axis=-1, keepdims=True) + 2.0 * square * yaw**2
+        forward = jnp.minimum(jnp.sum(across**2, axis=-1, keepdims=True), FASTEST**2)
+        squared = forward + 2.0 * square * yaw**2
         force = lift * squared * up
         torque = vehicle.at_center(flight.quat, force) - 2.0 * lift * square * yaw * across
         return None, force, torque

@@ -82,6 +82,13 @@ class YawGains(AutopilotEffect):
                 powers={"damping": -1.0},
                 beside_reference=True,
             ),
+            Change(
+                autopilot="crazyflie",
+                parameter="ctrlMel.ki_m_z",
+                where="Mellinger controller",
+                powers={"integral": -1.0},
+                beside_reference=True,
+            ),
         ),
     )
 

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import DEGREES, Change, EffectCard, Input, Shown
+from simulators.effects.card import DEGREES, EffectCard, Input, Shown
 from simulators.effects.contract import CommandEffect, Parameter
 from simulators.flight import Flight
 
@@ -25,28 +25,19 @@ class YawMisalignment(CommandEffect):
     card: ClassVar[EffectCard] = EffectCard(
         label="yaw misalignment",
         noun="a yaw misalignment",
-        physics="The drone's forward axis is turned against the one that the logs assume.",
+        physics=(
+            "The drone's heading and its tilts are turned together against the world in which they "
+            "are commanded."
+        ),
         more="a yaw misalignment of {}",
         less="a yaw misalignment of -{}",
         shown={"angle": Shown("angle", DEGREES, "°")},
         inputs=frozenset({Input.ATTITUDE_CMD}),
         local=True,
-        check="look at the forward axis of the motion capture's rigid body, and at the compass",
-        changes=(
-            Change(
-                autopilot="px4",
-                parameter="SENS_BOARD_Z_OFF",
-                where="board's yaw; not if motion capture gives the heading: turn its body there",
-                gains={"angle": DEGREES},
-                unit="°",
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="imu_sensors.imuPsi",
-                where="Crazyflie 2.1 and Brushless; not if motion capture gives the heading",
-                gains={"angle": DEGREES},
-                unit="°",
-            ),
+        check=(
+            "look at what tells the drone its heading: the compass and its declination, the "
+            "estimator's initial yaw, the yaw between the motion capture's world and that of the "
+            "commands"
         ),
     )
 

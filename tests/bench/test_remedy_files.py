@@ -31,6 +31,7 @@ from diagnosis.remedies.trajectory import Geofence, plan
 from diagnosis.result import Effect, Parameter
 from simulators import registry
 from simulators.effects.card import load_cards
+from simulators.vehicle import VEHICLES
 
 KEPT = Path(__file__).parent / "kept" / "remedies.md"
 FIRMWARE = [target for target in TARGETS if target != "crazyflow"]
@@ -179,7 +180,12 @@ def test_a_patch_holds_the_numbers_of_crazyflows_own_file():
     patch = tomllib.loads(patch_text(named("mass", e=0.1)))
     flown = made.load(made.effect()).flights
     assert patch == {flown.drone: {"mass": pytest.approx(1.1 * flown.mass)}}
-    assert tomllib.loads(patch_text(named("thrust_gain", e=-0.1)))[flown.drone]["rpm2thrust"]
+    spec = VEHICLES[flown.drone]
+    weaker = tomllib.loads(patch_text(named("thrust_gain", e=-0.1)))[flown.drone]
+    assert weaker["rpm2thrust"]
+    # crazyflow turns these into the range of its rotors' speeds, which stays as it was.
+    assert weaker["thrust_max"] == pytest.approx(0.9 * spec.thrust_max / 4.0)
+    assert weaker["thrust_min"] == pytest.approx(0.9 * spec.thrust_min / 4.0)
 
 
 def test_an_effect_that_crazyflow_lacks_stands_beside_its_file():

@@ -93,7 +93,6 @@ def test_gains_of_two_loops_are_undone_together_and_only_to_fly_as_before():
     [
         # Where the autopilot believes to hold zero, the drone leans or looks by the effect's size.
         ("trim", {"roll": 0.02, "pitch": -0.03}, lambda v: Rotation.from_euler("xy", v).inv()),
-        ("yaw_misalignment", {"angle": 0.04}, lambda v: Rotation.from_euler("z", v[0]).inv()),
         # The board's axes are turned in the drone by the effect's size, and tilts with them.
         ("frame_misalignment", {"angle": 0.05}, lambda v: Rotation.from_euler("z", v[0])),
     ],
@@ -120,6 +119,19 @@ def test_a_change_waits_for_an_alias_that_another_parameter_makes_up_for():
     assert waits["ctrlMel.mass"] == waits["ctrlLee.mass"] == ("thrust_gain",)
     fading = found("mass", parameter("e", 0.1), aliases=("battery",))
     assert firmware_changes(fading, "px4")[0].waits_for == ("battery",)
+
+
+def test_a_world_that_is_turned_is_mended_by_no_turn_of_the_board():
+    """Heading and tilt turn together; a board's turn mends one and leaves the other."""
+    turned = Rotation.from_euler("z", 0.2) * (asked := Rotation.from_euler("ZY", [0.5, 0.3]))
+    mended = turned * Rotation.from_euler("z", -0.2)
+    up = [r.apply([0.0, 0.0, 1.0])[:2] for r in (asked, turned, mended)]
+    assert np.allclose(up[1], up[2])
+    assert not np.allclose(up[0], up[2], atol=0.01)
+    for autopilot in ("px4", "crazyflie"):
+        diagnosis = found("yaw_misalignment", parameter("angle", 0.2))
+        assert firmware_changes(diagnosis, autopilot) == ()
+        assert without_parameter(diagnosis, autopilot) == ("yaw_misalignment",)
 
 
 def test_a_parameter_changes_alike_only_where_both_changes_hold_on_the_same_vehicle():
