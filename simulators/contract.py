@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from simulators import registry
@@ -86,6 +87,15 @@ class Replayable(AbstractSimulator):
     """Integration step of a replay [s]."""
     airframes: eqx.AbstractClassVar[Mapping[str, VehicleSpec]]
     """What it knows of the airframes that a log may name."""
+
+    @property
+    def braking(self) -> Float[np.ndarray, " 3"]:
+        """Rate [1/s] at which a level drone in hover loses small velocities along each axis.
+
+        Unless another one is given, that of the airframe's drag where the simulator has rotation.
+        """
+        drags = "rotation" in self.doors
+        return np.asarray(self.spec.drag) / self.spec.mass if drags else np.zeros(3)
 
     def with_motion(
         self, state: Any, pos: Float[Array, "drones 3"], vel: Float[Array, "drones 3"]

@@ -35,6 +35,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from simulators.algebra.products import written_out
@@ -50,10 +51,11 @@ from simulators.rotorpy_vehicle import (
     hover_speed,
     make_multirotor,
     motor_speeds,
+    quad_params,
     rotor_directions,
     runge_kutta,
 )
-from simulators.vehicle import CONTROL_DT, ActionSpace, Vehicle, VehicleSpec, whole_steps
+from simulators.vehicle import CONTROL_DT, GRAVITY, ActionSpace, Vehicle, VehicleSpec, whole_steps
 
 GROUND = 0.001
 """Height at and below which a drone stands on the floor [m]; RotorPy's `_on_ground`."""
@@ -106,6 +108,13 @@ class Rotorpy(Replayable):
     airframes: ClassVar[Mapping[str, VehicleSpec]] = MappingProxyType({"cf21B_500": SPEC})
     """The Crazyflie Brushless, by the name that crazyflow gives it."""
     doors: ClassVar[tuple[str, ...]] = ("command", "plant", "wrench", "rotation", "state")
+
+    @property
+    def braking(self) -> Float[np.ndarray, " 3"]:
+        """That of the rotors' drag at their speed in hover; its force is `sum Omega K v`."""
+        turning = 4.0 * float(hover_speed(jnp.asarray(GRAVITY * self.spec.mass)))
+        drag = [quad_params[name] for name in ("k_d", "k_d", "k_z")]
+        return turning * np.asarray(drag) / self.spec.mass
 
     def reset(self, pos: Float[Array, "drones 3"], key: PRNGKeyArray) -> RotorpyState:
         zeros = jnp.zeros_like(pos)

@@ -167,8 +167,7 @@ class Library(eqx.Module):
 
         Of a level drone in hover, by the nominal drag and the effects that say so of themselves.
         """
-        spec, drags = self.simulator.spec, "rotation" in self.simulator.doors
-        rate = (np.asarray(spec.drag) / spec.mass if drags else np.zeros(3)) * np.ones_like(vel)
+        rate = self.simulator.braking * np.ones_like(vel)
         weight = 1.0
         for name, kind in self.effects.items():
             if issubclass(kind, BrakingEffect):

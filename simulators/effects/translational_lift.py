@@ -21,7 +21,6 @@ from simulators.effects.contract import Parameter, WrenchEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
-
 FASTEST = 20.0
 """Speed across the axis up to which lift grows with its square [m/s]; flights here are slower."""
 

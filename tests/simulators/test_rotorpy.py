@@ -2,11 +2,12 @@
 
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flying import KEY, fly, hold
+from flying import KEY, fly, hold, hover_flight
 from rotorpy.vehicles.crazyfliebrushless_params import quad_params
 from rotorpy.vehicles.multirotor import Multirotor
 
@@ -191,3 +192,16 @@ def test_no_thrust_at_all_has_a_finite_gradient():
     with jax.enable_x64(True):
         _, slope = far(standing((0.0, 0.0, 3.0)), hold([0.0, 0.0, 0.0, 0.0], 25))
         assert np.isfinite(slope).all()
+
+
+def test_a_hovering_drone_loses_speed_at_the_rate_that_it_says():
+    """Along and across the rotors' axis, small against the 50 Hz of a replay's nodes."""
+    simulator, own = Rotorpy(freq=500), HOVER
+    vel = jnp.asarray([[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])
+    flight = hover_flight(jnp.asarray([[i, 0.0, 1.0] for i in range(3)]), vel)
+    flight = eqx.tree_at(lambda f: f.thrust, flight, jnp.full(3, own))
+    start = simulator.restore(flight, hold([0.0, 0.0, 0.0, own], 50, 3), KEY)
+    after = fly(simulator, start, hold([0.0, 0.0, 0.0, own], 1, 3), 0.02).vel[0]
+    lost = -np.log(np.diag(after) / 0.1) / 0.02
+    np.testing.assert_allclose(lost, simulator.braking, rtol=0.02)
+    assert simulator.braking[2] > 1.5
