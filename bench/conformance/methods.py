@@ -59,7 +59,7 @@ def declarations(cls: type[Any], given: Mapping[str, Setting]) -> list[Check]:
 def short_settings(cls: type[Any], wanted: Mapping[str, Setting]) -> dict[str, Setting]:
     """Settings with which a check takes seconds; `wanted` has the last word."""
     fields = {field.name: field.default for field in dataclasses.fields(cls) if field.init}
-    found = {name: value for name, value in SMALL.items() if name in fields}
+    found = {name: x for name, x in SMALL.items() if type(fields.get(name)) in (int, float)}
     found |= {name: dict(SHORT) for name, default in fields.items() if isinstance(default, BPTT)}
     for name, value in wanted.items():
         old = found.get(name)
@@ -90,7 +90,9 @@ def behaviour(
         "the policy is finite": lambda: _finite_policy(trained()),
         "its status is one that a run can have": lambda: _status(trained()),
         "the ledger holds costs that can be": lambda: _ledger(trained()),
-        "high-fidelity flight is left to the meter": lambda: _left_to_meter(trained()),
+        "high-fidelity flight is left to the meter": lambda: _left_to_meter(
+            trained(), watched, cls.simulator
+        ),
         "training curves can be stored": lambda: _curves(trained()),
         "notes are numbers under names of their own": lambda: _notes(trained()),
         "progress is reported": lambda: _progress(trained(), watched),
@@ -98,7 +100,7 @@ def behaviour(
             trained(), made().train(_Watch(reality).setup(cls, TASK), KEY)
         ),
         "training can start from a given policy": lambda: _starts(
-            made().train(_Watch(reality).setup(cls, TASK), KEY, _other(trained().policy))
+            made().train(_Watch(reality).setup(cls, TASK), KEY, _other(trained().policy)), trained()
         ),
     }
     return [Check(text, check) for text, check in sentences.items()]
@@ -112,7 +114,9 @@ def fresh(seed: int) -> Policy:
 
 def _other(policy: AbstractPolicy) -> AbstractPolicy:
     """A policy of the same architecture with other numbers."""
-    return fresh(3) if is_shared(policy) else policy
+    if is_shared(policy):
+        return fresh(3)
+    return jax.tree.map(lambda x: 0.9 * x if eqx.is_inexact_array(x) else x, policy)
 
 
 class _Watch:
@@ -120,7 +124,8 @@ class _Watch:
 
     def __init__(self, reality: type[Any]) -> None:
         self.heard: list[tuple] = []
-        self.reality = metered(reality(), Meter())
+        self.meter = Meter()
+        self.reality = metered(reality(), self.meter)
 
     def setup(self, cls: type[Any], task: AbstractTask) -> Setup:
         parents = untrained_parents(cls, map(fresh, range(len(cls.parents))))
@@ -168,6 +173,14 @@ def _returns(trained: Trained) -> None:
         action.shape == (2, 3),
         f"the policy must return actions of shape (2, 3) for two drones, got {action.shape}",
     )
+    for scale in (1.0, 1e3):
+        action = trained.policy(scale * jax.random.normal(KEY, (64, TASK.obs_size)))
+        largest = float(jnp.max(jnp.abs(action)))
+        demand(
+            not largest > 1.0 + 1e-5,
+            f"the policy must return actions between -1 and 1, got {largest:.3g}; beyond, a drone "
+            "would be commanded what no other policy may command",
+        )
 
 
 def _stored(trained: Trained) -> None:
@@ -223,7 +236,13 @@ def _ledger(trained: Trained) -> None:
     )
 
 
-def _left_to_meter(trained: Trained) -> None:
+def _left_to_meter(trained: Trained, watched: _Watch, simulator: str) -> None:
+    if simulator == watched.reality.name:
+        demand(
+            watched.meter.fleet_seconds > 0.0,
+            f"it trains in '{simulator}', but flew nothing there that was counted; fly "
+            "`setup.reality`, not a simulator of your own",
+        )
     seconds = trained.ledger.hf_fleet_seconds
     demand(
         seconds == 0.0,
@@ -282,6 +301,10 @@ def _repeats(first: Trained, second: Trained) -> None:
     )
 
 
-def _starts(trained: Trained) -> None:
+def _starts(trained: Trained, without: Trained) -> None:
     _returns(trained)
     _finite_policy(trained)
+    demand(
+        not equal(trained.policy, without.policy),
+        "the policy that `train` is given as `init` changes nothing; start from it",
+    )

@@ -60,6 +60,12 @@ def behaviour(cls: type[Any]) -> list[Check]:
 
 def _doors(cls: type[Any]) -> None:
     demand(isinstance(cls.name, str) and cls.name, f"`name` must be a text, got {cls.name!r:.40}")
+    known = {n for n in registry.names("simulator") if registry.load("simulator", n) is cls}
+    demand(
+        not known or cls.name in known,
+        f"`name` is '{cls.name}', but it is registered as {', '.join(sorted(known))}; rows are "
+        "told apart by that name",
+    )
     demand(
         isinstance(cls.doors, tuple) and set(cls.doors) <= set(DOORS),
         f"`doors` must be a tuple of doors among {', '.join(DOORS)}, got {cls.doors!r:.80}",

@@ -50,7 +50,7 @@ def execute(cls: type, checks: Iterable[Check]) -> Iterator[Finding]:
                 check.run()
         except Violation as violation:
             yield Finding(check.sentence, str(violation))
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             yield Finding(check.sentence, _in_authors_terms(cls, error))
         else:
             yield Finding(check.sentence, "")

@@ -125,7 +125,7 @@ def run_metrics(results: pd.DataFrame) -> dict[str, list[list[str]]]:
     return found
 
 
-def curve(frame: pd.DataFrame) -> dict[str, list] | None:
+def curve(frame: pd.DataFrame) -> dict[str, Any] | None:
     """Epochs and training returns, averaged over bins; None if nothing finite was recorded."""
     frame = frame.sort_values("epoch")
     reward = frame["reward"].to_numpy(float)
@@ -137,6 +137,7 @@ def curve(frame: pd.DataFrame) -> dict[str, list] | None:
     means = [(x.mean(), y.mean()) for x, y in pairs]
     return {
         "epoch": [round(float(x), 1) for x, _ in means],
+        "epochs": len(epoch),
         "reward": [float(f"{y:.5g}") if np.isfinite(y) else None for _, y in means],
     }
 

@@ -4,12 +4,13 @@ Every page is complete by itself and links to the others by relative paths, so t
 a file and from a server alike.
 """
 
+import html
 import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlencode
+from urllib.parse import unquote, urlencode
 
 from markupsafe import Markup
 from rich.console import Console
@@ -27,6 +28,8 @@ from bench.text.errors import UsageError
 from bench.text.pages import environment, write_text
 from bench.text.say import say
 
+PAGES = {"worlds": "worlds_trained", "transfer": "worlds", "paper_rotorpy": "rotorpy"}
+"""Suites whose page in reports/ (`make reports`) has another name."""
 REWARD = next(column for column in COLUMNS if column.heading == "settled reward (n)")
 """The number that the index shows of a cell."""
 
@@ -58,7 +61,7 @@ def build_site(results: Path, reports: Path, out: Path, console: Console) -> Pat
         (out / place).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, out / place)
         copied.append((path.stem, str(place)))
-    own = {suite.name for suite in found}
+    own = {PAGES.get(suite.name, suite.name) for suite in found}
     index = environment().get_template("site.html.j2")
     text = index.render(
         title="What was measured",
@@ -84,7 +87,7 @@ def _suite(suite: Suite, texts: list[Document], out: Path) -> dict[str, Any]:
         "name": suite.name,
         "description": suite.description,
         "report": place,
-        "claims": next((d for d in texts if d.place == suite.name), None),
+        "claims": next((d for d in texts if d.place == PAGES.get(suite.name, suite.name)), None),
         "facts": facts(suite.tables),
         "answer": [render_line(line) for line in answer(suite.tables, rows)],
         "cells": [
@@ -100,12 +103,17 @@ def _suite(suite: Suite, texts: list[Document], out: Path) -> dict[str, Any]:
     }
 
 
+def _written(address: str) -> str:
+    """A file's name as it is, from an address in HTML."""
+    return unquote(html.unescape(address))
+
+
 def _write_document(document: Document, pages: Mapping[Path, str], out: Path) -> None:
     """A Markdown file as a page, with its pictures inside."""
     body = str(render_markdown(document.text))
 
     def picture(match: re.Match[str]) -> str:
-        path = document.path.parent / match[1]
+        path = document.path.parent / _written(match[1])
         return f'src="{data_uri(path)}"' if path.is_file() else match[0]
 
     def link(match: re.Match[str]) -> str:
@@ -113,7 +121,7 @@ def _write_document(document: Document, pages: Mapping[Path, str], out: Path) ->
         if re.match(r"[a-z]+:|#", match[1]):
             return match[0]
         name, _, part = match[1].partition("#")
-        place = pages.get((document.path.parent / name).resolve())
+        place = pages.get((document.path.parent / _written(name)).resolve())
         return f'href="{place}.html{"#" if part else ""}{part}"' if place else ""
 
     body = re.sub(r'(?<=<img )src="([^"]+)"', picture, body)

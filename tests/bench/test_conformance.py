@@ -15,9 +15,10 @@ import pytest
 
 from bench.cli.app import main
 from bench.conformance.command import behaviour, declarations, find, findings
-from bench.conformance.suite import execute
+from bench.conformance.suite import Check, execute
 from bench.plan.keys import nested, parse_settings
 from bench.text.errors import UsageError
+from simulators import registry
 from simulators.point_mass import PointMass
 from tasks import contact
 from tasks.circle import Circle
@@ -131,6 +132,8 @@ def test_a_whole_method_passes_whatever_the_architecture_of_its_policy(cls):
         ("residual", broken.Blind, "heavier rows", "use `transitions.weight`"),
         ("method", broken.Bookkeeper, "left to the meter", "sets `ledger.hf_fleet_seconds`"),
         ("method", broken.Heir, "left to the meter", "its parents here flew nothing"),
+        ("method", broken.Wild, "returns a Trained", "between -1 and 1, got [0-9.e+]+; beyond"),
+        ("method", broken.Headstrong, "start from a given policy", "as `init` changes nothing"),
         ("method", broken.Nameless, "stored and deployed", "policy.squash is .* found by name"),
         ("method", broken.Unfinished, "policy is finite", "the policy holds NaN"),
         ("method", broken.Loud, "names of their own", "a note cannot be called 'reward'"),
@@ -142,6 +145,31 @@ def test_a_whole_method_passes_whatever_the_architecture_of_its_policy(cls):
 )
 def test_a_broken_plugin_is_told_what_is_wrong(kind, cls, sentence, said):
     assert re.search(said, problem(kind, cls, sentence))
+
+
+def test_flight_in_a_reality_of_its_own_is_seen():
+    crazyflow = registry.load("simulator", "crazyflow")
+    checks = behaviour("method", broken.Elsewhere, {"crazyflow": crazyflow}, {}, {})
+    (chosen,) = (check for check in checks if "left to the meter" in check.sentence)
+    assert "flew nothing there that was counted" in next(execute(PointMass, [chosen])).problem
+
+
+def test_a_simulator_is_registered_under_its_name(monkeypatch):
+    class Copy(PointMass):
+        """Another simulator that calls itself as its parent does."""
+
+    load, names = registry.load, registry.names
+    monkeypatch.setattr(registry, "load", lambda *x: Copy if x[1] == "copy" else load(*x))
+    monkeypatch.setattr(registry, "names", lambda kind: [*names(kind), "copy"])
+    assert "registered as copy" in problem("simulator", Copy, "name")
+
+
+def test_a_plugin_that_ends_the_program_fails_its_check():
+    def leave():
+        raise SystemExit(0)
+
+    (finding,) = execute(PointMass, [Check("it stays", leave)])
+    assert finding.problem
 
 
 @pytest.mark.parametrize(

@@ -135,6 +135,14 @@ def test_marl_eval_gets_complete_runs_and_the_others_are_named(export, tmp_path)
     assert "Left out: hybrid (mlp) lacks runs of crazyflow, N = 3." in said
 
 
+def test_marl_eval_names_who_has_more_seeds_than_are_written(export, tmp_path):
+    made = Sheet().add("lf_baseline", rewards=(-5.0,)).add("grey_box", rewards=(-5.0,))
+    made.add("hybrid", "mlp", rewards=(-3.0, -4.0))
+    made.tables().save(tmp_path / "two")
+    _, said = export("marl-eval", tmp_path / "two")
+    assert "Left out: hybrid (mlp) has further seeds of crazyflow, N = 3." in said
+
+
 def test_marl_eval_names_a_run_with_a_number_that_is_not_finite(export, tmp_path):
     tables = sheet().tables()
     run = tables.results["run"].iloc[0]

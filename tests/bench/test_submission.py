@@ -136,6 +136,32 @@ def test_rows_that_contradict_themselves_are_refused(submitted, call, column, va
     assert (status, wrong in said) == (2, True), said
 
 
+@pytest.mark.parametrize(
+    ("change", "wrong"),
+    [
+        (lambda rows: rows.assign(seed=rows["seed"] + 1), "is said of another cell or seed"),
+        (lambda rows: pd.concat([rows, rows.iloc[:1]]), "is there twice"),
+        (lambda rows: pd.concat([rows, rows.iloc[:1].assign(run="x")]), "belongs to no row"),
+    ],
+)
+def test_metrics_that_contradict_their_rows_are_refused(submitted, call, change, wrong):
+    folder = submitted()
+    path, record = folder / "results.parquet", folder / "submission.json"
+    change(pd.read_parquet(path)).to_parquet(path, index=False)
+    content = json.loads(record.read_text())
+    content["files"][path.name] = checksum(path.read_bytes())
+    record.write_text(json.dumps(content))
+    status, said = call("verify", folder)
+    assert (status, wrong in said) == (2, True), said
+
+
+def test_a_row_is_never_compared_with_itself(submitted, call, out):
+    folder = submitted()
+    for place in (out, folder):
+        status, said = call("verify", folder, "--out", place)
+        assert (status, "holds the submitted row itself" in said) == (2, True), said
+
+
 def test_another_version_of_the_method_can_neither_be_submitted_nor_compared(
     submitted, call, trainer, out, tmp_path, monkeypatch
 ):

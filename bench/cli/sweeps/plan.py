@@ -18,7 +18,10 @@ def plan(
     retry_failed: Annotated[bool, Repeatable] = False,
     reuse: Annotated[list[Path] | None, Repeatable] = None,
 ) -> int:
-    """Show what `bench run` would do with the same arguments, and what it would cost; runs nothing.
+    """Show what `bench run` would do, and what it would cost; runs nothing.
+
+    Takes the same arguments, but for those that say how to run (--executor, --together, --replace,
+    --against).
 
     Shows which runs are finished, which are missing and why, and estimates wall time and
     high-fidelity flight from earlier runs: the tables in the folder and those in results/.

@@ -28,7 +28,7 @@ def verify(
     folder
         The submission.
     task
-        Train a row of this task; default: whichever row trained fastest.
+        Train a row of this task; default: one at random of the smallest team.
     team_size
         Train a row of this number of drones.
     seed

@@ -36,7 +36,7 @@ function showCurve(curve) {
   plot.innerHTML = '<svg viewBox="-4 -4 908 228" preserveAspectRatio="none"><path/></svg>';
   plot.querySelector("path").setAttribute("d", line);
   const ends = document.createElement("p");
-  ends.textContent = `Training return from ${low} to ${high} (height) over ${Math.round(last) + 1} epochs (width).`;
+  ends.textContent = `Training return from ${low} to ${high} (height) over ${curve.epochs} epochs (width).`;
   plot.append(ends);
 }
 function showRun(index) {

@@ -44,8 +44,9 @@ def write(tables: Tables, title: str, folder: Path, place: Path) -> list[str]:
     content: dict[str, dict] = {}
     left_out = [f"{run}, whose {metric} is not finite." for run, metric in bad.items()]
     for name, entries in sorted(environments.items()):
-        content[name], partial = _complete(entries)
+        content[name], partial, further = _complete(entries)
         left_out += [f"{entry.label} lacks runs of {name}." for entry in partial]
+        left_out += [f"{entry.label} has further seeds of {name}." for entry in further]
     (folder / "raw_data.json").write_bytes(to_json(content))
     return left_out
 
@@ -55,8 +56,10 @@ def _environment(cell: Cell) -> str:
     return f"{world}, N = {cell.team_size}"
 
 
-def _complete(entries: Mapping[Entry, Mapping[str, Runs]]) -> tuple[dict, list[Entry]]:
-    """Algorithms by task that have the runs of most entries, and the entries that do not."""
+def _complete(
+    entries: Mapping[Entry, Mapping[str, Runs]],
+) -> tuple[dict, list[Entry], list[Entry]]:
+    """Algorithms by task that have the runs of most entries; entries with fewer, and with more."""
     tasks = sorted({task for by_task in entries.values() for task in by_task})
     counts = Counter(frozenset(runs) for by_task in entries.values() for runs in by_task.values())
     # Of equally frequent sets of seeds the larger one, then the one that begins earlier.
@@ -75,7 +78,9 @@ def _complete(entries: Mapping[Entry, Mapping[str, Runs]]) -> tuple[dict, list[E
         }
         for task in tasks
     }
-    return made, [entry for entry in sorted(entries) if entry not in whole]
+    partial = [entry for entry in sorted(entries) if entry not in whole]
+    further = [e for e, by_task in whole.items() if any(seeds < set(r) for r in by_task.values())]
+    return made, partial, further
 
 
 def _steps(metrics: Mapping[str, float]) -> dict[str, object]:

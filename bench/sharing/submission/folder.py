@@ -15,10 +15,10 @@ from typing import Any
 from bench.plan.expansion import packages
 from bench.plan.provenance import processor
 from bench.sharing.submission.planned_row import other_key, planned
-from bench.stats.statistics import Entry, estimate, records, seed_values
+from bench.stats.statistics import Entry, estimate, home_of, records, seed_values
 from bench.store.new_folder import new_folder
 from bench.store.record import checksum, to_json
-from bench.store.tables import SCHEMAS, Tables
+from bench.store.tables import IDENTITY, SCHEMAS, Tables
 from bench.text.errors import UsageError
 from bench.text.markdown import escape, table
 from bench.text.numbers import mean_std, significant
@@ -44,9 +44,9 @@ def submit(tables: Tables, method: str, out: Path) -> int:
         known = ", ".join(sorted({*tables.runs["method"]}))
         raise UsageError(f"The tables hold no row of '{method}'. They have: {known}.")
     sources: dict[str, str] = {}
-    simulators = simulator_of(own)
+    simulators, home = simulator_of(own), home_of(own)
     for row in rows:
-        _, run = planned(row, simulators.get(row["run"], ""))
+        _, run = planned(row, simulators.get(row["run"], home))
         if text := other_key(row, run):
             raise UsageError(f"{text} Nothing was written.")
         if run.program != row["program"]:
@@ -85,6 +85,7 @@ def load(folder: Path) -> tuple[dict[str, Any], Tables]:
     try:
         record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
         files, method = dict(record["files"]), str(record["method"])
+        record["package"] = str(record["package"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UsageError(
             f"{folder / RECORD} does not describe a submission ({error}). Give a folder that "
@@ -106,7 +107,7 @@ def load(folder: Path) -> tuple[dict[str, Any], Tables]:
 
 
 def _check_rows(tables: Tables, method: str, folder: Path) -> None:
-    """Refuses rows that contradict themselves."""
+    """Refuses rows that contradict themselves, and metrics that contradict their rows."""
     evaluated = {*tables.results["run"]}
     for row in records(tables.runs):
         name, wrong = row["run"], ""
@@ -118,6 +119,18 @@ def _check_rows(tables: Tables, method: str, folder: Path) -> None:
             wrong = f"ended as '{row['status']}', which its metrics contradict"
         if wrong:
             raise UsageError(f"{folder}: the row {name} {wrong}.")
+    runs, said = {row["run"]: row for row in records(tables.runs)}, set()
+    for line in records(tables.results):
+        row, wrong = runs.get(line["run"]), ""
+        if row is None:
+            wrong = "belongs to no row"
+        elif any(line[column] != row[column] for column in IDENTITY):
+            wrong = "is said of another cell or seed than its row"
+        elif (line["run"], line["metric"]) in said:
+            wrong = "is there twice"
+        said.add((line["run"], line["metric"]))
+        if wrong:
+            raise UsageError(f"{folder}: the metric {line['metric']} of {line['run']} {wrong}.")
 
 
 def _record(method: str, own: Tables, sources: dict[str, str], folder: Path) -> dict[str, Any]:

@@ -27,7 +27,11 @@ def planned(row: Mapping[str, Any], simulator: str) -> tuple[Plan, Run]:
     Raises:
         UsageError: It cannot be planned, e.g. because its method is not installed.
     """
-    stored = json.loads(row["settings"])
+    try:
+        stored = json.loads(row["settings"])
+        stored = {kind: dict(stored[kind]) for kind in ("method", "task")}
+    except (ValueError, KeyError, TypeError) as error:
+        raise UsageError(f"{row['run']}: its settings cannot be read ({error}).") from error
     residual = {"residual": row["residual"]} if row["residual"] else {}
     asked = Row(
         row["method"],

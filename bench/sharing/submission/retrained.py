@@ -1,6 +1,7 @@
 """Checks a submission: its files, its rows, and one seed that is trained again."""
 
 import math
+import secrets
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +13,7 @@ from bench.execution.sweep import sweep
 from bench.sharing.submission.agreement import Agreement, agreement, worst
 from bench.sharing.submission.folder import load, simulator_of
 from bench.sharing.submission.planned_row import other_key, planned
-from bench.stats.statistics import cell_of, entry_of, records, seed_values
+from bench.stats.statistics import cell_of, entry_of, home_of, records, seed_values
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 from bench.text.numbers import significant
@@ -47,8 +48,14 @@ def verify(
     record, tables = load(folder)
     counted = f"{len(tables.runs)} rows of '{record['method']}', from {record['package']}"
     say(console, f"Files and rows are sound: {counted}.")
-    row = _chosen(tables, task, team_size, seed)
-    plan, run = planned(row, simulator_of(tables)[row["run"]])
+    row = _chosen(tables, task, team_size, seed, out)
+    if out is not None:
+        _check_place(out, folder, row)
+    simulators, home = simulator_of(tables), home_of(tables)
+    strange = [x["run"] for x in records(tables.runs) if _other(x, simulators.get(x["run"], home))]
+    if strange:
+        say(console, f"Other runs in this installation, and so not checked: {len(strange)} rows.")
+    plan, run = planned(row, simulators[row["run"]])
     if text := other_key(row, run):
         say(console, f"Cannot tell: {text} Nothing was trained.")
         return STATUSES["cannot tell"]
@@ -58,6 +65,8 @@ def verify(
     with tempfile.TemporaryDirectory(prefix="bench-verify-") as temporary:
         place = out or Path(temporary)
         if status := sweep(plan, place, place, jobs):
+            if out is None:
+                say(console, "What it wrote is removed; --out FOLDER keeps it.")
             return status
         again = Tables.load(place).metrics(run.name)
     if out is None:
@@ -82,13 +91,33 @@ def _say_comparison(tables: Tables, row: Row, again: Mapping[str, float], consol
 def _compared(tables: Tables, row: Row, metric: str, again: float, idle: float) -> Agreement:
     """A metric of the row that was trained again, against the seeds of its cell."""
     results = records(tables.results.loc[tables.results["run"].eq(row["run"])].head(1))
-    by_seed = seed_values(tables.results, metric)[cell_of(results[0])][entry_of(row)]
+    by_seed = seed_values(tables.results, metric)[cell_of(results[0])].get(entry_of(row), {})
+    if row["seed"] not in by_seed:
+        return Agreement("cannot tell", "the row holds no number that could be compared")
     return agreement(again, by_seed[row["seed"]], list(by_seed.values()), idle)
 
 
-def _chosen(tables: Tables, task: str, team_size: int | None, seed: int | None) -> Row:
-    """The row to train again: of those that are meant, the one that trained fastest."""
-    took = tables.by_run("train_seconds")
+def _other(row: Row, simulator: str) -> str:
+    return other_key(row, planned(row, simulator)[1])
+
+
+def _check_place(out: Path, folder: Path, row: Row) -> None:
+    """Raises UsageError if a folder holds the row itself, which would be compared with itself."""
+    own = out.resolve() == folder.resolve()
+    if not own and (out / "runs.parquet").is_file():
+        rows = records(Tables.load(out).runs)
+        own = any((x["run"], x["committed"]) == (row["run"], row["committed"]) for x in rows)
+    if own:
+        raise UsageError(f"{out} holds the submitted row itself. Give --out another folder.")
+
+
+def _chosen(
+    tables: Tables, task: str, team_size: int | None, seed: int | None, out: Path | None
+) -> Row:
+    """The row to train again: of the smallest team that is meant, one at random.
+
+    Nothing that was submitted says which. A row that a folder `out` was begun with is kept to.
+    """
     meant = [
         row
         for row in records(tables.runs)
@@ -104,4 +133,7 @@ def _chosen(tables: Tables, task: str, team_size: int | None, seed: int | None) 
             if row["status"] != "failed"
         )
         raise UsageError(f"No row that left a policy is meant. The submission has: {have}.")
-    return min(meant, key=lambda row: (took.get(row["run"], math.inf), row["run"]))
+    begun = {path.name for path in (out / "runs").glob("*")} if out is not None else set()
+    smallest = min(row["team_size"] for row in meant)
+    among = [row for row in meant if row["team_size"] == smallest]
+    return secrets.choice([row for row in meant if row["run"] in begun] or among)
