@@ -250,7 +250,8 @@ class Decision:
     most_left: float = _decided(
         0.5, "-", "convention", "a cause explains most of what is seen, or it is not the cause"
     )
-    """Share of a gap, larger than what the twin misses, that a named effect leaves at most."""
+    """Share of a gap that effects leave at most which are blamed for it; beside a twin, of one that
+    is larger than what the twin misses."""
     few_flights: int = _decided(
         5, "flights", "guess", "the t quantile of four flights is 1.4 times that of many"
     )

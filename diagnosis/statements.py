@@ -4,8 +4,8 @@
 |---|---|
 | `none` | no effect is in the likeliest set, and it leaves no structure beyond noise |
 | `effect` | the likeliest set leaves no structure that would be worth a verdict |
-| `partly` | it leaves some, and flights left out of the fit confirm at least one of its effects |
-| `unexplained` | it leaves some, and they confirm none |
+| `partly` | it leaves some, at most `most_left`, and left-out flights confirm one of its effects |
+| `unexplained` | it leaves more, or they confirm none |
 | `too_few` | nothing is seen beside a twin, and there are fewer flights than `few_flights` |
 
 Beside a twin of the reference, "beyond noise" is beyond what undisturbed flights show with a

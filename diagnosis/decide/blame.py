@@ -2,6 +2,8 @@
 
 `judge` finds the likeliest set and asks what it leaves. Here every effect of it must stand by
 itself, and the drift of flights that were left out must not grow where more is left than noise.
+What leaves most of the gap is blamed for no part of it: of two sets of flights that differ in some
+other way, something small is always like some effect.
 """
 
 import dataclasses
@@ -33,7 +35,8 @@ def blame(study: Study, shrink: Shrink) -> Blame:
     grows = bool(chosen) and judged.doubted and not falls
     kind = judged.kind if standing == chosen and not grows else "unexplained"
     helpful = {line.effect for line in study.support if line.confirmed} & standing
-    confirmed = frozenset() if grows else frozenset(helpful)
+    most = judged.unexplained_share <= study.prepared.decision.most_left
+    confirmed = frozenset(helpful) if most and not grows else frozenset()
     named = chosen if kind != "unexplained" else None
     return Blame(verdict_of(kind, bool(confirmed)), named, confirmed if named is None else named)
 

@@ -112,6 +112,17 @@ def test_a_drift_that_grows_where_more_than_noise_is_left_blames_nothing(replay,
     assert set(found.blamed) == ({"wind"} if verdict == "effect" else set())
 
 
+@pytest.mark.parametrize(("left", "verdict"), [(0.4, "partly"), (0.6, "unexplained")])
+def test_what_leaves_most_of_the_gap_is_blamed_for_none_of_it(replay, left, verdict):
+    fits, _ = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
+    judged = judge_supported(fits, Floor())[1]
+    judged = dataclasses.replace(judged, kind="unexplained", unexplained_share=left)
+    helps = Support(effect="wind", percent=9.0, low=5.0, high=12.0, n=4, confirmed=True)
+    said = blame(made_study(fits, judged, (helps,)), unknown_shrink(4, ""))
+    assert (said.verdict, said.named) == (verdict, None)
+    assert set(said.blamed) == ({"wind"} if verdict == "partly" else set())
+
+
 @pytest.mark.parametrize(("share", "verdict"), [(0.4, "unexplained"), (0.9, "effect")])
 def test_an_effect_less_likely_than_not_is_not_named(replay, share, verdict):
     fits, _ = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
