@@ -95,7 +95,8 @@ class Effect:
     """Whether the verdict names it as a cause."""
     probability: float | None
     """Probability that it acts [-]; beside a twin, that it or one of its aliases does. Null where
-    it is not blamed, which states nothing of it."""
+    it is not blamed, which states nothing of it, and without a twin under `partly`: odds among
+    candidates say little beside something that none of them describes."""
     aliases: tuple[str, ...]
     """Effects that these flights cannot tell from it, likeliest first."""
     parameters: tuple[Parameter, ...]

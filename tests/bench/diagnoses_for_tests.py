@@ -254,7 +254,7 @@ def partly():
     found = unexplained() | {"verdict": "partly"}
     e = parameter("e", 0.1203, 0.1121, 0.1274, "-", "descriptive")
     x = parameter("x", 0.02, -0.1, 0.1, "m/s^2", "descriptive")
-    found["effects"] = [named("mass", 0.58, e), named("wind", None, x, blamed=False)]
+    found["effects"] = [named("mass", None, e), named("wind", None, x, blamed=False)]
     found["candidates"] = [candidate(["mass", "wind"], 0.8, 90.0, 80.0)]
     found["shrink"] = effect()["shrink"]
     found["support"] = [

@@ -97,9 +97,11 @@ def test_main_channels_hold_more_than_half_between_them_or_are_three():
     assert statements.main_channels([0.0, 0.0]) == [False, False]
 
 
-def test_partly_counts_as_unexplained_in_the_scores():
-    scored = scored_form(ALL["partly"]())
-    assert (scored["verdict"], scored["effects"]) == ("unexplained", [])
+def test_partly_blames_in_the_scores_what_it_blames():
+    partly = ALL["partly"]()
+    scored = scored_form(partly)
+    blamed = [effect["name"] for effect in partly["effects"] if effect["blamed"]]
+    assert (scored["verdict"], [e["name"] for e in scored["effects"]]) == ("partly", blamed)
     scored = scored_form(ALL["effect"]())
     (mass,) = scored["effects"]
     assert mass["parameters"]["e"]["value"] == 0.1203
