@@ -147,7 +147,7 @@ def _has_plain_settings(cls: type, given: dict[str, object]) -> None:
         raise Violation(f"{error} Settings must be numbers, texts, lists or modules") from error
 
 
-def _in_authors_terms(cls: type, error: Exception) -> str:
+def _in_authors_terms(cls: type, error: BaseException) -> str:
     """What was raised, and the innermost line of the plug-in's own file that led there."""
     words = " ".join(str(error).split())[:300]
     said = f"it raised {type(error).__name__}" + (f": {words}" if words else "")

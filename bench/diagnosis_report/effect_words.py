@@ -145,7 +145,8 @@ def limit_text(limit: Limit) -> tuple[str, float | None]:
     """
     if limit.smallest is None:
         return MISSING, None
-    words, info = (f(limit.effect, limit.parameter) for f in (parameter_words, declared))
+    words = parameter_words(limit.effect, limit.parameter)
+    info = declared(limit.effect, limit.parameter)
     share = None if info is None else limit.smallest / (info.high - info.low)
     if share is not None and share > 1.0:
         return "more than its whole range", None

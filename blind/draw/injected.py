@@ -110,12 +110,13 @@ def _drawn(fault: Fault, size: int, flights: FlightSet, rng: np.random.Generator
     Raises:
         ValueError: None of many can be.
     """
+    why = ""
     for _ in range(DRAWS):
         parameters = fault.draw(size, rng, 0.0)
         try:
             fault.apply(flights, parameters)
         except ValueError as error:
-            why = error
+            why = str(error)
         else:
             return parameters
     raise ValueError(f"`{flights.path}` cannot hold a fault that is in the list: {why}")

@@ -261,7 +261,7 @@ def _ratios(cases: pd.DataFrame) -> np.ndarray:
 def _asked(cases: pd.DataFrame) -> pd.Series:
     """Decidable singles and pairs whose true effect was flown on flights left out."""
     named = cases["kind"].isin(["single", "pair"]) & cases["decidable"]
-    return named & cases["shrink_oracle"].notna()
+    return pd.Series(named & cases["shrink_oracle"].notna())
 
 
 def _near(cases: pd.DataFrame) -> tuple[str, ...]:

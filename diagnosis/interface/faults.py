@@ -295,14 +295,21 @@ def _path_frame(windows: Windows, made: Checks) -> InterfaceFault | None:
     )
 
 
+def _angle(evidence: Evidence) -> Size:
+    """A turn [rad] that is shown in degrees."""
+    value, low, high = evidence.value, evidence.low, evidence.high
+    assert low is not None  # `sized` gives both ends
+    assert high is not None
+    return Size(math.radians(value), math.radians(low), math.radians(high))
+
+
 def _turned_more(before: InterfaceFault, found: Sequence[InterfaceFault]) -> bool:
     """Whether an angle that was off before is off by as much again as would be a fault."""
     limit = {"heading": scales.HEADING, "frame of the commands": scales.TURN}.get(before.part)
     now = next((fault for fault in found if fault.part == before.part), None)
     if limit is None or now is None:
         return False
-    angles = [np.radians([e.value, e.low, e.high]) for e in (now.evidence[0], before.evidence[0])]
-    size, then = (Size(*map(float, angle)) for angle in angles)
+    size, then = (_angle(fault.evidence[0]) for fault in (now, before))
     size = size.since(then)
     turns = 2.0 * math.pi * round(size.value / (2.0 * math.pi))
     return Size(size.value - turns, size.low - turns, size.high - turns).beyond(-limit, limit)
