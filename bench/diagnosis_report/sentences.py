@@ -24,6 +24,11 @@ from diagnosis.interface.fault import Untold
 from diagnosis.result import Diagnosis, Effect
 from simulators.effects.card import load_card
 
+LIKENESS = (
+    "Something acts that no candidate describes, and the likeness may be all there is: in the "
+    "blind cases of this kind that were counted, every effect that was blamed was a wrong one."
+)
+"""What is said of an effect that explains a part of the gap, without a twin; `reports/blind.md`."""
 KINDS = {
     "effect": "Explained",
     "partly": "Partly explained",
@@ -123,9 +128,14 @@ def _partly(diagnosis: Diagnosis, against: str) -> str:
     found = ", together with ".join(effect_phrase(e, base(diagnosis)) for e in diagnosis.blamed)
     sure = {line.effect for line in diagnosis.support if line.confirmed}
     confirmed = {effect.name for effect in diagnosis.blamed} <= sure
-    tail = ", which flights left out of the fit confirm" if confirmed else ""
+    learned = bool(diagnosis.details.followed)
+    helps = ", which flights left out of the fit confirm"
+    if not learned:
+        helps = "; with this, flights left out of the fit are followed better"
+    tail = helps if confirmed else ""
+    is_like = "is explained by" if learned else "looks like"
     sentences = [
-        f"{much} of what separates these flights from {against} is explained by {found}{tail}.",
+        f"{much} of what separates these flights from {against} {is_like} {found}{tail}.",
         *_alike(diagnosis),
         _not_known(diagnosis),
     ]
@@ -307,6 +317,8 @@ def _support(diagnosis: Diagnosis) -> list[str]:
     said = []
     if diagnosis.verdict == "partly":
         text = "The remaining misfit could bias the sizes, so they are descriptive only."
+        if not diagnosis.details.followed:
+            text = f"{LIKENESS} {text}"
         drift = drift_clause(diagnosis, "the likeliest set")
         said.append(f"{text} {drift}." if drift else text)
     if idle and not logs_first(diagnosis):

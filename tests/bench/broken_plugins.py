@@ -330,30 +330,6 @@ class Homemade(Honest):
         return Honest.train(self, setup, key, init or linear(setup.task))
 
 
-class Wild(Honest):
-    """Its policy commands more than there is."""
-
-    def train(self, setup, key, init=None):
-        return Honest.train(self, setup, key, init or linear(setup.task, squash=jnp.asarray))
-
-
-class Headstrong(Honest):
-    """Starts from nothing that it is given."""
-
-    def train(self, setup, key, init=None):
-        return Honest.train(self, setup, key)
-
-
-class Elsewhere(Honest):
-    """Trains in a high-fidelity simulator of its own, which nobody bills."""
-
-    simulator: ClassVar[str] = "crazyflow"
-
-    def train(self, setup, key, init=None):
-        own = dataclasses.replace(setup, reality=PointMass())
-        return Honest.train(self, own, key, init)
-
-
 class Nameless(Honest):
     """Its policy holds a function that nobody finds again."""
 

@@ -73,6 +73,32 @@ class TwoFaced(PointMass):
         return PointMass.step(self, state, action + lift)
 
 
+class Wild(broken.Honest):
+    """Its policy commands more than there is."""
+
+    def train(self, setup, key, init=None):
+        return broken.Honest.train(
+            self, setup, key, init or broken.linear(setup.task, squash=jnp.asarray)
+        )
+
+
+class Headstrong(broken.Honest):
+    """Starts from nothing that it is given."""
+
+    def train(self, setup, key, init=None):
+        return broken.Honest.train(self, setup, key)
+
+
+class Elsewhere(broken.Honest):
+    """Trains in a high-fidelity simulator of its own, which nobody bills."""
+
+    simulator: ClassVar[str] = "crazyflow"
+
+    def train(self, setup, key, init=None):
+        own = dataclasses.replace(setup, reality=PointMass())
+        return broken.Honest.train(self, own, key, init)
+
+
 class Foster(broken.Honest):
     """A cell of a parent that it does not have."""
 
@@ -132,8 +158,8 @@ def test_a_whole_method_passes_whatever_the_architecture_of_its_policy(cls):
         ("residual", broken.Blind, "heavier rows", "use `transitions.weight`"),
         ("method", broken.Bookkeeper, "left to the meter", "sets `ledger.hf_fleet_seconds`"),
         ("method", broken.Heir, "left to the meter", "its parents here flew nothing"),
-        ("method", broken.Wild, "returns a Trained", "between -1 and 1, got [0-9.e+]+; beyond"),
-        ("method", broken.Headstrong, "start from a given policy", "as `init` changes nothing"),
+        ("method", Wild, "returns a Trained", "between -1 and 1, got [0-9.e+]+; beyond"),
+        ("method", Headstrong, "start from a given policy", "as `init` changes nothing"),
         ("method", broken.Nameless, "stored and deployed", "policy.squash is .* found by name"),
         ("method", broken.Unfinished, "policy is finite", "the policy holds NaN"),
         ("method", broken.Loud, "names of their own", "a note cannot be called 'reward'"),
@@ -149,7 +175,7 @@ def test_a_broken_plugin_is_told_what_is_wrong(kind, cls, sentence, said):
 
 def test_flight_in_a_reality_of_its_own_is_seen():
     crazyflow = registry.load("simulator", "crazyflow")
-    checks = behaviour("method", broken.Elsewhere, {"crazyflow": crazyflow}, {}, {})
+    checks = behaviour("method", Elsewhere, {"crazyflow": crazyflow}, {}, {})
     (chosen,) = (check for check in checks if "left to the meter" in check.sentence)
     assert "flew nothing there that was counted" in next(execute(PointMass, [chosen])).problem
 

@@ -224,9 +224,8 @@ def test_a_method_that_identifies_is_of_another_program_with_another_effect(plug
 
 
 def test_rows_that_tables_cannot_tell_apart_are_refused(plugins):
-    rows = Row("instant"), Row("instant", simulator="rotorpy")
     with pytest.raises(PlanError, match="'instant' is planned twice on spread with 2 drones"):
-        only(*rows)
+        only(Row("instant"), Row("instant", simulator="rotorpy"))
 
 
 def test_a_variant_names_what_differs_sorted(plugins):

@@ -220,7 +220,7 @@ def test_it_is_told_where_the_simulator_does_not_follow(exclude):
     assert lines["wind"].n == 4
     (wind,) = [effect for effect in found.blamed if effect.name == "wind"]
     assert wind.parameter("x").use == "descriptive"
-    assert wind.probability <= Decision().doubted_share
+    assert wind.probability is None
     assert found.probability is None
 
 
