@@ -121,8 +121,8 @@ def _effect(evidence: Evidence, judged: Verdict, name: str, verdict: str, blamed
     return Effect(
         name=name,
         blamed=blamed,
-        # Beside something that no candidate describes, odds among candidates say nothing: of six
-        # effects that `partly` blamed in the counted draw in RotorPy none was true.
+        # Beside something that no candidate describes, odds among candidates say nothing: none of
+        # the effects that `partly` blamed in two blind draws was true (`reports/blind_notes.md`).
         probability=judged.probability[name] if blamed and verdict == "effect" else None,
         aliases=tuple(judged.aliases[name]),
         parameters=_parameters(evidence, judged, name, verdict),

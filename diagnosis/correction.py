@@ -71,10 +71,8 @@ def _put(values: dict[str, float], effect: Effect) -> None:
     """Writes the sizes of an effect over those of the reference flights, on which they stand."""
     if not effect.parameters:
         raise ValueError(f"`diagnosis` has no size of '{effect.name}'. Diagnose the flights again.")
-    kinds, lower = (
-        registry.load("effect", effect.name).parameters,
-        load_card(effect.name).low_if_mapped,
-    )
+    kinds = registry.load("effect", effect.name).parameters
+    lower = load_card(effect.name).low_if_mapped
     for parameter in effect.parameters:
         info, neutral = kinds[parameter.name], min(kinds[parameter.name].neutral, FAR)
         slot = Slot(

@@ -32,7 +32,8 @@ TUNED = (
 )
 """What is said of settings that are better than all defaults."""
 BETTER_SETTINGS = (
-    "The table has default settings only. These settings score higher and need no more flight"
+    "The table has the methods' default settings only. Other settings score higher and need no "
+    "more flight"
 )
 """What is said where the names of such settings follow."""
 BETTER = "Settings that score higher than all defaults"

@@ -52,10 +52,11 @@ HOW_TO_READ = (
     "column counts and names both. `budget`: a run that its epochs ended where patience was meant"
     " to.",
     "Numbers have as many digits as their intervals allow. `#` is the first rank on an axis other "
-    "than the reward, by the same rule; the lowest value is the best. The crashes, fleet-minutes "
-    "and time of a training are its own; those of the run that it starts from are not added, but "
-    "for the fleet-minutes of `hybrid_once` and `online`, which fly with what those flights gave. "
-    "A row that only deploys another run's policy trains nothing, and has no rank on these three.",
+    "than the reward, by the same rule; the lowest value is the best. A row counts the "
+    "crashes, fleet-minutes and time of its own training, not those of the run that it starts "
+    "from. Only `hybrid_once` and `online` also count the fleet-minutes of the Hybrid that they "
+    "start from. A row that only deploys another run's policy trains nothing, and has no rank on "
+    "these three.",
     "A crash is the onset of a contact, per agent: another drone closer than 0.30 m, or the "
     "floor. Contacts are flags: drones push each other only in worlds with `collision`.",
 )

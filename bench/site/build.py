@@ -61,7 +61,7 @@ def build_site(results: Path, reports: Path, out: Path, console: Console) -> Pat
         (out / place).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, out / place)
         copied.append((path.stem, str(place)))
-    own = {PAGES.get(suite.name, suite.name) for suite in found}
+    own = {_page_of(suite) for suite in found}
     index = environment().get_template("site.html.j2")
     text = index.render(
         title="What was measured",
@@ -87,7 +87,7 @@ def _suite(suite: Suite, texts: list[Document], out: Path) -> dict[str, Any]:
         "name": suite.name,
         "description": suite.description,
         "report": place,
-        "claims": next((d for d in texts if d.place == PAGES.get(suite.name, suite.name)), None),
+        "claims": next((d for d in texts if d.place == _page_of(suite)), None),
         "facts": facts(suite.tables),
         "answer": [render_line(line) for line in answer(suite.tables, rows)],
         "cells": [
@@ -101,6 +101,11 @@ def _suite(suite: Suite, texts: list[Document], out: Path) -> dict[str, Any]:
             for cell, row in best_rows(rows).items()
         ],
     }
+
+
+def _page_of(suite: Suite) -> str:
+    """The place of the document that is about a suite."""
+    return PAGES.get(suite.name, suite.name)
 
 
 def _written(address: str) -> str:

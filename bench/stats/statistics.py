@@ -253,7 +253,7 @@ def cells_meant(
 
 
 def home_of(tables: Tables) -> str:
-    """The high-fidelity simulator of a sweep: that of the rows that name no other world."""
+    """The high-fidelity simulator in which rows flew whose variant names no world."""
     named = pd.DataFrame(tables.results[["run", "simulator", "variant"]])
     found = {
         row["simulator"]

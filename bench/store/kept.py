@@ -157,7 +157,7 @@ class KeptRuns:
         for folder in self._folders:
             path = path_of(folder, run.task, run.team_size)
             own = load_kept(path, run.name).get(run.name)
-            # Another time is that of a row that was replaced since.
+            # A policy with another time belongs to a row that has been replaced.
             if own is not None and own.committed in ("", row["committed"]):
                 return _outcome(run, own, row, self._recorded, path)
         return None

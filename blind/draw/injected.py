@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from blind.draw.catalogue import Parameters
-from blind.draw.faults import ALL, Fault, able
+from blind.draw.faults import ALL, able
 from blind.draw.folders import Folders
 from diagnosis.logs.flights import FlightSet, VehicleFile, write_flights
 
@@ -98,19 +98,19 @@ def _case(flights: FlightSet, plan: tuple[str, int], rng: np.random.Generator) -
         id=rng.bytes(8).hex(),
         fault=name,
         size=fault.sizes[size] if fault else "",
-        parameters=_drawn(fault, size, _some(flights, target), rng) if fault else {},
+        parameters=_drawn(name, size, _some(flights, target), rng) if fault else {},
         target=target,
         reference=tuple(sorted(names[chosen[half:]].tolist())),
     )
 
 
-def _drawn(fault: Fault, size: int, flights: FlightSet, rng: np.random.Generator) -> Parameters:
+def _drawn(name: str, size: int, flights: FlightSet, rng: np.random.Generator) -> Parameters:
     """Numbers of a fault that these logs can hold; others are drawn again.
 
     Raises:
         ValueError: None of many can be.
     """
-    why = ""
+    fault, why = ALL[name], ""
     for _ in range(DRAWS):
         parameters = fault.draw(size, rng, 0.0)
         try:
@@ -119,7 +119,7 @@ def _drawn(fault: Fault, size: int, flights: FlightSet, rng: np.random.Generator
             why = str(error)
         else:
             return parameters
-    raise ValueError(f"`{flights.path}` cannot hold a fault that is in the list: {why}")
+    raise ValueError(f"`{flights.path}` cannot hold the fault '{name}': {why}")
 
 
 def write_injected(folders: Folders, flights: FlightSet, cases: Sequence[Injected]) -> None:

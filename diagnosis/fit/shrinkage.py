@@ -18,13 +18,12 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy import stats
 
 from diagnosis.decision import Decision
 from diagnosis.fit.descent import PARTS
 from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Fit
-from diagnosis.fit.gap import channels, drifts, rms
+from diagnosis.fit.gap import channels, drifts, half_width, rms
 from diagnosis.fit.likelihood import Likelihood
 from diagnosis.fit.search import Fits
 from diagnosis.fit.windows import Tracks
@@ -145,7 +144,7 @@ def shrink_of(
 
     kept = np.isin(flown, flights)
     ratio, without = log_ratio(kept), np.asarray([log_ratio(kept & (flown != f)) for f in flights])
-    half = stats.t.ppf(0.975, n - 1) * np.sqrt((n - 1) * np.var(without))
+    half = half_width(without)
     return Shrink(
         horizon_s=REPLAY_WINDOW_S,
         n=n,

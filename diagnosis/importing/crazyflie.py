@@ -66,7 +66,11 @@ LOGGED = (
     "pm.vbat",
 )
 """Variables that the recipe logs, `MOST_LOGGED` at most."""
-MELLINGER = dict(zip(LOGGED[10:13], (f"ctrlMel.zd{axis}" for axis in "xyz"), strict=True))
+MELLINGER = {
+    "controller.roll": "ctrlMel.zdx",
+    "controller.pitch": "ctrlMel.zdy",
+    "controller.yaw": "ctrlMel.zdz",
+}
 """What to log in the place of some of them where Mellinger's controller flies."""
 
 

@@ -190,7 +190,7 @@ def broken_off(what: str, request: Request, remedy: str = "") -> str:
 def read_csv(file: Path) -> pd.DataFrame:
     """A table of a CSV file; names of columns without spaces around them.
 
-    A comma at the end of every row is none of a column.
+    Rows may end with a comma, which makes no column.
 
     Raises:
         LogError: Rows have more cells than the header.

@@ -69,8 +69,8 @@ def interface_faults(
     before = then or checks(reference)
     there = _faults(reference, before)
     had = {fault.part for fault in there}
-    had_too = [fault for fault in there if fault.part in SIZED and not _turned_more(fault, found)]
-    own = [fault for fault in found if fault.part not in {fault.part for fault in had_too}]
+    shared = {x.part for x in there if x.part in SIZED and not _turned_more(x, found)}
+    own = [fault for fault in found if fault.part not in shared]
     wrong = had | {fault.part for fault in own}  # each is read from columns of both sets
     turn = None
     if not {"attitude", "position"} & wrong:

@@ -85,6 +85,17 @@ class Change:
     vehicle that was never like it is what should change."""
 
 
+MELLINGER = "Mellinger controller"
+"""Where gains of the Crazyflie's controller of that name act."""
+
+
+def gain(autopilot: str, parameter: str, where: str = "", **powers: float) -> Change:
+    """A gain of an attitude loop; it changes only where the vehicle is to fly as its reference."""
+    return Change(
+        autopilot=autopilot, parameter=parameter, where=where, powers=powers, beside_reference=True
+    )
+
+
 VOLTAGE_COMPENSATION = (
     Change(
         autopilot="px4",

@@ -6,23 +6,17 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import Change, EffectCard, Input, Probe, percent
+from simulators.effects.card import MELLINGER, EffectCard, Input, Probe, gain, percent
 from simulators.effects.contract import Parameter, PlantEffect
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
-GAINS = tuple(
-    Change(autopilot=pilot, parameter=name, where=where, powers={"e": 1.0}, beside_reference=True)
-    for pilot, where, names in (
-        ("px4", "", "MC_ROLLRATE_K MC_PITCHRATE_K MC_YAWRATE_K"),
-        (
-            "crazyflie",
-            "Mellinger controller",
-            "ctrlMel.kR_xy ctrlMel.kw_xy ctrlMel.kd_omega_rp ctrlMel.ki_m_xy "
-            "ctrlMel.kR_z ctrlMel.kw_z ctrlMel.ki_m_z",
-        ),
-    )
-    for name in names.split()
+GAINS = (
+    *(gain("px4", f"MC_{axis}RATE_K", e=1.0) for axis in ("ROLL", "PITCH", "YAW")),
+    *(
+        gain("crazyflie", f"ctrlMel.{name}", MELLINGER, e=1.0)
+        for name in ("kR_xy", "kw_xy", "kd_omega_rp", "ki_m_xy", "kR_z", "kw_z", "ki_m_z")
+    ),
 )
 """All that turns into a torque, which must grow as the inertia does."""
 

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import Change, EffectCard, Input, Probe, percent
+from simulators.effects.card import MELLINGER, EffectCard, Input, Probe, gain, percent
 from simulators.effects.contract import AutopilotEffect, Parameter
 from simulators.flight import Flight
 from simulators.vehicle import AutopilotGains
@@ -69,45 +69,12 @@ class RollPitchGains(AutopilotEffect):
         check="compare the gains of the roll and pitch loop with those that it had or should have",
         probe=Probe("autopilot", {"stiffness": 1.0}),
         changes=(
-            Change(
-                autopilot="px4",
-                parameter="MC_ROLL_P, MC_PITCH_P",
-                powers={"stiffness": -1.0, "damping": 1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="px4",
-                parameter="MC_ROLLRATE_K",
-                powers={"damping": -1.0, "roll": -1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="px4",
-                parameter="MC_PITCHRATE_K",
-                powers={"damping": -1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlMel.kR_xy",
-                where="Mellinger controller",
-                powers={"stiffness": -1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlMel.kw_xy",
-                where="Mellinger controller",
-                powers={"damping": -1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlMel.kd_omega_rp",
-                where="Mellinger controller",
-                powers={"acceleration": -1.0},
-                beside_reference=True,
-            ),
+            gain("px4", "MC_ROLL_P, MC_PITCH_P", stiffness=-1.0, damping=1.0),
+            gain("px4", "MC_ROLLRATE_K", damping=-1.0, roll=-1.0),
+            gain("px4", "MC_PITCHRATE_K", damping=-1.0),
+            gain("crazyflie", "ctrlMel.kR_xy", MELLINGER, stiffness=-1.0),
+            gain("crazyflie", "ctrlMel.kw_xy", MELLINGER, damping=-1.0),
+            gain("crazyflie", "ctrlMel.kd_omega_rp", MELLINGER, acceleration=-1.0),
         ),
     )
 

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import Change, EffectCard, Input, percent
+from simulators.effects.card import MELLINGER, EffectCard, Input, gain, percent
 from simulators.effects.contract import AutopilotEffect, Parameter
 from simulators.flight import Flight
 from simulators.vehicle import AutopilotGains
@@ -56,39 +56,11 @@ class YawGains(AutopilotEffect):
         flight="yaw steps of 0.5 rad every second",
         check="compare the gains of the yaw loop with those that it had or should have",
         changes=(
-            Change(
-                autopilot="px4",
-                parameter="MC_YAW_P",
-                powers={"stiffness": -1.0, "damping": 1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="px4",
-                parameter="MC_YAWRATE_K",
-                powers={"damping": -1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlMel.kR_z",
-                where="Mellinger controller",
-                powers={"stiffness": -1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlMel.kw_z",
-                where="Mellinger controller",
-                powers={"damping": -1.0},
-                beside_reference=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlMel.ki_m_z",
-                where="Mellinger controller",
-                powers={"integral": -1.0},
-                beside_reference=True,
-            ),
+            gain("px4", "MC_YAW_P", stiffness=-1.0, damping=1.0),
+            gain("px4", "MC_YAWRATE_K", damping=-1.0),
+            gain("crazyflie", "ctrlMel.kR_z", MELLINGER, stiffness=-1.0),
+            gain("crazyflie", "ctrlMel.kw_z", MELLINGER, damping=-1.0),
+            gain("crazyflie", "ctrlMel.ki_m_z", MELLINGER, integral=-1.0),
         ),
     )
 
