@@ -96,9 +96,13 @@ class AbstractMethod(eqx.Module):
     resumes_from: ClassVar[tuple[str, ...]] = ()
     """Parents whose fitted residual it needs, too, which must be of its class's default shape."""
     identifies: ClassVar[bool] = False
-    """Whether it searches all registered effects, so that each of them decides its result."""
+    """Whether it searches all registered effects. Where the source of one changes, stored runs are
+    told of; their keys do not hold the versions of effects that a method adds by itself."""
     parent_cells: ClassVar[Mapping[str, tuple[str, int]]] = {}
     """Parents of one fixed cell, name -> (task, team size); the others are of the run's own."""
+    parents_fly_reality: ClassVar[bool] = False
+    """Whether its parents are trained for the reality of its own row, effects included; otherwise
+    they know the plain high-fidelity simulator. True where what is flown is flown by a parent."""
 
     @abc.abstractmethod
     def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:

@@ -23,7 +23,7 @@ import jax
 from jaxtyping import PRNGKeyArray
 
 from methods.contract import AbstractMethod, Setup, Trained
-from methods.running.low_fidelity import train_in_point_mass
+from methods.running.low_fidelity import check_step, train_in_point_mass
 from methods.training.bptt import BPTT
 from methods.training.policy import AbstractPolicy, make_policy
 from methods.training.varied import vary
@@ -54,6 +54,9 @@ class DomainRandomization(AbstractMethod):
     version: ClassVar[str] = "1"
     parents: ClassVar[tuple[str, ...]] = ()
     simulator: ClassVar[str] = "point_mass"
+
+    def __check_init__(self) -> None:
+        check_step(self.dt)
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         policy_key, train_key = jax.random.split(key)

@@ -37,14 +37,13 @@ from methods.calibration.remainder import remaining_transitions
 from methods.calibration.residual_effect import ResidualEffect
 from methods.contract import AbstractMethod, Ledger, Setup, Trained
 from methods.residuals.contract import AbstractHistoryModel, AbstractResidualModel, inputs
-from methods.running.low_fidelity import train_in_point_mass
+from methods.running.low_fidelity import check_step, train_in_point_mass
 from methods.training.bptt import BPTT
 from methods.training.policy import AbstractPolicy, make_policy
 from methods.training.varied import MOST_PUSH, vary_around
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
 from simulators.effects.delay import LONGEST_DELAY_S
-from simulators.vehicle import CONTROL_DT
 from tasks.contract import check_at_least
 
 
@@ -84,8 +83,7 @@ class GreyBox(AbstractMethod):
             raise ValueError(
                 f"`flights` must be at least {fewest} (2 with a residual), got {self.flights}."
             )
-        if not 0.0 < self.dt <= CONTROL_DT:
-            raise ValueError(f"`dt` must lie in (0, {CONTROL_DT}] s, got {self.dt}.")
+        check_step(self.dt)
         if not 0.0 <= self.spread < 2.0:
             raise ValueError(f"`spread` must lie in [0, 2), got {self.spread}.")
         if not 0.0 <= self.delay <= LONGEST_DELAY_S:

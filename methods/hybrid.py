@@ -77,6 +77,12 @@ class Hybrid(AbstractMethod):
         if self.flights is not None and self.flights < 1:
             raise ValueError(f"`flights` must be at least 1 or None, got {self.flights}.")
         check_at_least(self, 0, "hover_weight", "excitation")
+        own = (self.attitude, self.hover_weight)
+        if self.flown == "grey_box" and own != (type(self).attitude, type(self).hover_weight):
+            raise ValueError(
+                "`attitude` and `hover_weight` must have their defaults where `flown` is "
+                f"'grey_box': its rows know neither; got '{own[0]}' and {own[1]:g}."
+            )
 
     def train(self, setup: Setup, key: PRNGKeyArray, init: AbstractPolicy | None = None) -> Trained:
         residual = registry.load("residual", self.residual)()

@@ -28,6 +28,7 @@ class HybridOnce(AbstractMethod):
     version: ClassVar[str] = "1"
     parents: ClassVar[tuple[str, ...]] = ("hybrid",)
     parent_cells: ClassVar[Mapping[str, tuple[str, int]]] = {"hybrid": ("figure8", 3)}
+    parents_fly_reality: ClassVar[bool] = True
     resumes_from: ClassVar[tuple[str, ...]] = ("hybrid",)
     simulator: ClassVar[str] = "point_mass"
 

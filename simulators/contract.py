@@ -144,6 +144,12 @@ def replayable(simulator: AbstractSimulator) -> Replayable:
     """
     if isinstance(simulator, Replayable):
         return simulator
+    if issubclass(registry.load("simulator", simulator.name), Replayable):
+        raise TypeError(
+            f"`simulator` must be a simulator itself, got '{simulator.name}' in a "
+            f"{type(simulator).__name__}, which meters its flight or draws its parameters: logs "
+            "are replayed in `setup.nominal`, or in one that you make."
+        )
     raise _not_replayable(simulator.name)
 
 

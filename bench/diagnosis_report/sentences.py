@@ -29,6 +29,11 @@ LIKENESS = (
     "blind cases of this kind that were counted, every effect that was blamed was a wrong one."
 )
 """What is said of an effect that explains a part of the gap, without a twin; `reports/blind.md`."""
+ROUGH = (
+    "The point mass lacks much of what a vehicle does, so that something is left beside any cause. "
+    "How often what is blamed so is right was not counted."
+)
+"""The same against the point mass, which no flight follows to the noise."""
 KINDS = {
     "effect": "Explained",
     "partly": "Partly explained",
@@ -318,7 +323,8 @@ def _support(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == "partly":
         text = "The remaining misfit could bias the sizes, so they are descriptive only."
         if not diagnosis.details.followed:
-            text = f"{LIKENESS} {text}"
+            rough = diagnosis.settings.simulator == "point_mass"
+            text = f"{ROUGH if rough else LIKENESS} {text}"
         drift = drift_clause(diagnosis, "the likeliest set")
         said.append(f"{text} {drift}." if drift else text)
     if idle and not logs_first(diagnosis):

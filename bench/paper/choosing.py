@@ -1,9 +1,9 @@
-"""Which method to choose at which budget of flight, and what flight gives, as Markdown."""
+"""Which method to choose at which budget of flight, what flight gives, and what settings change."""
 
 import re
 from collections.abc import Mapping, Sequence
 
-from bench.paper.values import LF, name_of, name_of_method, sizes
+from bench.paper.values import LF, name_of, name_of_method, sizes, varied
 from bench.stats.choices import BUDGET_VARIANT, BUDGETS, NEAR, Better, Choice, Tie
 from bench.stats.scores import (
     PRIMARY,
@@ -12,28 +12,30 @@ from bench.stats.scores import (
     steadied_references,
     undisturbed,
 )
-from bench.stats.statistics import Entry, Values, estimate
+from bench.stats.statistics import LEVEL, Entry, Values, difference, estimate
+from bench.stats.verdicts import Verdict, above, by_cell
 from bench.store.tables import Tables
 from bench.text import markdown
-from bench.text.numbers import MISSING, mean_std, number, significant, span
+from bench.text.numbers import MISSING, mean_std, measured, number, significant, span
 from bench.text.words import join
 
 TIES = (
-    "In brackets are methods that are not shown to be worse than the best and whose 95 % interval "
-    f"ends at most {NEAR:g} below it. Where seeds scatter widely, other methods cannot be "
-    "separated from the best, though they may be far worse"
+    "In brackets are methods that are not shown to be worse than the best and whose mean settled "
+    f"reward is lower by at most {100.0 * NEAR:g} % of the best's on each task. Where seeds "
+    "scatter widely, other methods cannot be separated from the best, though they may be far worse"
 )
 """What a name in brackets in the table of whom to choose means."""
 TUNED = (
     "Each line names a method with other settings than its defaults. It scores higher than every "
-    "method with default settings that spends as much flight or less. We chose these settings "
-    "among many by the same tables, so their scores are a little too good. On tasks that a line "
-    "does not name, the method had its defaults:"
+    "method with default settings that spends as much flight or less, by the mean over tasks with "
+    "Holm's correction over all settings that were tried. Its own default may spend more and score "
+    "as high. We chose these settings among many by the same tables, so their scores are a little "
+    "too good. On tasks that a line does not name, the method had its defaults:"
 )
 """What is said of settings that are better than all defaults."""
 BETTER_SETTINGS = (
-    "The table has the methods' default settings only. Other settings score higher and need no "
-    "more flight"
+    "The table has the methods' default settings only. Other settings score higher than every "
+    "default that spends as much flight or less"
 )
 """What is said where the names of such settings follow."""
 BETTER = "Settings that score higher than all defaults"
@@ -88,7 +90,9 @@ def whom(
     ]
     if better:
         names = dict.fromkeys(
-            f"{markdown.escape(name_of_method(b.entry))} with `{b.entry.variant}`" for b in better
+            f"{markdown.escape(name_of_method(b.entry))} with `{b.entry.variant}` and "
+            f"{b.team_size} drones"
+            for b in better
         )
         where = f"[where, and by how much]({cells}#{markdown.anchor(BETTER)})"
         parts.append(f"{BETTER_SETTINGS}: {join(names)} ({where}).")
@@ -269,3 +273,39 @@ def _reward(seeds: dict[int, float]) -> str:
         return MISSING
     found = estimate(seeds.values())
     return mean_std(found.mean, found.std, 2 if abs(found.mean) < 10.0 else 1)
+
+
+def beside_defaults(tables: Tables, figures: Sequence[str]) -> list[str]:
+    """The section on settings that differ from the default, cell by cell, after its figures."""
+    words = {Verdict.SUPPORTED: "better", Verdict.REFUTED: "worse", Verdict.UNDECIDED: "tied"}
+    lines, tests = [], []
+    for cell, entry, other, base in varied(tables):
+        apart = difference(other, base)
+        both = (estimate(base.values()), estimate(other.values()))
+        shown = (f"{mean_std(x.mean, x.std)} (n = {x.n})" if x.n else MISSING for x in both)
+        alone = "one seed: no order" if base else "no default row"
+        lines.append(
+            (
+                markdown.escape(cell.label),
+                markdown.escape(entry.label),
+                *shown,
+                measured(apart.mean, apart.low, apart.high),
+                words.get(above(apart, apart.p), alone),
+            )
+        )
+        tests.append(apart)
+    if not lines:
+        return []
+    counts = {word: sum(line[-1] == word for line in lines) for word in words.values()}
+    left = sum(v in (Verdict.SUPPORTED, Verdict.REFUTED) for v in by_cell(tests))
+    chance = sum(counts.values()) * (1.0 - LEVEL) / 2.0
+    headings = ("cell", "method", "default", "variant", "difference (95 % t-interval)", "verdict")
+    return [
+        "## Settings that differ from the default",
+        *figures,
+        "The settled reward of each setting less that of its default. Each line is judged by its "
+        f"own interval alone: {counts['better']} are better and {counts['worse']} worse, where "
+        f"chance alone would make about {number(chance, 0)} of either. With Holm's correction over "
+        f"the whole table {left or 'none'} of these remain{'s' if left == 1 else ''}.",
+        markdown.table(headings, lines, (0, 1)),
+    ]

@@ -96,6 +96,7 @@ CLAIMS = (
         "From N = 12, Hybrid is within 1 % of hot start",
         "under 1 %",
         GapAtMost(HYBRID, HOTSTART, bound=0.01, from_size=12),
+        2 * TASKS,
     ),
     Claim(
         PAPER,
@@ -230,7 +231,7 @@ CLAIMS = (
     Claim(
         OWN,
         "One calibration serves every team: Hybrid once loses at most 10 % more than Hybrid",
-        "every cell",
+        "12 of 12 cells, with 3, 12 and 18 drones",
         Above(ONCE, HYBRID, share=0.10),
         12,
     ),

@@ -11,7 +11,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.paper.choosing import better_defaults, by_task, in_detail, reward_by_flight, whom
+from bench.paper.choosing import (
+    beside_defaults,
+    better_defaults,
+    by_task,
+    in_detail,
+    reward_by_flight,
+    whom,
+)
 from bench.paper.claims import BILLS, BUDGET, CLAIMS, GRID, OFF_SPEC, PAPER, Claim
 from bench.paper.figures import (
     write_flights,
@@ -21,17 +28,15 @@ from bench.paper.figures import (
 )
 from bench.paper.pictures import write_cost, write_pipeline, write_top_views
 from bench.paper.rule import Finding
-from bench.paper.values import varied
 from bench.report.leaderboard import made_by
 from bench.report.page import write_both
 from bench.stats.choices import Better, Choice, better_settings, choices, on_task
 from bench.stats.scores import PRIMARY
-from bench.stats.statistics import REALITY, difference, estimate
-from bench.stats.verdicts import Verdict, above
+from bench.stats.statistics import REALITY
+from bench.stats.verdicts import Verdict
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.errors import UsageError
-from bench.text.numbers import MISSING, mean_std, number, span
 from bench.text.pages import read_notes, refuse_folder
 from bench.text.words import clean
 
@@ -301,10 +306,7 @@ def cells_document(own: Content, figures: Mapping[str, Sequence[str]], answers: 
             parts += [f"## {j.claim.title}", f"Supported if {j.claim.rule.text}."]
             parts += [markdown.table(j.finding.headings, j.finding.lines)]
     parts += reward_by_flight(own.tables)
-    headings, lines = variants(own.tables)
-    if lines:
-        parts += ["## Settings that differ from the default", *figures.get("settings", [])]
-        parts += [markdown.table(headings, lines, (0, 1))]
+    parts += beside_defaults(own.tables, figures.get("settings", []))
     if made := made_by(own.tables):
         lines = [(commit, markdown.escape(machine), f"{n:,}") for commit, machine, n in made]
         parts += [f"## {SOURCE}", _ended(own.tables)]
@@ -358,34 +360,6 @@ def word_of(verdict: Verdict, so_far: Verdict = Verdict.UNDECIDED) -> str:
     if verdict is Verdict.UNDECIDED and so_far in (Verdict.SUPPORTED, Verdict.REFUTED):
         return f"{so_far.value} so far"
     return f"**{verdict.value}**" if verdict is Verdict.REFUTED else verdict.value
-
-
-def variants(tables: Tables) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Headings and lines of the table of non-default settings beside the default, by cell."""
-    headings = ("cell", "method", "default", "variant", "difference", "95 % t-interval", "verdict")
-    words = {Verdict.SUPPORTED: "better", Verdict.REFUTED: "worse", Verdict.UNDECIDED: "tied"}
-    lines = []
-    for cell, entry, other, base in varied(tables):
-        apart, first, second = (
-            difference(other, base),
-            estimate(base.values()),
-            estimate(other.values()),
-        )
-        shown = (f"{mean_std(x.mean, x.std)} (n = {x.n})" if x.n else MISSING
-                 for x in (first, second))  # fmt: skip
-        lines.append(
-            (
-                markdown.escape(cell.label),
-                markdown.escape(entry.label),
-                *shown,
-                number(apart.mean, 1),
-                span(apart.low, apart.high, 1),
-                words.get(
-                    above(apart, apart.p), "one seed: no order" if first.n else "no default row"
-                ),
-            )
-        )
-    return headings, lines
 
 
 def _ended(tables: Tables) -> str:

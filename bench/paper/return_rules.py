@@ -21,7 +21,7 @@ from bench.stats.statistics import Cell, Entry, Values, difference, estimate, ma
 from bench.stats.verdicts import Verdict, above, below, by_cell, every, holm, over_cells
 from bench.store.tables import Tables
 from bench.text import markdown
-from bench.text.numbers import number, span
+from bench.text.numbers import number, places, span
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,8 +80,8 @@ class Above(AbstractRule):
                 markdown.escape(cell.label),
                 summary(a.values()),
                 summary(b.values()),
-                number(test.mean, 1),
-                span(test.low, test.high, 1),
+                number(test.mean, places(0.5 * (test.high - test.low))),
+                span(test.low, test.high, places(0.5 * (test.high - test.low))),
                 "< 0.001" if p < 0.001 else number(p, 3),
                 verdict.value,
             )
@@ -146,7 +146,7 @@ class GapNarrows(AbstractRule):
         return (
             f"the gap, ({NAMES[self.ahead]} - {NAMES[self.behind]}) / |{NAMES[self.ahead]}|, mean "
             "over all tasks, is smaller for the largest team that flew all of them than for the "
-            "smallest (Welch's interval over seeds)"
+            "smallest (paired over seeds)"
         )
 
     @property
@@ -159,8 +159,7 @@ class GapNarrows(AbstractRule):
             return UNTESTED
         means = {n: estimate(gap.values()) for n, gap in gaps.items()}
         first, last = min(gaps), max(gaps)
-        # Seeds of different team sizes have nothing in common: never paired.
-        apart = difference(gaps[first], {seed + 10**6: x for seed, x in gaps[last].items()})
+        apart = difference(gaps[first], gaps[last])
         verdict = every(by_cell([apart]))
         lines = tuple(
             (f"N = {n}", _percent(m.mean, m.n), _percent_span(m.low, m.high))
@@ -199,7 +198,14 @@ class GapAtMost(AbstractRule):
             f"{number(100 * m.mean, 1)} % ({_percent_span(m.low, m.high)}) at N = {n}"
             for n, m in means.items()
         )
-        return Finding(text, verdict)
+        lines = []
+        for cell, mine, theirs in pairs_of(undisturbed(tables, metric), self.behind, self.ahead):
+            if cell.team_size in means:
+                both = [s for s in mine if s in theirs]
+                gap = estimate(relative(theirs[s] - mine[s], theirs[s]) for s in both)
+                share = (_percent(gap.mean, gap.n), _percent_span(gap.low, gap.high))
+                lines.append((markdown.escape(cell.label), *share))
+        return Finding(text, verdict, ("cell", "gap [%]", "95 % t-interval"), tuple(lines))
 
 
 @dataclasses.dataclass(frozen=True)

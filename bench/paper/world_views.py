@@ -170,6 +170,9 @@ class Matrix(NamedTuple):
     best: Mapping[World, tuple[Entry, ...]]
     """By world, the method of the highest mean, then those that are not shown to score less: the
     paired 95 % interval of the difference holds 0. As named there (`flown_as`)."""
+    level: Mapping[Entry, tuple[Entry, ...]]
+    """By method of the front, those that fly less and above whose worst-world score its own is not
+    shown to be, by the same interval, each in its own worst world."""
 
 
 def matrix(found: Mapping[World, Tables]) -> Matrix:
@@ -189,7 +192,8 @@ def matrix(found: Mapping[World, Tables]) -> Matrix:
     cells, left_out = (tuple(Cell(*c) for c in sorted(x)) for x in (shared, some - shared))
     best = {w: _best(travelled(standings), w, own, shared) for w, own in values.items()}
     best = {world: entries for world, entries in best.items() if entries}
-    return Matrix(tuple(found), cells, left_out, standings, front, scale, best)
+    level = _level([s for s in standings if s.entry in front], values, shared)
+    return Matrix(tuple(found), cells, left_out, standings, front, scale, best, level)
 
 
 def travelled(standings: Sequence[Standing]) -> Sequence[Standing]:
@@ -211,6 +215,25 @@ def _best(
         return over_cells(zip(flown[ranked[0]], flown[entry], strict=True)).low
 
     return (*ranked[:1], *(entry for entry in ranked[1:] if not behind(entry) > 0.0))
+
+
+def _level(
+    front: Sequence[Standing], values: Mapping[World, Values], shared: set[tuple[str, int]]
+) -> dict[Entry, tuple[Entry, ...]]:
+    """`Matrix.level` of the front."""
+
+    def worst(standing: Standing) -> list[Mapping[int, float]]:
+        assert standing.worst is not None
+        here = flown_as(standing.entry, standing.worst)
+        return _of(values[standing.worst], here, shared)
+
+    def above(one: Standing, other: Standing) -> bool:
+        return over_cells(zip(worst(one), worst(other), strict=True)).low > 0.0
+
+    return {
+        one.entry: tuple(s.entry for s in front if s.minutes < one.minutes and not above(one, s))
+        for one in front
+    }
 
 
 def _shared(

@@ -8,7 +8,7 @@ world a policy will be flown.
 import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -204,15 +204,15 @@ def _summary(made: Matrix, cells: str, claims: Claims) -> list[str]:
     front = [s for s in made.standings if s.worst is not None and s.entry in made.front]
     bullets = [
         f"- **Best in its worst world, {_flight(s)}**: {markdown.escape(_name(s.entry))}, "
-        f"{number(s.worst_score, 3)} in {s.worst.name if s.worst else MISSING}."
+        f"{number(s.worst_score, 3)} in {s.worst.name if s.worst else MISSING}"
+        f"{_level(made.level[s.entry])}."
         for s in sorted(front, key=lambda s: s.minutes)
     ]
     for world, found in made.best.items():
         here = [s for s in travelled(made.standings) if world in s.scores]
         score = measured(*max(s.scores[world] for s in here))
-        first, *others = (markdown.escape(_name(entry)) for entry in found)
-        level = f"; not shown to be above {' or '.join(others)}" if others else ""
-        bullets.append(f"- Highest mean in {world.name}: {first}, {score}{level}.")
+        first = markdown.escape(_name(found[0]))
+        bullets.append(f"- Highest mean in {world.name}: {first}, {score}{_level(found[1:])}.")
     if not bullets:
         return ["## In short", "No method flew in every world."]
     bullets += [_decided(claim, verdicts) for claim, verdicts in claims.items()]
@@ -224,6 +224,12 @@ def _summary(made: Matrix, cells: str, claims: Claims) -> list[str]:
         f"{before}{made.scale}. Scores here are means over {cells}. Methods that did not fly all "
         f"of these in at least {FEWEST_WORLDS} worlds are left out.",
     ]
+
+
+def _level(others: Iterable[Entry]) -> str:
+    """Above whom a method is not shown to be, as the end of a sentence."""
+    names = " or ".join(markdown.escape(_name(entry)) for entry in others)
+    return f"; not shown to be above {names}" if names else ""
 
 
 def _flight(standing: Standing) -> str:

@@ -27,7 +27,7 @@ from bench.plan.suite import Row, Suite
 from bench.text.errors import UsageError
 from methods.calibration.reference_paths import Followers
 from methods.contract import AbstractMethod
-from methods.training.evaluate import Evaluation
+from methods.training.evaluate import TUNING_SEEDS, Evaluation
 from simulators import registry
 from simulators.contract import AbstractSimulator
 from simulators.drawn.drawn_team import Drawn, DrawnState
@@ -62,10 +62,16 @@ def expand(suite: Suite) -> Plan:
     """All runs of a suite, with the parents that they need.
 
     Raises:
-        PlanError: A row fits no method, or methods need each other.
+        PlanError: A row fits no method, methods need each other, or seeds are mixed with tuning's.
         SettingsError: A method or task does not have or accept a setting.
         UnknownPluginError: A method needs a parent that is not registered.
     """
+    if suite.first_seed < TUNING_SEEDS < suite.first_seed + suite.seeds:
+        raise PlanError(
+            f"Seeds must lie below {TUNING_SEEDS} or from there on, where settings are tuned and "
+            "policies are evaluated from other initial states; "
+            f"got {suite.first_seed} to {suite.first_seed + suite.seeds - 1}."
+        )
     runs: dict[str, Run] = {}
     recipes: dict[tuple, _Recipe] = {}
     broken: dict[str, None] = {}
@@ -166,7 +172,8 @@ def _parent(
     method_class: type[AbstractMethod], name: str, row: Row, task: str, team_size: int
 ) -> tuple[Row, str, int]:
     """The row and the cell of a parent: the child's own, unless its class fixes another."""
-    parent = Row(name, nominal=row.nominal, simulator=row.simulator)
+    reality = row.reality if method_class.parents_fly_reality else ""
+    parent = Row(name, nominal=row.nominal, simulator=row.simulator, reality=reality)
     if name in method_class.parent_cells:
         return parent, *method_class.parent_cells[name]
     return dataclasses.replace(parent, task_settings=row.task_settings), task, team_size

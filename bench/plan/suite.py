@@ -78,7 +78,8 @@ class Row:
     empty: crazyflow."""
     reality: str = ""
     """Another reality, a simulator and its effects, for which it is trained and in which it is
-    deployed; empty: `simulator` without effects. Its parents know `simulator`."""
+    deployed; empty: `simulator` without effects. Its parents know `simulator`, unless its method
+    says otherwise (`AbstractMethod.parents_fly_reality`)."""
     deployed_in: str = ""
     """The same for a row that trains nothing: what it would train without this key is deployed."""
     tracked: pydantic.StrictBool = False

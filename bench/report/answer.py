@@ -1,9 +1,12 @@
 """What a sweep says, in a sentence or two: who wins at which budget, and what is not separated."""
 
+from collections import Counter
 from collections.abc import Iterable
 
 from bench.stats.choices import Choice, better_settings, choices
 from bench.stats.leaderboard_rows import Row, best_rows
+from bench.stats.scores import at_home
+from bench.stats.statistics import FAILURES, Entry, endings
 from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.numbers import number, significant
@@ -38,6 +41,7 @@ def chosen(choice: Choice, tables: Tables) -> list[str]:
         f"{significant(tie.high)} below."
         for tie in choice.tied
     ]
+    lines += _failures(choice, tables)
     lines += [
         f"With other settings: {b.entry.label} on {', '.join(b.tasks)} "
         f"({b.entry._replace(variant='').label} elsewhere), score {number(b.score, 4)}, "
@@ -47,6 +51,27 @@ def chosen(choice: Choice, tables: Tables) -> list[str]:
         if b.team_size == choice.team_size and b.minutes <= choice.budget and b.score > choice.score
     ]
     return lines
+
+
+def _failures(choice: Choice, tables: Tables) -> list[str]:
+    """Runs that failed or diverged, of the methods that are named, and of those left without any.
+
+    A failed run is in no score, so that a method of which most fail may look the best.
+    """
+    runs: dict[Entry, Counter[str]] = {}
+    for cell, own in at_home(endings(tables), tables).items():
+        if cell.team_size == choice.team_size and cell.task in choice.tasks:
+            for entry, ended in own.items():
+                counts = {status: len(seeds) for status, seeds in ended.items()}
+                runs[entry] = runs.get(entry, Counter()) + Counter(counts)
+    named = [choice.best, *(tie.entry for tie in choice.tied)]
+    lines = [
+        f"{entry.label}: {gone} of {runs[entry].total()} runs failed or diverged."
+        for entry in named
+        if (gone := sum(runs[entry][status] for status in FAILURES))
+    ]
+    empty = [e for e, n in runs.items() if not e.variant and n["failed"] == n.total()]
+    return lines + [f"{entry.label} is not compared: all its runs failed." for entry in empty]
 
 
 def _sentence(team_size: int, own: list[Choice]) -> str:

@@ -56,11 +56,15 @@ HOW_TO_READ = (
     "crashes, fleet-minutes and time of its own training, not those of the run that it starts "
     "from. Only `hybrid_once` and `online` also count the fleet-minutes of the Hybrid that they "
     "start from. A row that only deploys another run's policy trains nothing, and has no rank on "
-    "these three.",
+    "what a training costs. Training times have no ranks: they were taken on shared machines, "
+    "and show the load as much as the method.",
     "A crash is the onset of a contact, per agent: another drone closer than 0.30 m, or the "
     "floor. Contacts are flags: drones push each other only in worlds with `collision`.",
 )
 """What a reader must know, in Markdown."""
+
+TRAINING_TIME = "training time"
+"""Heading of its column."""
 
 
 class Column(NamedTuple):
@@ -190,7 +194,7 @@ _COSTS = (
     _axis("training_crashes", significant),
     _metric("LF training collisions", "lf_collisions", significant),
     _metric("epochs", "epochs", significant),
-    _axis("train_seconds", seconds),
+    _metric(TRAINING_TIME, "train_seconds", seconds),
     _RUNS,
 )
 COLUMNS = (
@@ -237,6 +241,6 @@ MAIN = (
     "above its default",
     AXES["fleet_minutes"],
     AXES["crashes"],
-    AXES["train_seconds"],
+    TRAINING_TIME,
 )
 """Headings that a page shows before it is asked for all."""

@@ -4,16 +4,19 @@ from collections.abc import Sequence
 
 from bench.stats.bootstrap import Interval
 from bench.stats.pooled import Pool
+from bench.stats.scores import STEADY
 from bench.text.numbers import MISSING, measured, number
 
 HOW_TO_READ_POOLED = (
     "The score is the settled reward between that of a team that stays at its spawn (0) and that "
     "of the upper reference, a hot start with four times the epochs (1). IQM: mean of the middle "
-    "half of all runs, cells weighing alike, with the 95 % percentile-bootstrap interval (seeds "
-    "drawn within cells), which covers somewhat less than 95 % with few seeds.",
+    "half of all runs, cells weighing alike, with the 95 % percentile-bootstrap interval, which "
+    "holds the truth less often than that: with five seeds in about 85 % of cases.",
     "*Behind the first*: how much lower the mean score is, over the cells that both flew, with the "
-    "95 % interval; `bench compare` gives the same number. A rank is an interval: what these "
-    "differences of all pairs leave open, with Holm's correction, in the order of the means. "
+    "95 % interval. Seeds are its units, since all cells share them. `bench compare` gives the "
+    "same number. A rank is an interval and follows the means: whoever is shown to be above one "
+    "method, by these differences with Holm's correction over all pairs, is ranked before all of "
+    "lower mean, even before one whose seeds scatter too widely to be separated from anybody. "
     "Methods that share a letter are not separated, which does not make them as good.",
     "n: runs in the numbers (cells x seeds); in each cell they are the seeds that all methods of "
     "the table have, if two or more are. The last column counts runs that failed or diverged in "
@@ -81,6 +84,11 @@ def improvement_lines(pool: Pool) -> list[list[str]]:
 def pool_remarks(pool: Pool) -> list[str]:
     """What is not in the pool and why, a sentence each."""
     remarks = [f"Not pooled: {cell.label}: {reason}." for cell, reason in pool.without]
+    if pool.steadied:
+        remarks.append(
+            f"The upper reference diverged, and 1 is what it reaches with {STEADY}: "
+            f"{'; '.join(cell.label for cell in pool.steadied)}."
+        )
     return remarks + [f"Not pooled: {e.label}: {reason}." for e, reason in pool.left_out]
 
 

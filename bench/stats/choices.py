@@ -6,10 +6,10 @@ is not shown to be below it (`bench/stats/verdicts.py`, all tasks pooled) is tie
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from bench.stats.scores import at_home, scored, undisturbed
+from bench.stats.scores import PRIMARY, at_home, scored, undisturbed
 from bench.stats.statistics import (
     FEWEST_SEEDS,
     Entry,
@@ -19,16 +19,16 @@ from bench.stats.statistics import (
     on_top,
     seed_values,
 )
-from bench.stats.verdicts import Verdict, above, over_cells
+from bench.stats.verdicts import Verdict, above, by_cell, over_cells
 from bench.store.tables import Tables
 
 BUDGETS = (0.0, 0.5, 5.0, 50.0, 500.0, 5000.0)
 """Fleet-minutes that are asked about."""
 BUDGET_VARIANT = re.compile(r"flights=\d+|trainer\.share=[\d.]+")
 """Variants that differ from the default in their budget of flight alone."""
-NEAR = 0.01
-"""A method is named beside the best where the 95 % interval of its deficit ends at most here: a
-hundredth of the way from the spawn to the upper reference; a choice."""
+NEAR = 0.1
+"""A method that is not shown to be worse is named beside the best where its settled reward is lower
+by at most this share of the best's on every task; a choice."""
 
 
 class Choice(NamedTuple):
@@ -56,11 +56,8 @@ class Tie(NamedTuple):
     low: float
     """How far below the best it is, lower end of the 95 % interval; NaN without one."""
     high: float
-
-    @property
-    def near(self) -> bool:
-        """Whether it is shown to be at most `NEAR` below the best."""
-        return self.high <= NEAR
+    near: bool
+    """Whether its mean settled reward is near the best's on every task (`NEAR`)."""
 
 
 class Better(NamedTuple):
@@ -105,10 +102,10 @@ def on_task(tables: Tables, task: str) -> Tables:
 
 def _ladders(tables: Tables, budgets: Sequence[float]) -> dict[int, list[Choice]]:
     """A choice for each budget at which anybody is affordable, by team size."""
-    scores = _default(_scores(tables))
+    scores, rewards = _default(_scores(tables)), _default(undisturbed(tables, PRIMARY))
     found = {}
     for n, bills in _bills(tables).items():
-        ladder = [_affordable(scores, bills, n, budget) for budget in budgets]
+        ladder = [_affordable(scores, rewards, bills, n, budget) for budget in budgets]
         found[n] = [choice for choice in ladder if choice]
     return found
 
@@ -116,11 +113,14 @@ def _ladders(tables: Tables, budgets: Sequence[float]) -> dict[int, list[Choice]
 def better_settings(tables: Tables) -> list[Better]:
     """Settings with which a method is above whatever is best by default at its bill.
 
-    Settings are compared with the default on the tasks that flew them, all tasks pooled; scores of
-    those that were chosen among many are a little too good.
+    Settings are compared with the default on the tasks that flew them, all tasks pooled, with
+    Holm's correction over all settings and team sizes. Scores of those that were chosen among many
+    are a little too good all the same.
     """
     scores, flight = _scores(tables), undisturbed(tables, "fleet_minutes")
-    defaults, found = _default(scores), []
+    defaults = _default(scores)
+    rewards = _default(undisturbed(tables, PRIMARY))
+    found, tests = [], []
     for n, bills in _bills(tables).items():
         cells = [cell for cell, own in defaults.items() if own and cell.team_size == n]
         for entry in sorted({e for cell in cells for e in scores[cell] if e.variant}):
@@ -132,17 +132,17 @@ def better_settings(tables: Tables) -> list[Better]:
             if entry not in flown.values() or not all(e in scores[c] for c, e in flown.items()):
                 continue
             minutes = _mean(flight[cell][e].values() for cell, e in flown.items())
-            best = _affordable(defaults, bills, n, minutes)
+            best = _affordable(defaults, rewards, bills, n, minutes)
             if best is None:
                 continue
             pairs = [(scores[cell][e], scores[cell][best.best]) for cell, e in flown.items()]
-            apart = over_cells(pairs)
-            if above(apart, apart.p) is Verdict.SUPPORTED:
-                tasks = tuple(sorted(cell.task for cell, e in flown.items() if e == entry))
-                common = [matched(own, other) for own, other in pairs]
-                score, below = (_mean(both[i].values() for both in common) for i in (0, 1))
-                found.append(Better(n, entry, tasks, score, minutes, best.best, below))
-    return found
+            tasks = tuple(sorted(cell.task for cell, e in flown.items() if e == entry))
+            common = [matched(own, other) for own, other in pairs]
+            score, below = (_mean(both[i].values() for both in common) for i in (0, 1))
+            found.append(Better(n, entry, tasks, score, minutes, best.best, below))
+            tests.append(over_cells(pairs))
+    verdicts = zip(found, by_cell(tests), strict=True)
+    return [better for better, verdict in verdicts if verdict is Verdict.SUPPORTED]
 
 
 def _scores(tables: Tables) -> Values:
@@ -159,10 +159,11 @@ def _bills(tables: Tables) -> dict[int, dict[Entry, float]]:
 
 
 def _affordable(
-    scores: Values, bills: dict[Entry, float], team_size: int, budget: float
+    scores: Values, rewards: Values, bills: dict[Entry, float], team_size: int, budget: float
 ) -> Choice | None:
     """The choice among those whose bill is at most the budget."""
-    return _choose(scores, {e: m for e, m in bills.items() if m <= budget}, team_size, budget)
+    affordable = {e: m for e, m in bills.items() if m <= budget}
+    return _choose(scores, rewards, affordable, team_size, budget)
 
 
 def _mean(cells: Iterable[Iterable[float]]) -> float:
@@ -207,7 +208,7 @@ def _default(values: Values) -> Values:
 
 
 def _choose(
-    scores: Values, bills: dict[Entry, float], team_size: int, budget: float
+    scores: Values, rewards: Values, bills: dict[Entry, float], team_size: int, budget: float
 ) -> Choice | None:
     cells = [cell for cell, own in scores.items() if own and cell.team_size == team_size]
     entries = [e for e in bills if all(e in scores[cell] for cell in cells)]
@@ -221,9 +222,15 @@ def _choose(
         if e != best
     }
     tied = tuple(
-        Tie(e, mean[e], behind.low, behind.high)
+        Tie(e, mean[e], behind.low, behind.high, _near(e, best, [rewards[cell] for cell in cells]))
         for e, behind in apart.items()
         if above(behind, behind.p) is not Verdict.SUPPORTED
     )
     tasks = tuple(sorted(cell.task for cell in cells))
     return Choice(team_size, budget, best, mean[best], bills[best], tied, tasks)
+
+
+def _near(entry: Entry, best: Entry, cells: Sequence[Mapping[Entry, Mapping[int, float]]]) -> bool:
+    """Whether an entry's mean reward is near that of the best in every cell."""
+    means = [[estimate(own[e].values()).mean for e in (entry, best)] for own in cells]
+    return all(one >= first - NEAR * abs(first) for one, first in means)

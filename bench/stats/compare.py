@@ -137,11 +137,11 @@ def compare(a: Side, b: Side) -> Comparison:
             f"compare over {len(shared)} cells. One cell alone is compared by its returns"
         )
     else:
-        shared, unusable = _with_scores(a, b, shared)
+        shared, bare = _with_scores(a, b, shared)
+        why = "without an upper reference there is no score"
         if not shared:
-            reasons = (f"{why}: {_cells(cells)}" for why, cells in unusable.items() if cells)
-            return _not_comparable("; ".join(reasons))
-        left |= unusable
+            return _not_comparable(f"{why}: {_cells(bare)}")
+        left[why] = bare
         verdict, found = _several(a, b, shared)
     lines = [
         f"Left out, because {reason}: {_cells(cells)}." for reason, cells in left.items() if cells
@@ -182,31 +182,21 @@ def _one(a: Mapping[int, float], b: Mapping[int, float]) -> tuple[Verdict, list[
     return above(apart, apart.p), [text]
 
 
-def _with_scores(
-    a: Side, b: Side, shared: list[Stratum]
-) -> tuple[list[Stratum], dict[str, list[Stratum]]]:
-    """The strata that scores over several can be compared in, and the others by the reason."""
+def _with_scores(a: Side, b: Side, shared: list[Stratum]) -> tuple[list[Stratum], list[Stratum]]:
+    """The strata that scores over several can be compared in, and the others."""
     own, other = a.values("score"), b.values("score")
     bare = [s for s in shared if min(len(own.get(s, {})), len(other.get(s, {}))) < FEWEST_SEEDS]
-    scored = [s for s in shared if s not in bare]
-    apart = [s for s in scored if len({*own[s]} & {*other[s]}) < FEWEST_SEEDS]
-    reasons = {
-        "without an upper reference there is no score": bare,
-        f"they have fewer than {FEWEST_SEEDS} seeds in common": apart,
-    }
-    return [s for s in scored if s not in apart], reasons
+    return [s for s in shared if s not in bare], bare
 
 
 def _several(a: Side, b: Side, shared: list[Stratum]) -> tuple[Verdict, list[str]]:
     """The answer over several strata, from scores, which all of them have."""
     scores = [side.values("score") for side in (a, b)]
     found = over_cells((scores[0][s], scores[1][s]) for s in shared)
-    # Named by their cells as in the leaderboard, so that the same seeds are drawn.
-    names = {s: s if a.entry is None else s[0] for s in shared}
-    better = improvement(*({names[s]: own[s] for s in shared} for own in scores))
+    better = improvement(*({s: own[s] for s in shared} for own in scores))
     lines = [
         f"Score higher by {measured(found.mean, found.low, found.high)}, mean over cells with its "
-        f"95 % interval ({found.n} pairs of seeds).",
+        f"95 % interval ({found.n} seeds).",
         f"Probability that a run of the first is better: {number(better.value, 2)}, 95 % "
         f"percentile-bootstrap interval {span(better.low, better.high, 2)}.",
     ]

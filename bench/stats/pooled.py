@@ -27,7 +27,7 @@ from bench.stats.bootstrap import (
     profile,
 )
 from bench.stats.ranking import Above, intervals, letters
-from bench.stats.scores import UPPER, fallen_references, scored
+from bench.stats.scores import UPPER, fallen_references, scored, steadied_references
 from bench.stats.statistics import (
     FEWEST_SEEDS,
     Cell,
@@ -94,6 +94,8 @@ class Pool(NamedTuple):
     """Other entries of this world, and why they are not pooled."""
     without: list[tuple[Cell, str]]
     """Other cells of this world, and why they are not pooled."""
+    steadied: list[Cell]
+    """Cells in which a steady variant of the upper reference says what a score of 1 is."""
 
 
 def pools(tables: Tables) -> list[Pool]:
@@ -111,14 +113,15 @@ def pools(tables: Tables) -> list[Pool]:
         for entry, ended in own.items():
             gone[_world(cell), entry] += lost(ended)
     worlds = {_world(cell) for cell in rewards}
-    fallen, found = fallen_references(tables), []
+    fallen, steadied, found = fallen_references(tables), steadied_references(tables), []
     for world in sorted(worlds, key=lambda w: (w != ("crazyflow", ""), w)):
         own = {cell: values for cell, values in scores.items() if _world(cell) == world}
         flown = {cell: values for cell, values in rewards.items() if _world(cell) == world}
         cells, entries = _largest(own)
         if len(entries) >= 2 and len(cells) >= 2:
             without = _without(cells, entries, own, flown, fallen)
-            found.append(_pool(world, cells, entries, own, flown, gone, without))
+            steady = sorted(steadied.intersection(cells))
+            found.append(_pool(world, cells, entries, own, flown, gone, without, steady))
     return found
 
 
@@ -160,6 +163,7 @@ def _pool(
     rewards: Values,
     gone: Mapping[tuple[tuple[str, str], Entry], int],
     without: list[tuple[Cell, str]],
+    steadied: list[Cell],
 ) -> Pool:
     samples = _matched(cells, entries, scores)
     means = {
@@ -201,6 +205,7 @@ def _pool(
         ),
         left_out=_left_out(cells, set(entries), scores, rewards),
         without=without,
+        steadied=steadied,
     )
 
 

@@ -10,7 +10,8 @@ and whoever pools says so. A score above 1 is better than that reference.
 """
 
 import json
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -26,6 +27,8 @@ from bench.stats.statistics import (
     seed_values,
 )
 from bench.store.tables import Tables
+
+_T = TypeVar("_T")
 
 UPPER = "upper_reference"
 """The method that defines a score of 1; it competes with nobody."""
@@ -92,8 +95,8 @@ def recovered(tables: Tables) -> Values:
     return seed_values(kept, "score")
 
 
-def at_home(values: Values, tables: Tables) -> Values:
-    """The values in the undisturbed high-fidelity simulator."""
+def at_home(values: Mapping[Cell, _T], tables: Tables) -> dict[Cell, _T]:
+    """What there is of the undisturbed high-fidelity simulator."""
     home = home_of(tables)
     return {
         cell: own

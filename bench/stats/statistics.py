@@ -99,7 +99,7 @@ class Estimate:
     std: float
     """Sample standard deviation (n - 1); NaN below two seeds, for Welch differences, over cells."""
     n: int
-    """Number of seeds; in a Welch difference, of the smaller sample; over many cells, pairs."""
+    """Number of seeds; in a Welch difference, of the smaller sample; over cells, of all."""
     low: float
     """Lower end of the 95 % t-interval; NaN below two seeds."""
     high: float

@@ -10,9 +10,20 @@ from methods.contract import Ledger, Setup, Trained
 from methods.training.bptt import BPTT
 from methods.training.policy import AbstractPolicy
 from simulators.contract import AbstractSimulator
+from simulators.vehicle import CONTROL_DT
 
 NOTHING = Ledger()
 """The bill of a configuration that flies nothing before it trains."""
+
+
+def check_step(dt: float) -> None:
+    """Raises a ValueError unless a control step is a whole number of integration steps of `dt` [s].
+
+    Else the point mass would be trained in with another step than the one asked for.
+    """
+    steps = CONTROL_DT / dt if dt > 0.0 else 0.0
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+        raise ValueError(f"`dt` must divide the control step of {CONTROL_DT} s, got {dt}.")
 
 
 def train_in_point_mass(

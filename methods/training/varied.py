@@ -108,7 +108,8 @@ def vary_around(
 
     Times stay within a factor exp(+-`spread`) of what they are. Commands are up to `delay` [s]
     later than that, and a steady push of up to `push` [m/s^2] acts along each axis of the world.
-    All stay within the bounds of their parameters: no delay outlasts its buffer.
+    Of several delays or winds the last one gets that. All stay within the bounds of their
+    parameters: no delay outlasts its buffer.
 
     Raises:
         ValueError: A number that is to be drawn lies outside of these bounds.
@@ -117,12 +118,14 @@ def vary_around(
     present = {type(effect) for effect in simulator.effects}
     if missing := [kind() for kind, (_, most) in added.items() if most and kind not in present]:
         simulator = with_effects(simulator, missing)
+    last = {type(effect): effect for effect in simulator.effects}
     factor, ranges = jnp.exp(jnp.asarray([-spread, spread])), []
     for effect, name in _varied(simulator, push > 0.0):
         parameter, value = effect.parameters[name], getattr(effect, name)
         _check_within(parameter, float(value), type(effect).__name__, name)
         ends = value * factor if parameter.unit in TIMES else jnp.broadcast_to(value, 2)
-        ends = ends + jnp.asarray(added.get(type(effect), (0.0, 0.0)))
+        more = added.get(type(effect), (0.0, 0.0)) if effect is last[type(effect)] else (0.0, 0.0)
+        ends = ends + jnp.asarray(more)
         low, high = jnp.clip(ends, parameter.low, parameter.high)
         ranges.append((float(low), float(high)))
     return vary(simulator, _times_and_pushes if push else _times, ranges)

@@ -3,7 +3,7 @@
 import pytest
 
 from bench.cli.checks import check_reality
-from bench.plan.expansion import expand
+from bench.plan.expansion import PlanError, expand
 from bench.plan.names import worlds
 from bench.plan.realities import parse_reality, shortened, written
 from bench.plan.suite import Row, Suite
@@ -88,3 +88,33 @@ def test_people_read_the_name_of_a_world_and_not_what_it_is_made_of(name):
     longer = f"{text}; Wind(x=1, y=0)"
     assert shortened(longer) == longer  # another world
     assert shortened("crazyflow") == "crazyflow"
+
+
+def test_whoever_takes_a_parents_calibration_takes_one_of_its_own_reality():
+    """Hybrid once flies nothing: a residual from crazyflow is no calibration in RotorPy."""
+
+    def parents(method, reality):
+        row = Row(method, reality=reality)
+        runs = expand(Suite("s", "", ("circle",), (3,), 1, (row,))).runs
+        child = next(run for run in runs if run.method == method)
+        return [run for run in runs if run.name in child.parents.values()]
+
+    (calibrated,) = parents("hybrid_once", "rotorpy")
+    assert (calibrated.method, calibrated.reality) == ("hybrid", "rotorpy")
+    assert (calibrated.task, calibrated.team_size) == ("figure8", 3)
+    (home,) = parents("hybrid_once", "")
+    assert home.reality == "crazyflow"
+    assert home.name != calibrated.name
+    # What starts from a policy and flies itself starts from the policy of home.
+    for method in ("hf_hotstart", "recalibrated", "online"):
+        assert all(run.reality == "crazyflow" for run in parents(method, "rotorpy"))
+
+
+def test_seeds_of_tuning_and_of_results_stand_in_no_suite_together():
+    def suite(first, seeds):
+        return Suite("s", "", ("circle",), (3,), seeds, (Row("lf_baseline"),), first_seed=first)
+
+    with pytest.raises(PlanError, match=r"must lie below 1000 .* got 998 to 1001"):
+        expand(suite(998, 4))
+    for first in (998, 1000):
+        assert len(expand(suite(first, 2)).runs) == 2

@@ -19,7 +19,7 @@ from methods.running.metered import train_metered
 from methods.training.bptt import BPTT
 from methods.training.evaluate import evaluation_keys, fly
 from methods.training.policy import PolicyController, make_policy
-from methods.training.varied import TIMES
+from methods.training.varied import TIMES, vary_around
 from simulators.contract import with_effects
 from simulators.crazyflow import Crazyflow
 from simulators.effects.delay import Delay
@@ -372,9 +372,25 @@ def test_training_knows_commands_that_are_later_than_the_flights_showed(trained_
     np.testing.assert_allclose(later, np.where(of_delay, 0.05, 0.0), atol=1e-6)
 
 
+def test_of_two_delays_one_is_drawn_later():
+    twice = with_effects(NOMINAL, [Delay(seconds=0.02), Delay(seconds=0.01)])
+    assert len(twice.effects) == 2
+    varied, plain = vary_around(twice, 0.0, delay=0.06), vary_around(twice, 0.0)
+    later = np.sort(np.asarray(varied.high) - np.asarray(plain.high))
+    np.testing.assert_allclose(later, [0.0, 0.06], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("largest", 0), ("dt", 0.0), ("dt", 0.05), ("spread", -0.1), ("delay", 0.2), ("push", 1.1)],
+    [
+        ("largest", 0),
+        ("dt", 0.0),
+        ("dt", 0.05),
+        ("dt", 0.0125),
+        ("spread", -0.1),
+        ("delay", 0.2),
+        ("push", 1.1),
+    ],
 )
 def test_settings_out_of_range_are_refused(field, value):
     with pytest.raises(ValueError, match=f"`{field}` must"):

@@ -108,6 +108,8 @@ def test_rows_bound_each_members_fit():
     ("method", "settings", "match"),
     [
         ("hybrid", {"rows": 0}, "`rows` must be at least 1"),
+        ("hybrid", {"flown": "grey_box", "hover_weight": 9.0}, "must have their defaults"),
+        ("domain_randomization", {"dt": 0.05}, "`dt` must divide the control step"),
         ("hybrid", {"flights": 0}, "`flights` must be at least 1 or None, got 0"),
         ("recalibrated", {"flights": -1}, "`flights` must be at least 0, got -1"),
         ("hybrid", {"rows": 9, "residual": "affine"}, "and the residual 'mlp'"),

@@ -34,7 +34,8 @@ COLUMN_WORDS = {
     "team_size": "Number of drones.",
     "seed": "Seed of the training.",
     "simulator": "High-fidelity simulator in which the policy was evaluated.",
-    "trained_effects": "Effects of the simulator in which it was trained, as canonical text.",
+    "trained_effects": "Effects of the simulator in which it was trained, as canonical text; those "
+    "that a method itself adds or draws are told by its settings alone.",
     "deployed_effects": "Effects of the simulator in which it was evaluated.",
     "calibration_flights": "Calibration flights that were billed.",
     "metric": "Name of the metric.",

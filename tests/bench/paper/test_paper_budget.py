@@ -111,10 +111,11 @@ def test_on_one_task_the_best_is_named_with_the_team_sizes_for_which_it_is():
     assert by_task({"spread": alone["spread"]}) == []
 
 
-def test_who_is_shown_to_be_near_the_best_stands_beside_it():
-    sheet = Scores().bound("spread").give(HYBRID, 0.9).give(HOTSTART, 0.899, scatter=(0.002, 0, 0))
+def test_who_has_nearly_the_same_reward_as_the_best_stands_beside_it():
+    sheet = Scores().bound("spread").give(HYBRID, 0.8).give(HOTSTART, 0.799, scatter=(0.004, 0, 0))
+    sheet.give(SCRATCH, 0.78, scatter=(0.02, 0.02, -0.04))  # -120 where the best has -99
     (found,) = choices(sheet.tables())
-    assert [tie.near for tie in found.tied] == [True]
+    assert [(tie.entry, tie.near) for tie in found.tied] == [(HOTSTART, True), (SCRATCH, False)]
     page = "\n\n".join(whom([found], sheet.tables(), False, ""))
     assert f"**Hybrid** {found.score:.3f} (or hot start)" in page
 

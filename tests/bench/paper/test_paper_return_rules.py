@@ -242,9 +242,10 @@ def test_gaps_are_in_percent_of_hot_start():
     assert found.lines[0] == ("N = 3", "20.0 (n = 3)", "17.5 to 22.5")
 
 
-def test_seeds_of_different_team_sizes_are_never_paired():
-    # Seed by seed the gap is 5 points smaller, without any scatter; as two samples they overlap.
-    assert judged(NARROWS, gaps((10.0, 20.0, 30.0), (5.0, 15.0, 25.0))).verdict is UNDECIDED
+def test_a_gap_is_compared_seed_by_seed():
+    # As two samples they overlap; seed by seed the gap is 5 points smaller.
+    assert judged(NARROWS, gaps((10.0, 20.0, 30.0), (5.0, 15.1, 25.0))).verdict is SUPPORTED
+    assert judged(NARROWS, gaps((10.0, 20.0, 30.0), (25.0, 15.0, 5.0))).verdict is UNDECIDED
 
 
 def test_gaps_are_averaged_over_tasks_and_team_sizes_that_lack_one_are_left_out():
