@@ -11,6 +11,7 @@ from bench.plan.keys import Setting
 from bench.plan.override import overridden
 from bench.plan.suite import Suite, load_suite
 from bench.store.tables import Tables
+from bench.text.errors import UsageError
 
 
 def load(path: Path | str) -> Tables:
@@ -74,6 +75,13 @@ def run(
         KeyboardInterrupt: Ctrl-C; finished runs are kept, and the same call resumes.
         UsageError: The request cannot be carried out; nothing was done.
     """
+    lists = {"tasks": tasks, "methods": methods, "residuals": residuals, "reuse": reuse}
+    for name, value in lists.items():
+        if isinstance(value, str):
+            raise UsageError(f"`{name}` must be a list of names, got the text '{value}'.")
+    for name, number in {"seeds": seeds, "jobs": jobs, "together": together}.items():
+        if number is not None and (not isinstance(number, int) or number < 1):
+            raise UsageError(f"`{name}` must be a whole number from 1 on, or None, got {number!r}.")
     found = suite if isinstance(suite, Suite) else load_suite(str(suite))
     found = found.quickly() if quick else found
     chosen = found.select(tasks, team_sizes, methods, residuals, seeds)

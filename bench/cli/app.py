@@ -5,14 +5,17 @@ commands in the same way. The functions import JAX and pandas themselves, so tha
 once.
 """
 
+import io
 import os
 import signal
 import sys
 
 import cyclopts
 
+from bench.cli.checks import refuse_logs
 from bench.execution.signals import handled
 from bench.text.errors import UsageError
+from diagnosis.logs.columns import LogError
 from simulators import registry
 
 USAGE_ERRORS = (UsageError, registry.UnknownPluginError, registry.BrokenPluginError)
@@ -26,6 +29,7 @@ def make_app() -> cyclopts.App:
         help="How should drone-swarm policies be trained across simulator fidelities?",
         version=_version,
         version_flags=["--version"],
+        suppress_keyboard_interrupt=False,  # `main` says that it was interrupted
     )
     app.register_install_completion_command(
         help="Install completion for bash, zsh or fish: for the shell that runs this command."
@@ -48,6 +52,9 @@ def main(arguments: list[str] | None = None) -> int:
     Args:
         arguments: The command and its arguments; None: those of this process.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a name that a terminal cannot show ends nothing
     # Editors and CI set a width of 0 where they know none; tables of that width would be empty.
     if os.environ.get("COLUMNS") == "0":
         del os.environ["COLUMNS"]
@@ -60,6 +67,8 @@ def main(arguments: list[str] | None = None) -> int:
                 print_error=False,
                 result_action="return_value",
             )
+    except LogError as error:
+        return refuse_logs(error)
     except (cyclopts.CycloptsError, *USAGE_ERRORS) as error:
         _complain(str(error))
         return 2

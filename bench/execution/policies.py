@@ -131,7 +131,8 @@ def deploy(
     rows = [r for r in rows if not (chosen := {*methods}) or r["method"] in chosen]
     if not rows:
         raise UsageError(
-            f"{path} holds no policy of these methods. `bench keep {tables_dir}` adds policies."
+            f"{path} holds no policy of these methods. `bench keep {tables_dir}` adds policies of "
+            "rows with default settings whose runs are still there."
         )
     found: dict[str, list[tuple[float, float, float]]] = {}
     for row in rows:

@@ -259,6 +259,8 @@ def make_executor(name: Name, jobs: int | None, most: int, logs: Path) -> Abstra
         from bench.execution.slurm import SlurmExecutor
 
         return SlurmExecutor(jobs, most, logs / "slurm")
+    if name != "local":
+        raise UsageError(f"`executor` must be 'local', 'ray' or 'slurm', got '{name}'.")
     from bench.execution.pool import LocalExecutor
 
     return LocalExecutor(max(1, min(jobs or usual_jobs(), most)), logs)

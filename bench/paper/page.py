@@ -7,6 +7,7 @@ written as Markdown and as HTML.
 
 import dataclasses
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -38,7 +39,7 @@ from bench.store.tables import Tables
 from bench.text import markdown
 from bench.text.errors import UsageError
 from bench.text.pages import read_notes, refuse_folder
-from bench.text.words import clean
+from bench.text.words import clean, join
 
 TITLE = "How to train a drone team{}: the paper's claims beside ours"
 """Of the first page, with the simulator flown in, where that is another."""
@@ -46,6 +47,12 @@ CELLS = "The paper's claims, cell by cell"
 """Title of the second page."""
 WHY = "Why: experiments behind the answers"
 """Title of the third page."""
+HOLDS = "What holds"
+"""Heading of the list of claims by verdict."""
+BY_CONSTRUCTION = (
+    "True by construction: a setting fixes the bill, or nothing trains in high fidelity"
+)
+"""What is said of claims that no measurement could refute."""
 SOURCE = "Where the rows come from"
 """Heading of the table of commits and machines."""
 COST = (
@@ -62,8 +69,10 @@ SUMMARY = (
 )
 """What the second figure shows."""
 WORLDS = (
-    "Policies deployed on drones that are off their specification: one row for each world, one "
-    "column for each task, one dot for each seed"
+    "Settled reward (further right is better, logarithmic) on drones that are off their "
+    "specification: a row for each world, with drag in 1/s, mass as a share and wind in m/s², a "
+    "column for each task, a dot for each seed. *Recalibrated*, *grey box* and *hot start* flew "
+    "the changed drone before"
 )
 """What the figure of the off-spec drones shows."""
 FLIGHTS = (
@@ -264,7 +273,7 @@ def document(
         figures: Paragraphs of each figure, by its name in `FIGURES`.
         cells: Name of the page that has all cells.
     """
-    parts = [f"# {title_of(own.tables)}", *_flown_elsewhere(own.tables)]
+    parts = [f"# {title_of(own.tables)}", *_flown_elsewhere(own.tables), _count(own.found)]
     parts += whom(own.chosen, own.tables, own.better, cells)
     parts += by_task(own.alone)
     parts += [*_answer(own.found), *figures.get("cost", []), *reasons]
@@ -326,9 +335,23 @@ def _whole_text(j: Judged) -> str:
     return word if j.whole.ours == j.finding.ours else f"{word}: {j.whole.ours}"
 
 
+def _count(found: Sequence[Judged]) -> str:
+    """How many claims stand, in one sentence."""
+    given = [j for j in found if _by_construction(j)]
+    counts = Counter(j.finding.verdict for j in found if j not in given)
+    said = [f"{n} {verdict.value}" for verdict in Verdict if (n := counts[verdict])]
+    said += [f"{len(given)} true by construction"] if given else []
+    return f"{len(found)} claims: {join(said)} ([which](#{markdown.anchor(HOLDS)}))."
+
+
+def _by_construction(j: Judged) -> bool:
+    """Whether a supported claim is about what settings fix, and no measurement could refute it."""
+    return j.claim.of == BILLS and j.so_far is Verdict.SUPPORTED
+
+
 def _answer(found: Sequence[Judged]) -> list[str]:
     """Which claims stand: a list of verdicts, and below each the claims."""
-    given = [j for j in found if j.claim.of == BILLS and j.so_far is Verdict.SUPPORTED]
+    given = [j for j in found if _by_construction(j)]
     found = [j for j in found if j not in given]
     undecided = [j for j in found if j.finding.verdict is Verdict.UNDECIDED]
     open_ = {
@@ -341,18 +364,18 @@ def _answer(found: Sequence[Judged]) -> list[str]:
     pooled = [j for j in rest if j.finding.pooled is Verdict.SUPPORTED]
     groups = {
         "Supported": [j for j in found if j.finding.verdict is Verdict.SUPPORTED],
-        "Undecided cell by cell; the mean over the cells is higher": pooled,
+        "Undecided cell by cell, though the mean over all cells speaks for it": pooled,
         **open_,
         "Refuted": [j for j in found if j.finding.verdict is Verdict.REFUTED],
         "Undecided": [j for j in rest if j not in pooled],
         "Not tested": [j for j in found if j.finding.verdict is Verdict.UNTESTED],
-        "True by construction, because settings fix the bills": given,
+        BY_CONSTRUCTION: given,
     }
     lines = []
     for name, own in groups.items():
         if own:
             lines += [f"- **{name}** ({len(own)})", *(f"  - {j.claim.title}" for j in own)]
-    return ["## What holds", "\n".join(lines)]
+    return [f"## {HOLDS}", "\n".join(lines)]
 
 
 def word_of(verdict: Verdict, so_far: Verdict = Verdict.UNDECIDED) -> str:

@@ -125,7 +125,9 @@ class Above(AbstractRule):
         few = ""
         if 2 * against > len(pairs):
             most = max(apart, key=lambda cell: apart[cell])
-            few = f", though not in {against} of them: the mean follows {most.label}"
+            few = (
+                f". In {against} of these it is the other way round; {most.label} decides the mean"
+            )
         text = (
             f"; {NAMES[self.first]}'s score is {number(abs(test.mean), 4)} "
             f"({span(low, high, 4)}) {'higher' if test.mean >= 0.0 else 'lower'} over "

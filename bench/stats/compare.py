@@ -32,7 +32,7 @@ from bench.stats.verdicts import Verdict, above, over_cells
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
 from bench.text.numbers import mean_std, measured, number, places, seconds, significant, span
-from simulators.registry import unknown
+from simulators.registry import did_you_mean
 
 SECONDARY = {
     "crashes": ("crashes per episode", significant),
@@ -104,6 +104,8 @@ def load_side(text: str, default: Path | None) -> Side:
     elif folder and not Path(folder).is_dir():  # a colon that belongs to the name
         folder, name = "", text
     place = Path(folder) if folder else default
+    if place is None and (there := text.rpartition(":")[0]):
+        raise UsageError(f"{there} is no folder.")
     if place is None:
         raise UsageError(f"'{text}' is no folder. Name one: FOLDER:METHOD, or give --results.")
     tables = Tables.load(place)
@@ -112,7 +114,11 @@ def load_side(text: str, default: Path | None) -> Side:
     own = {entry for cell in endings(tables).values() for entry in cell}
     names = {spelling: entry for entry in own for spelling in (entry.label, _short(entry))}
     if name not in names:
-        raise UsageError(f"{place}: {unknown('method', name, {_short(e) for e in own})}")
+        known = sorted(_short(e) for e in own)
+        near = did_you_mean(name, known)
+        raise UsageError(
+            f"{place} has no rows of '{name}'.{near} It has rows of {', '.join(known)}."
+        )
     return Side(text, tables, names[name])
 
 

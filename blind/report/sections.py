@@ -108,9 +108,13 @@ def aims(tables: Tables) -> list[str]:
     lines = [markdown.table(headings, rows, (0, 5)), _shrinks(summary)]
     return [
         "Names are scored on decidable cases, numbers and intervals on all true effects that were "
-        "named. *Abstention* is the verdict `unexplained` or `partly`, or an effect with a tenth "
-        "or more of the gap left unexplained. *Met* is said of the measured value, *within the "
-        "interval* where only the interval reaches the aim. The interval of the share of intervals "
+        "named. *Single*, *pair*: one effect acts, or two. *Top-1*: the likeliest of the named "
+        "effects is a true one; *alias class*: or one that these flights cannot tell from it. "
+        "*Exact set*: all true effects are named, and no other. *Shrink*: by how much the drift on "
+        "left-out flights falls. *Program*: a hash of the diagnosis's source. *Abstention* is the "
+        "verdict `unexplained` or `partly`, or an effect with a tenth or more of the gap left "
+        "unexplained. *Met* is said of the measured value, *within the interval* where only the "
+        "interval reaches the aim. The interval of the share of intervals "
         f"resamples {_unit(tables.parameters)}s.",
         *filter(None, lines),
     ]

@@ -140,7 +140,9 @@ def read_columns_file(path: Path) -> dict[str, Any]:
     """
     try:
         said = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except OSError as error:
+        raise LogError(f"{path} cannot be read: {error.strerror}.") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise LogError(f"{path}: this is not TOML: {one_line(error)}.") from error
     _known(said, ("time", "world", "body", "columns"), path)
     for key in ("time", "columns"):

@@ -18,6 +18,9 @@ MIN_ROWS = 50
 MIN_SECONDS = 1.0
 """Shortest flight of a drone [s]; two horizons of the drift that a diagnosis reports."""
 
+LEAST_STEP = 1e-4
+"""Smallest median time between two rows that any log has [s]; tells the unit of wrong times."""
+
 MAX_STEP = 0.2
 """Largest median time between two rows [s]; no attitude loop can be seen at a slower rate."""
 
@@ -90,9 +93,13 @@ def check_time(t: Float64[np.ndarray, " rows"], rows: Int[np.ndarray, " rows"], 
             f"{t[k]:.6g} s); it must increase from row to row{_more(bad.size, len(step))}."
         )
     if np.median(step) > MAX_STEP:
+        units = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+        median = float(np.median(step))
+        likely = [unit for unit, s in units.items() if LEAST_STEP <= s * median <= MAX_STEP]
+        hint = f" Is it in {' or '.join(likely)}?" if likely else ""
         raise LogError(
-            f"column 't': the median time between rows{who} is {np.median(step):.4g}; at most "
-            f"{MAX_STEP} s is expected. Is it in milliseconds?"
+            f"column 't': the median time between rows{who} is {median:.4g}; at most "
+            f"{MAX_STEP} s is expected.{hint}"
         )
     if step.max() > MAX_GAP:
         k = int(np.argmax(step))

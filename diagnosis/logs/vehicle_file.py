@@ -68,7 +68,9 @@ def find_vehicle(path: Path) -> VehicleText:
         raise LogError(f"{file}: there is no such file; it says name, drone and mass.{hint}")
     try:
         text = file.read_text(encoding="utf-8-sig")
-    except (UnicodeDecodeError, OSError) as error:
+    except OSError as error:
+        raise LogError(f"{file} cannot be read: {error.strerror}.") from error
+    except UnicodeDecodeError as error:
         raise LogError(f"{file}: this is not TOML: {one_line(error)}.") from error
     return parse_vehicle(text, str(file))
 

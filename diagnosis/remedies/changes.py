@@ -44,6 +44,8 @@ class FirmwareChange:
     """Effects that these flights cannot tell from those and that change the parameter alike."""
     waits_for: tuple[str, ...]
     """Those that must be told from it first."""
+    share: bool
+    """Whether the parameter is a share, so that its value must lie between 0 and 1."""
 
     def of(self, old: float) -> float:
         """The new value of a parameter that is `old` now."""
@@ -99,6 +101,7 @@ def _of(diagnosis: Diagnosis, effect: Effect, change: Change) -> FirmwareChange:
         descriptive=diagnosis.verdict != "effect" or any(p.use == "descriptive" for p in sizes),
         alike=tuple(alias for alias in effect.aliases if _shares(alias, change)),
         waits_for=tuple(alias for alias in effect.aliases if not _shares(alias, change)),
+        share=change.share,
     )
 
 

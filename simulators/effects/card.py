@@ -80,6 +80,8 @@ class Change:
     """Unit of the parameter; empty for none or where only a factor is said."""
     holds_mass: bool = False
     """Whether the parameter holds the believed mass now."""
+    share: bool = False
+    """Whether it is a share of what the vehicle can do at most, which lies between 0 and 1."""
     beside_reference: bool = False
     """Whether it is right only if the vehicle is to fly as its reference did. The simulator of a
     vehicle that was never like it is what should change."""

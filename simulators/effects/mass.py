@@ -60,6 +60,7 @@ class Mass(PlantEffect, WeightEffect):
                 parameter="MPC_THR_HOVER",
                 where="hover thrust, from which the estimator of it starts",
                 powers={"e": 1.0},
+                share=True,
             ),
             Change(
                 autopilot="crazyflie",

@@ -61,6 +61,7 @@ class ThrustGain(PlantEffect):
                 parameter="MPC_THR_HOVER",
                 where="hover thrust, from which the estimator of it starts",
                 powers={"e": -1.0},
+                share=True,
             ),
             Change(
                 autopilot="crazyflie",

@@ -277,10 +277,27 @@ def test_options_of_a_remedy_are_refused_without_one(place, capsys):
     assert "without --remedy px4" in capsys.readouterr().err
 
 
-def test_a_file_that_is_none_of_qgroundcontrols_is_named_with_its_line(place, capsys):
-    (place / "now.params").write_text("MPC_THR_HOVER=0.5\n")
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("MPC_THR_HOVER=0.5\n", "now.params, line 1"),
+        ("1\t1\tMPC_THR_HOVER\tnan\t9\n", "now.params, line 1"),
+        ("# nothing\n", "holds no parameter"),
+    ],
+)
+def test_a_file_that_is_none_of_qgroundcontrols_is_refused(place, capsys, text, said):
+    (place / "now.params").write_text(text)
     assert run(place, "--remedy", "px4", "--parameters", str(place / "now.params")) == 2
-    assert "now.params, line 1" in capsys.readouterr().err
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("line", ["MPC_THR_HOVER\t0.95", "MPC_THR_HOVER\t0", "MPC_XY_P\t0.95"])
+def test_a_share_beyond_one_or_a_missing_parameter_is_not_written(place, line):
+    (place / "now.params").write_text(f"1\t1\t{line}\t9\n")
+    assert run(place, "--remedy", "px4", "--parameters", str(place / "now.params")) == 0
+    assert not (place / "remedy-px4" / "changed.params").exists()
+    text = (place / "remedy-px4" / "remedy.md").read_text("utf-8")
+    assert "No changed.params is written" in text
 
 
 def texts():

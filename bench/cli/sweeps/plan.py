@@ -21,7 +21,7 @@ def plan(
     """Show what `bench run` would do, and what it would cost; runs nothing.
 
     Takes the same arguments, but for those that say how to run (--executor, --together, --replace,
-    --against).
+    --against, --fail-fast).
 
     Shows which runs are finished, which are missing and why, and estimates wall time and
     high-fidelity flight from earlier runs: the tables in the folder and those in results/.

@@ -45,7 +45,8 @@ def choose(directory: Path, /, *, team_size: int, budget: float, task: str = "")
         sizes = ", ".join(map(str, sorted({*tables.runs["team_size"]})))
         raise UsageError(
             f"{directory} has no scored method for {team_size} drones and {budget:g} "
-            f"fleet-minutes. It has runs with these numbers of drones: {sizes}."
+            f"fleet-minutes. It has runs with these numbers of drones: {sizes}. A score needs runs "
+            "of `upper_reference`, and two seeds of a method."
         )
     for line in chosen(found, tables):
         say(console, line)

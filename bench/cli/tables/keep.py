@@ -33,6 +33,12 @@ def keep(
     check_names("task", task or ())
     from bench.execution.policies import keep as keep_policies
 
-    for path, count in keep_policies(directory, task or (), team_size or ()).items():
+    kept = keep_policies(directory, task or (), team_size or ())
+    for path, count in kept.items():
         print(f"{path}: {count} policies")  # noqa: T201
+    if not kept:
+        print(  # noqa: T201
+            f"Nothing to keep: {directory} has no rows with default settings in the undisturbed "
+            "simulator for these tasks and team sizes."
+        )
     return 0

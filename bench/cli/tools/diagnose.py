@@ -10,11 +10,9 @@ from bench.cli.checks import (
     check_reality,
     check_unused,
     earlier_diagnosis,
-    refuse_logs,
 )
 from bench.cli.options import Remedy, Repeatable
 from bench.text.errors import UsageError
-from diagnosis.logs.columns import LogError
 
 
 def diagnose(
@@ -79,11 +77,8 @@ def diagnose(
     check_names("task", [deploy] if deploy else ())
     if reality is not None:
         check_reality(reality)
-    try:
-        folders = (None if change.of_file(flights) else flights, reference)
-        check_flights([folder for folder in folders if folder is not None])
-    except LogError as error:
-        return refuse_logs(error)
+    folders = (None if change.of_file(flights) else flights, reference)
+    check_flights([folder for folder in folders if folder is not None])
     from bench.execution.environment import environment
 
     os.environ.update(environment())

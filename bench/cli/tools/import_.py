@@ -102,10 +102,7 @@ def _import(
     sources: tuple[Path, ...], out: Path, vehicle: str, topics: Sequence[str], **options: object
 ) -> int:
     """Exit status: 0, or 2 where nothing was usable."""
-    try:
-        parse_vehicle(vehicle, "vehicle.toml")
-    except LogError as error:
-        return refuse_logs(error)
+    parse_vehicle(vehicle, "vehicle.toml")
     from diagnosis.importing.convert import import_logs
     from diagnosis.importing.report import summary
 

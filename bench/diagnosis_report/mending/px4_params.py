@@ -4,6 +4,7 @@ A line holds vehicle, component, name, value and type, with tabs between; 9 is a
 (MAV_PARAM_TYPE of MAVLink).
 """
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -45,9 +46,14 @@ def _rows(path: Path) -> dict[str, tuple[float, str]]:
         try:
             _, _, name, value, kind = line.split()
             rows[name] = (float(value), kind)
+            if not math.isfinite(rows[name][0]):
+                raise ValueError
         except ValueError:
             raise UsageError(
                 f"{path}, line {number}: vehicle, component, name, value and type are expected, "
-                "as QGroundControl saves parameters (Vehicle Setup, Parameters, Tools, Save)."
+                "as QGroundControl saves parameters (Vehicle Setup, Parameters, Tools, Save); the "
+                "value must be finite."
             ) from None
+    if not rows:
+        raise UsageError(f"{path} holds no parameter.")
     return rows

@@ -29,16 +29,24 @@ DESCRIPTIVE = (
 
 
 def remedy_text(
-    diagnosis: Diagnosis, target: str, values: Mapping[str, float], flight: Sequence[str]
+    diagnosis: Diagnosis,
+    target: str,
+    values: Mapping[str, float],
+    flight: Sequence[str],
+    unwritten: str = "",
 ) -> str:
-    """The document; `values` are the autopilot's parameters now, `flight` says what to fly next."""
+    """The document.
+
+    `values` are the autopilot's parameters now, `flight` says what to fly next, and `unwritten` why
+    there is no file of changed parameters.
+    """
     parts = [f"# What to change in {TARGETS[target]}: {markdown.escape(tables.title(diagnosis))}"]
     parts.append(f"**{markdown.escape(verdict(diagnosis))}**")
     if target == "crazyflow":
         parts += [markdown.escape(line) for line in remedy(diagnosis, files=False)]
         parts += ["The numbers are in params.toml."] if diagnosis.effects else []
     else:
-        parts += _autopilot(diagnosis, target, values)
+        parts += [*_autopilot(diagnosis, target, values), *filter(None, [unwritten])]
     parts += ["## Fly next", *map(markdown.escape, flight)]
     return "\n\n".join(parts) + "\n"
 

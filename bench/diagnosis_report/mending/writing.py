@@ -53,10 +53,12 @@ def write_remedy(
         lines = flight_lines(diagnosis, trajectory, geofence, pair if path else None)
         if home and "next_flight.plan" not in texts:
             lines.append("No mission is written: the path stays within a metre. Fly the setpoints.")
-    texts["remedy.md"] = remedy_text(diagnosis, target, values, lines)
+    new = _new_values(diagnosis, values) if parameters else {}
+    unwritten = UNWRITTEN if parameters and not new and firmware_changes(diagnosis, target) else ""
+    texts["remedy.md"] = remedy_text(diagnosis, target, values, lines, unwritten)
     if target == "crazyflow" and diagnosis.effects:
         texts["params.toml"] = patch_text(diagnosis)
-    if target == "px4" and parameters and (new := _new_values(diagnosis, values)):
+    if new:
         texts["changed.params"] = changed_params(parameters, new)
     write_files(folder, texts)
     for name in FILES:
@@ -65,6 +67,11 @@ def write_remedy(
     return folder
 
 
+UNWRITTEN = (
+    "No changed.params is written: what would change is descriptive, waits, is not among the "
+    "parameters that were given, or would be a share beyond 0 to 1."
+)
+"""What is said where parameters were given and none of them gets a new value."""
 NO_FLIGHT = "No flight is written: mend the logs first, and diagnose the flights again."
 """What stands in the place of the next flight."""
 FILES = (
@@ -103,7 +110,8 @@ def load_diagnosis(path: Path) -> tuple[Diagnosis, Path]:
 def _new_values(diagnosis: Diagnosis, values: dict[str, float]) -> dict[str, float]:
     """New values of the parameters in `values` that are measured and wait for nothing.
 
-    Changes of one parameter that hold on different vehicles are left to the reader.
+    Changes of one parameter that hold on different vehicles are left to the reader, as are shares
+    that would not lie between 0 and 1.
     """
     new: dict[str, float] = {}
     changes = firmware_changes(diagnosis, "px4")
@@ -114,4 +122,6 @@ def _new_values(diagnosis: Diagnosis, values: dict[str, float]) -> dict[str, flo
             where = {other.where for other in changes if name in other.parameters}
             if name in values and where == {change.where}:
                 new[name] = change.of(new.get(name, values[name]))
+                if change.share and not 0.0 < new[name] < 1.0:
+                    del new[name]
     return new

@@ -118,7 +118,7 @@ def test_what_holds_on_average_alone_is_listed_apart_once_all_cells_were_run(siz
     assert claim.finding.verdict is Verdict.UNDECIDED
     assert "Hybrid's score is" in claim.finding.ours
     _, *listed = written(sheet.tables()).split(
-        "- **Undecided cell by cell; the mean over the cells is higher"
+        "- **Undecided cell by cell, though the mean over all cells speaks for it"
     )
     assert bool(listed) == (len(sizes) == 6)
     assert all(f"\n  - {CLAIMS[0].title}\n" in part.split("- **")[0] for part in listed)
@@ -133,7 +133,7 @@ def test_an_average_that_most_cells_contradict_is_not_listed():
             rewards = (-99.0 - 0.1 * seed + lead,)
             sheet.add("hybrid", "mlp", rewards=rewards, first_seed=seed, task=task)
     found = CLAIMS[0].rule.judge(sheet.tables(), PRIMARY)
-    assert "higher over 3 cells, though not in 2 of them" in found.ours
+    assert "higher over 3 cells. In 2 of these it is the other way round" in found.ours
     assert found.pooled is Verdict.UNDECIDED
 
 
@@ -160,7 +160,9 @@ def test_the_title_names_a_simulator_that_is_not_the_default(simulator, title):
 def test_a_page_of_no_rows_is_complete_and_has_no_figure_of_rows(tmp_path):
     write_claims(empty(), tmp_path / "page.md")
     found = (tmp_path / "page.md").read_text(encoding="utf-8")
-    assert found.startswith(f"# {TITLE.format('')}\n\n## What holds\n\n- **Not tested** (")
+    said = f"{len(CLAIMS)} claims: {len(CLAIMS)} not tested ([which](#what-holds))."
+    begin = f"# {TITLE.format('')}\n\n{said}\n\n## What holds\n\n"
+    assert found.startswith(f"{begin}- **Not tested** (")
     cells = (tmp_path / "page_cells.md").read_text(encoding="utf-8")
     assert cells == f"# {CELLS}\n\n[What follows from these tables](page.md).\n"
     assert found.endswith("\n\n0 runs.\n")

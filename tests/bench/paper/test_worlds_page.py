@@ -239,7 +239,7 @@ def test_claims_are_judged_of_policies_as_they_are_by_what_they_return_there():
         "- *Hybrid deploys above the LF baseline in every cell*: **refuted** in rotorpy (as it is)."
     )
     assert said in text[: text.index("## Scores")]
-    assert "Hybrid needs the least HF flight" not in text  # about training, which was elsewhere
+    assert "needs the least HF flight" not in text  # about training, which was elsewhere
     assert "Hybrid, as it is | 0.93" in text
     (flight,) = [one.split("|")[-2].strip() for one in text.splitlines() if "Hybrid, as it" in one]
     assert flight == "40"  # what its training flew, although nothing was flown where it is deployed
