@@ -70,7 +70,7 @@ def over_cells(pairs: Iterable[Pair]) -> Estimate:
     return Estimate(mean, math.nan, len(seeds), mean - half, mean + half, freedom)
 
 
-def _samples(a: Mapping[int, float], b: Mapping[int, float]) -> list[Mapping[int, float]]:
+def _samples(a: Mapping[int, float], b: Mapping[int, float]) -> Sequence[Mapping[int, float]]:
     """The differences of common seeds, or both samples; nothing if one has a single seed."""
     first, second = matched(a, b)
     paired = set(first) == set(second)

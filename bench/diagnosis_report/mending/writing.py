@@ -58,7 +58,7 @@ def write_remedy(
     texts["remedy.md"] = remedy_text(diagnosis, target, values, lines, unwritten)
     if target == "crazyflow" and diagnosis.effects:
         texts["params.toml"] = patch_text(diagnosis)
-    if new:
+    if parameters and new:
         texts["changed.params"] = changed_params(parameters, new)
     write_files(folder, texts)
     for name in FILES:
