@@ -81,8 +81,8 @@ def check_flights(folders: Sequence[Path]) -> None:
         if _earlier(folder) is not None or (folder.is_file() and folder.suffix == ".json"):
             raise UsageError(
                 f"{folder}: a folder with vehicle.toml and flights/ is expected. To write what to "
-                "change after an earlier diagnosis: `bench diagnose` with its folder, and --remedy "
-                "crazyflow, crazyflie or px4."
+                "change after an earlier diagnosis, give `bench diagnose` its folder and add "
+                "--remedy crazyflow, crazyflie or px4."
             )
         if not folder.is_dir():
             what = "is a file" if folder.exists() else "does not exist"

@@ -70,8 +70,8 @@ SUMMARY = (
 """What the second figure shows."""
 WORLDS = (
     "Settled reward (further right is better, logarithmic) on drones that are off their "
-    "specification: a row for each world, with drag in 1/s, mass as a share and wind in m/s², a "
-    "column for each task, a dot for each seed. *Recalibrated*, *grey box* and *hot start* flew "
+    "specification: a row for each world (sizes in SI units, masses as shares), a column for each "
+    "task, a dot for each seed. *Recalibrated*, *grey box* and *hot start* flew "
     "the changed drone before"
 )
 """What the figure of the off-spec drones shows."""
