@@ -162,6 +162,8 @@ FAULTS: Mapping[str, Fault] = {
     "body_velocity": _whole(made.body_velocity, "velocity"),
     "degrees": _whole(made.degrees, "attitude command", "cmd"),
     "grams": _whole(made.grams, "thrust", "cmd"),
+    "feet": _whole(made.feet, "position"),
+    "feet_per_second": _whole(made.feet_per_second, "velocity"),
 }
 """Faults that are drawn; a log holds what a fault changes, or the fault is not drawn for it."""
 

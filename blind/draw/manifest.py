@@ -21,7 +21,10 @@ from pathlib import Path
 from typing import Literal
 
 import pydantic
+from pydantic_core import ErrorDetails
 
+from bench.plan.keys import unknown_key
+from bench.plan.toml_table import KINDS
 from bench.text.errors import UsageError
 from simulators import registry
 
@@ -72,7 +75,8 @@ def read_manifest(path: Path) -> Manifest:
     try:
         manifest = Manifest.model_validate(content)
     except pydantic.ValidationError as error:
-        lines = [f"`{'.'.join(map(str, e['loc']))}`: {e['msg']}" for e in error.errors()]
+        # A label that is neither a word nor a list is one mistake, not two.
+        lines = dict.fromkeys(_in_words(one) for one in error.errors())
         raise UsageError("\n".join(f"{path}: {line}" for line in lines)) from error
     wrong = [
         f"{path}: set `{name}`: {line}"
@@ -82,6 +86,23 @@ def read_manifest(path: Path) -> Manifest:
     if wrong:
         raise UsageError("\n".join(wrong))
     return manifest
+
+
+def _in_words(error: ErrorDetails) -> str:
+    """One error of pydantic as a person reads it."""
+    kind, place = error["type"], [str(part) for part in error["loc"]]
+    if "label" in place[2:3]:
+        return f'`{".".join(place[:3])}` must be "none", "unknown" or a list of effects.'
+    key = ".".join(place)
+    if kind == "missing":
+        return f"`{key}` is missing."
+    if kind == "extra_forbidden":
+        kinds = LabelledSet if len(place) > 1 else Manifest
+        where = f"`{'.'.join(place[:-1])}`" if place[1:] else "the file"
+        return unknown_key(where, place[-1], kinds.model_fields)
+    if kind in ("string_too_short", "too_short"):
+        return f"`{key}` is empty."
+    return f"`{key}` must be {KINDS.get(kind, 'a number')}, got {error['input']!r}."
 
 
 def _wrong(folder: Path, own: LabelledSet, manifest: Manifest) -> list[str]:

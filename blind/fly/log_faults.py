@@ -18,6 +18,8 @@ from simulators.vehicle import GRAVITY, VehicleSpec
 
 SLACK = 1e-3
 """Share of a row's step by which times may be off; stamps of an epoch have steps of 0.2 us."""
+FOOT = 0.3048
+"""International foot [m]."""
 INPUTS = ("cmd", "thrust", "pwm")
 """Columns that a vehicle is told; rotor speeds are what it does."""
 
@@ -125,6 +127,16 @@ def grams(log: DroneLog) -> DroneLog:
     """Commanded thrust in grams force."""
     scale = np.asarray([1.0, 1.0, 1.0, 1000.0 / GRAVITY])
     return dataclasses.replace(log, cmd=_there(log.cmd) * scale)
+
+
+def feet(log: DroneLog) -> DroneLog:
+    """Positions in feet, velocities in feet per second."""
+    return dataclasses.replace(feet_per_second(log), pos=log.pos / FOOT)
+
+
+def feet_per_second(log: DroneLog) -> DroneLog:
+    """Velocities in feet per second, beside positions in metres."""
+    return dataclasses.replace(log, vel=log.vel / FOOT)
 
 
 def flipped_axis(log: DroneLog) -> DroneLog:

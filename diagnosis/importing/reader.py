@@ -187,15 +187,26 @@ def broken_off(what: str, request: Request, remedy: str = "") -> str:
     return f"{what}; what comes before is used."
 
 
+def separators(file: Path) -> dict[str, str]:
+    """What separates columns and decimals of a CSV file, as pandas takes it."""
+    with file.open(encoding="utf-8-sig") as opened:
+        header, *rows = (line for line, _ in zip(opened, range(3), strict=False))
+    sep = max(",", ";", "\t", key=header.count)
+    comma = sep != "," and any("," in row for row in rows)
+    return {"sep": sep, "decimal": "," if comma else "."}
+
+
 def read_csv(file: Path) -> pd.DataFrame:
     """A table of a CSV file; names of columns without spaces around them.
 
-    Rows may end with a comma, which makes no column.
+    Columns are separated by commas, semicolons or tabs, whichever the header has most of; where it
+    is not commas, numbers may have a decimal comma. Rows may end with a separator, which makes no
+    column.
 
     Raises:
         LogError: Rows have more cells than the header.
     """
-    how = {"skipinitialspace": True, "encoding": "utf-8-sig"}
+    how = {"skipinitialspace": True, "encoding": "utf-8-sig", **separators(file)}
     frame = pd.read_csv(file, **how)
     if not isinstance(frame.index, pd.RangeIndex):  # the first column was taken for names of rows
         if frame.iloc[:, -1].notna().any() or frame.index.nlevels > 1:

@@ -32,6 +32,7 @@ from diagnosis.importing.reader import (
     known_voltage,
     read_csv,
     reading,
+    separators,
 )
 from diagnosis.logs.columns import LogError, did_you_mean, one_line
 from simulators.vehicle import GRAVITY
@@ -39,11 +40,13 @@ from simulators.vehicle import GRAVITY
 FILE = "columns.toml"
 """What the file is called when it stands beside the logs."""
 
+FOOT, KNOT = 0.3048, 1852.0 / 3600.0
+"""International foot [m] and knot [m/s]."""
 UNITS = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
-    "m/s^2": {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": FOOT},
+    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1.0 / 3.6, "ft/s": FOOT, "kt": KNOT},
+    "m/s^2": {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY, "ft/s^2": FOOT},
     "rad": {"rad": 1.0, "deg": np.pi / 180.0, "mrad": 1e-3},
     "rad/s": {"rad/s": 1.0, "deg/s": np.pi / 180.0, "rpm": 2.0 * np.pi / 60.0},
     "N": {"N": 1.0, "mN": 1e-3, "gf": 1e-3 * GRAVITY, "kgf": GRAVITY, "full": np.nan},
@@ -121,7 +124,8 @@ def _csv(path: Path, truncated: bool) -> pd.DataFrame:
     """The table; `truncated`: whether a last row that breaks off is left out, not refused."""
     frame = read_csv(path)
     last = path.read_text(encoding="utf-8-sig").rstrip().rpartition("\n")[2]
-    cells, columns = len(next(csv.reader([last]), ())), len(frame.columns)
+    cut = csv.reader([last], delimiter=separators(path)["sep"])
+    cells, columns = len(next(cut, ())), len(frame.columns)
     if len(frame) and (cells < columns or frame.iloc[-1].isna().all()):
         if not truncated:
             what = f"has {cells} of {columns} cells" if cells < columns else "is empty"

@@ -70,7 +70,7 @@ PARTS = (
 )
 """Every part that is checked, in the order in which faults are listed."""
 ORDERED = frozenset({"position", "velocity", "attitude", "attitude command"})
-"""Parts of order, sign and frame that a replay reads, in the reference as well."""
+"""Parts of order, sign, frame and unit that a replay reads, in the reference as well."""
 OWN = ORDERED | {MOTOR_CLOCK}
 """Parts whose fault needs no reference to show; a reference's own faults of them are named, too."""
 SIZED = frozenset(

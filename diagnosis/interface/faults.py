@@ -91,7 +91,9 @@ class Checks:
     """What was compared, and what came out of it."""
 
     windows: Windows | None
-    """Windows of all flights; None if they are too few."""
+    """Windows of all flights, in metres; None if they are too few."""
+    units: InterfaceFault | None
+    """What is in another unit than metres."""
     followed: list[Following]
     """How each piece of flight follows its commands."""
     turned: list[list[Turning]]
@@ -106,7 +108,9 @@ class Checks:
 
 def checks(flights: FlightSet) -> Checks:
     """Every comparison of columns of these flights."""
-    drones, windows = _drones(flights), _windows(flights)
+    drones, windows, units = _drones(flights), _windows(flights), None
+    if windows is not None:
+        units, windows = position.in_units(windows)
     turned = [turning(drone) for drone in drones]
     parts = scales.parts_of(len(drones))
     followed = [part for drone in drones for part in commands.following(drone, parts)]
@@ -115,7 +119,7 @@ def checks(flights: FlightSet) -> Checks:
     if windows is not None and all(n in orders.PATHS for n in (tilt.names if tilt else ())):
         rise = position.rise(windows)  # it is read from the attitude
     timed = [pieces for drone in drones if (pieces := pieces_of(drone)) is not None]
-    return Checks(windows, followed, turned, timed, compared, rise)
+    return Checks(windows, units, followed, turned, timed, compared, rise)
 
 
 def _faults(flights: FlightSet, made: Checks) -> tuple[InterfaceFault, ...]:
@@ -128,7 +132,7 @@ def _faults(flights: FlightSet, made: Checks) -> tuple[InterfaceFault, ...]:
         if part not in explained
     ]
     down = position.points_down(made.rise)
-    found += [placed, None if down else below_floor(flights)]
+    found += [made.units, placed, None if down else below_floor(flights)]
     if made.windows is not None and whole and not down:  # these need the attitude and the ground
         found += [_thrust_scale(made.windows, flights.vehicle), _path_frame(made.windows, made)]
     if made.followed and whole:

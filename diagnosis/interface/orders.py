@@ -112,15 +112,15 @@ PATHS = {
 
 
 def tilt_terms(
-    windows: Windows, axis: Float[np.ndarray, "windows 3"]
+    windows: Windows, axis: Float[np.ndarray, "windows 3"], weight: float | None = None
 ) -> tuple[Float[np.ndarray, "rows 5"], Float[np.ndarray, " rows"]]:
     """Regressors of the horizontal force, x rows before y rows, and that force [m/s^2].
 
-    The thrust axis times the force, the same turned by 90 degrees, drag, and then a bias of each
-    axis, which a trim or an inclined frame makes.
+    The thrust axis times the force, or times a `weight` [m/s^2], the same turned by 90 degrees,
+    drag, and then a bias of each axis, which a trim or an inclined frame makes.
     """
-    size = np.linalg.norm(windows.force, axis=1, keepdims=True)
-    along = size * axis[:, :2]
+    force = np.linalg.norm(windows.force, axis=1, keepdims=True)
+    along = (force if weight is None else weight) * axis[:, :2]
     turned = np.stack([-along[:, 1], along[:, 0]], axis=1)
     columns = [along, turned, -windows.path[:, :2]]
     terms = np.stack([c.T.ravel() for c in columns], axis=1)

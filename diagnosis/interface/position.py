@@ -1,4 +1,4 @@
-"""Position columns against everything else: a path that points down, columns of other axes.
+"""Position columns against everything else: a path that points down, other axes, other units.
 
 The vertical acceleration of the path rises and falls with the thrust:
 
@@ -9,15 +9,27 @@ and b a constant of that piece. k is about 1, less where motors lag and inputs a
 negative only if the path's z axis points down.
 
 Velocity and attitude are compared with the path. If both are at odds with it in the same way, the
-position alone is wrong.
+position alone is wrong. So it is with units: a path that moves several times as far as the velocity
+says, and is accelerated as many times as much as its tilt makes it, has the wrong unit itself.
 """
+
+import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 
 from diagnosis.interface.fault import Evidence, InterfaceFault
 from diagnosis.interface.orders import PATHS
 from diagnosis.interface.readings import AXES, Chosen, signed_orders
-from diagnosis.interface.scales import Size, jackknife, pieces
+from diagnosis.interface.scales import (
+    UNITS,
+    Size,
+    jackknife,
+    path_over_tilt,
+    path_over_velocity,
+    pieces,
+    sized,
+)
 from diagnosis.interface.windows import LIFT_LAGS, Windows
 from simulators.vehicle import GRAVITY
 
@@ -30,6 +42,13 @@ Z_FLIPPED = "z with the opposite sign"
 FALLING = 0.5
 """Lift over the median below which a window is left out: in the air it would be a fall at half of
 gravity, so that the drone stands on the ground, which a path that points down does not show."""
+SPEEDS = {"knots": 1.944, "miles per hour": 2.237, "feet per second": 3.281, "km/h": 3.6}
+"""How many of each unit of speed make one m/s."""
+FEET = {"feet": 3.281}
+"""How many of each unit of length make one metre."""
+NEAR = 1.15
+"""Largest factor between a size and a unit that it is said to be; a choice. Speeds that a Crazyflie
+estimates on board are 9 % off the path of motion capture."""
 NOW = int(np.argmin(np.abs(LIFT_LAGS)))
 """Place of the inputs that are not shifted."""
 
@@ -122,4 +141,65 @@ def risen(size: Size) -> Evidence:
         high=size.high,
         unit="-",
         allowed="above 0",
+    )
+
+
+def in_units(windows: Windows) -> tuple[InterfaceFault | None, Windows]:
+    """The fault of positions or velocities in another unit, and the windows in m and m/s.
+
+    The path is compared with the tilt first, so that the velocity can be compared with the path.
+    """
+    speed, tilt = path_over_velocity(windows), path_over_tilt(windows)
+    evidence, path, velocity = [], 1.0, 1.0
+    if speed is not None:
+        longer, shorter = speed[0].low > UNITS[1], speed[1].high < UNITS[0]
+        size = speed[1] if shorter else speed[0]
+        velocity = 1.0 / size.value if longer or shorter else 1.0
+        evidence.append(sized("speed of the path over the logged one", size, "-", *UNITS, 1.0))
+    if tilt is not None:
+        path = tilt.value if tilt.low > UNITS[1] else 1.0
+        what = "acceleration across the path over what tilt and weight make"
+        evidence.append(sized(what, tilt, "-", *UNITS, 1.0))
+    velocity *= path
+    if path == velocity == 1.0:
+        return None, windows
+    if path == 1.0:
+        return _of_velocity(velocity, tuple(evidence)), _in_metres(windows, path, velocity)
+    in_m_per_s = UNITS[0] < velocity < UNITS[1]
+    fault = InterfaceFault(
+        part="position",
+        readings=("a position in another unit than metres",),
+        advice=f"The position moves {path:.2g} times as far as the drone's tilt makes it: check "
+        f"pos_x to pos_z{'' if in_m_per_s else ' and vel_x to vel_z'}.{_guess(path, FEET)}",
+        evidence=tuple(evidence),
+    )
+    return fault, _in_metres(windows, path, velocity)
+
+
+def _of_velocity(factor: float, evidence: tuple[Evidence, ...]) -> InterfaceFault:
+    guess = _guess(factor, SPEEDS) or _guess(1.0 / factor, FEET)
+    return InterfaceFault(
+        part="velocity",
+        readings=("a velocity in another unit than the path's",),
+        advice=f"The logged velocity is {factor:.2g} times the speed of the path: check the units "
+        f"of vel_x to vel_z and pos_x to pos_z.{guess}",
+        evidence=evidence,
+    )
+
+
+def _guess(factor: float, units: Mapping[str, float]) -> str:
+    """Units that make numbers about `factor` times too large, as a question."""
+    near = [name for name, size in units.items() if 1.0 / NEAR < factor / size < NEAR]
+    return f" Is it in {' or '.join(near)}?" if near else ""
+
+
+def _in_metres(windows: Windows, path: float, velocity: float) -> Windows:
+    """The windows of a path in `path` units a metre, and a velocity in `velocity` units a m/s."""
+    weight = np.asarray([0.0, 0.0, GRAVITY])
+    return dataclasses.replace(
+        windows,
+        force=(windows.force - weight) / path + weight,
+        path=windows.path / path,
+        vel=windows.vel / velocity,
+        turned_vel=windows.turned_vel / velocity,
     )

@@ -20,6 +20,7 @@ from diagnosis.interface.fault import Evidence
 from diagnosis.interface.orders import path_turned, tilt_terms
 from diagnosis.interface.readings import ALPHA
 from diagnosis.interface.windows import Windows
+from simulators.vehicle import GRAVITY
 
 FEWEST_PIECES = 8
 """Pieces of flight below which flights are cut; Student's t of 4 is 12.9 at this level, of 8 5.4.
@@ -35,6 +36,13 @@ differed by 2.6 degrees at most (200 splits of two sets). Of 450 pairs of simula
 them with an effect in most, none differed by more than the 99.9 % interval of the difference."""
 HEADING = math.radians(30.0)
 """Angle between the heading and its command [rad]: the largest that an effect describes."""
+UNITS = (1 / 1.5, 1.5)
+"""Speed of the path over the logged one, and units of the path in a metre by the tilt [-]. Three
+real sets have 0.91 to 1.00 and 0.86 to 0.94, 321 simulated ones 1.00 and 0.77 to 1.15; the units
+nearest to m and m/s are knots (1.94), miles per hour (2.24) and feet (3.28). The limit is a choice
+between them."""
+UPRIGHT = 0.5
+"""Least cosine of a tilt that is compared with the path: 60 degrees; a choice."""
 LAG = (-0.02, 0.35)
 """Time from a command to its attitude [s]. No vehicle acts before it is told, but for one period
 of its controller; the slowest published loop, rotor and radio make 0.3 s together."""
@@ -124,6 +132,49 @@ def path_turn(windows: Windows) -> Size | None:
         return path_turned(terms[chosen], force[chosen])[0]
 
     return _over(twice, turn)
+
+
+def path_over_velocity(windows: Windows) -> tuple[Size, Size] | None:
+    """Speed of the path over the logged one, drawn too low by noise in one, too high in the other.
+
+    None where the two are not in the same direction, or in fewer than two pieces.
+    """
+    p, v = windows.path, windows.vel
+    both = np.sum(p * v, axis=1)
+
+    def low(chosen: Bool[np.ndarray, " windows"]) -> float:
+        return float(np.sum(both[chosen]) / np.sum(v[chosen] ** 2))
+
+    def high(chosen: Bool[np.ndarray, " windows"]) -> float:
+        return float(np.sum(p[chosen] ** 2) / np.sum(both[chosen]))
+
+    piece = pieces(windows)
+    if not np.all(np.bincount(piece, both) > 0.0):
+        return None
+    sizes = _over(piece, low), _over(piece, high)
+    return None if sizes[0] is None or sizes[1] is None else (sizes[0], sizes[1])
+
+
+def path_over_tilt(windows: Windows) -> Size | None:
+    """Units of the path in a metre, by the tilt; noise in tilts draws it low.
+
+    A path that is accelerated by a [units/s^2] and tilted by t, the thrust axis' horizontal part
+    over its vertical one, has k units in a metre, where a_xy = (a_z + k g) t.
+    """
+    windows = windows.some(windows.rotation[:, 2, 2] > UPRIGHT)
+    if not len(windows):
+        return None
+    tilt = windows.rotation[:, :2, 2] / windows.rotation[:, 2, 2, None]
+    acc = windows.force - [0.0, 0.0, GRAVITY]
+    left = (acc[:, :2] - acc[:, 2:] * tilt).T.ravel()
+    terms, _ = tilt_terms(windows, np.pad(tilt, ((0, 0), (0, 1))), GRAVITY)
+    twice = np.concatenate([pieces(windows)] * 2)
+
+    def over(chosen: Bool[np.ndarray, " rows"]) -> float:
+        fit, *_ = np.linalg.lstsq(terms[chosen], left[chosen], rcond=None)
+        return math.hypot(fit[0], fit[1])
+
+    return _over(twice, over)
 
 
 def lag(drones: Sequence[Following], matrix: Float[np.ndarray, "2 2"]) -> Size | None:

@@ -143,7 +143,11 @@ def load_flights(path: Path) -> FlightSet:
         try:
             if file.stem in flights:
                 raise LogError(f"another file of this folder is called {file.stem}, too.")
-            flights[file.stem] = _read_flight(file, vehicle)
+            flight = _read_flight(file, vehicle)
+            for other in flights.values():
+                if _same(flight, other):  # it would count as a second witness
+                    raise LogError(f"the positions are those of {other.name}, row by row.")
+            flights[file.stem] = flight
         except LogError as error:
             left_out.append(LeftOut(file.name, reason_for(file, error)))
     if not flights:
@@ -194,6 +198,13 @@ def _read_flight(file: Path, vehicle: VehicleFile) -> FlightLog:
     check_header(file)
     drones = split_drones(read_columns(file), vehicle.mass, vehicle.spec)
     return FlightLog(file.stem, tuple(_drone_log(drone) for drone in drones))
+
+
+def _same(one: FlightLog, other: FlightLog) -> bool:
+    """Whether two logs are of one flight: no two flights have the same positions in all rows."""
+    return len(one.drones) == len(other.drones) and all(
+        np.array_equal(a.pos, b.pos) for a, b in zip(one.drones, other.drones, strict=True)
+    )
 
 
 def _of_one_cell(flights: FlightSet) -> FlightSet:

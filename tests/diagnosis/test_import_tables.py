@@ -196,3 +196,18 @@ def test_a_required_column_without_numbers_is_named(tmp_path):
     with pytest.raises(ValueError, match="no position was found") as caught:
         import_logs([file], tmp_path / "out", VEHICLE)
     assert "pos (north, east, height) is left out, because 0 of its 750" in str(caught.value)
+
+
+@pytest.mark.parametrize(("sep", "decimal"), [(";", ","), (";", "."), ("\t", ","), ("\t", ".")])
+def test_other_separators_and_decimal_commas_are_read(tmp_path, sep, decimal):
+    file = write(tmp_path, circle())
+    import_logs([file], tmp_path / "plain", VEHICLE)
+    pd.read_csv(file).to_csv(file, index=False, sep=sep, decimal=decimal)
+    import_logs([file], tmp_path / "other", VEHICLE)
+    plain, other = (
+        load_flights(tmp_path / name).flights[0].drones[0] for name in ("plain", "other")
+    )
+    np.testing.assert_allclose(other.pos, plain.pos, atol=1e-9)
+    file.write_text(file.read_text()[:-3].rpartition(sep)[0])
+    with pytest.raises(ValueError, match="cells; is the file truncated"):
+        import_logs([file], tmp_path / "cut", VEHICLE)

@@ -203,3 +203,49 @@ def test_a_command_in_proportion_to_the_other_tells_no_sign():
     flights = changed(real("crazyflie_changed", 1), mixed, "cmd")
     made = checks(flights).compared["attitude command"]
     assert made is None or "pitch with the opposite sign" not in made.names
+
+
+FOOT = 0.3048
+
+
+def in_other_units(flights, pos=1.0, vel=1.0):
+    """The flights with numbers that are so many times as large."""
+    return flights.each(lambda log: dataclasses.replace(log, pos=pos * log.pos, vel=vel * log.vel))
+
+
+@pytest.mark.parametrize(
+    ("pos", "vel", "part", "asked"),
+    [
+        (1.0, 1 / FOOT, "velocity", "Is it in feet per second"),
+        (1.0, 1.944, "velocity", "Is it in knots"),
+        (1 / FOOT, 1.0, "position", "Is it in feet?"),
+        (1 / FOOT, 1 / FOOT, "position", "Is it in feet?"),
+    ],
+)
+@pytest.mark.parametrize("n", [6, 1])
+def test_positions_and_velocities_in_other_units_are_named_alone(clean, pos, vel, part, asked, n):
+    some = dataclasses.replace(clean, flights=clean.flights[:n])
+    flights = in_other_units(some, pos, vel)
+    made = checks(flights)
+    (fault,) = found(flights, made=made)
+    assert fault.part == part
+    assert asked in fault.advice
+    assert ("vel_x to vel_z" in fault.advice) == (vel != 1.0)
+    assert untold(flights, made) == untold(some, checks(some))
+
+
+def test_a_velocity_that_an_estimator_makes_too_small_by_a_fifth_is_no_fault(clean):
+    assert found(in_other_units(clean, vel=0.8)) == ()
+    assert found(in_other_units(clean, pos=0.8, vel=0.8)) == ()
+
+
+@pytest.mark.parametrize("name", ["crazyflie_changed", "crazyflie_plain", "nanobench"])
+def test_feet_are_told_in_real_flights(name):
+    flights = real(name)
+    assert checks(flights).units is None
+    for pos, vel, part in ((1.0, 1 / FOOT, "velocity"), (1 / FOOT, 1 / FOOT, "position")):
+        fault = checks(in_other_units(flights, pos, vel)).units
+        assert fault is not None
+        assert fault.part == part
+        shown = [one.value for one in fault.evidence]
+        assert shown[part == "position"] == pytest.approx(pos / vel if pos == 1.0 else pos, rel=0.2)
