@@ -22,8 +22,9 @@ from bench.plan.realities import parse_reality
 from bench.text.errors import UsageError
 from diagnosis.logs.flights import DroneLog, FlightLog, VehicleFile, write_flights
 from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
-from simulators.contract import AbstractSimulator
+from simulators.contract import AbstractSimulator, with_effects
 from simulators.flight import Flight
+from simulators.point_mass import PointMass
 from simulators.registry import UnknownPluginError
 from simulators.tracking import PDTracker
 from simulators.vehicle import CONTROL_DT
@@ -104,6 +105,8 @@ def main() -> None:
         parser.error("--flights and --seconds must be at least 1.")
     try:
         reality = parse_reality(given.reality)
+        if isinstance(reality, PointMass):  # a diagnosis replays it with shorter steps
+            reality = with_effects(PointMass(dt=PointMass.replay_dt), reality.effects)
         logs = fly(reality, given.flights, given.seconds, given.seed)
         vehicle = VehicleFile("simulated", "cf21B_500", reality.spec.mass)
         write_flights(given.folder, vehicle, logs)

@@ -2,8 +2,9 @@
 
 The nearest past runs count: those of the same cell; else of the same method, residual and variant
 at the nearest team size; else on other tasks; else of any variant. Between team sizes training time
-goes with N + 2 and flight with N: guesses from measured runs. Wall times are of whatever machines
-the past runs had, training only.
+goes with N + 2 and flight with N: guesses from measured runs. A run that may train fewer epochs
+than a past one did costs so much less, but for calibration flights. Wall times are of whatever
+machines the past runs had, training only.
 """
 
 from collections.abc import Iterable, Mapping
@@ -30,6 +31,10 @@ class Past(NamedTuple):
     """Training time [s]."""
     minutes: float
     """High-fidelity fleet-minutes."""
+    epochs: float = np.nan
+    """Epochs that it trained; NaN if that is not known."""
+    calibrated: bool = False
+    """Whether its flight was for a calibration, so that more epochs fly no more."""
 
 
 class Guess(NamedTuple):
@@ -52,12 +57,15 @@ BASES = {
 
 def past_of_tables(tables: Tables) -> list[Past]:
     """The costs of all runs that were trained."""
-    kept = tables.results.loc[tables.results["metric"].isin(["train_seconds", "fleet_minutes"])]
+    costly = ["train_seconds", "fleet_minutes", "epochs"]
+    kept = tables.results.loc[tables.results["metric"].isin(costly)]
     costs: dict[str, dict[str, Any]] = {}
     for row in records(kept):
         costs.setdefault(row["run"], dict(row))[row["metric"]] = float(row["value"])
     return [
-        _past(row, row["train_seconds"], row["fleet_minutes"])
+        _past(row, row["train_seconds"], row["fleet_minutes"])._replace(
+            epochs=row.get("epochs", np.nan), calibrated=row["calibration_flights"] > 0
+        )
         for row in costs.values()
         if np.isfinite([row.get("train_seconds", np.nan), row.get("fleet_minutes", np.nan)]).all()
     ]
@@ -69,7 +77,9 @@ def past_of_states(states: Iterable[State]) -> list[Past]:
     for state in states:
         if state.content is not None and (ledger := state.content.get("ledger")):
             minutes = ledger["hf_fleet_seconds"] / 60.0
-            found.append(_past(state.content, ledger["train_seconds"], minutes))
+            past = _past(state.content, ledger["train_seconds"], minutes)
+            flights = ledger.get("calibration_flights", 0) > 0
+            found.append(past._replace(epochs=ledger["epochs"], calibrated=flights))
     return found
 
 
@@ -82,10 +92,19 @@ def guess(run: Run, past: Iterable[Past]) -> Guess | None:
         if found := [p for p in past if tells(run, p)]:
             nearest = min(abs(p.team_size - run.team_size) for p in found)
             near = [p for p in found if abs(p.team_size - run.team_size) == nearest]
-            seconds = [p.seconds * (2 + run.team_size) / (2 + p.team_size) for p in near]
-            minutes = [p.minutes * run.team_size / p.team_size for p in near]
+            share = {p: _share(run, p) for p in near}
+            seconds = [p.seconds * share[p] * (2 + run.team_size) / (2 + p.team_size) for p in near]
+            flown = [p.minutes * (1.0 if p.calibrated else share[p]) for p in near]
+            minutes = [m * run.team_size / p.team_size for m, p in zip(flown, near, strict=True)]
             return Guess(float(np.mean(seconds)), float(np.mean(minutes)), basis)
     return None
+
+
+def _share(run: Run, past: Past) -> float:
+    """Epochs that a run may train, over those of a past one; 1 if it may train as many."""
+    settings: Any = run.resolved.get("settings") or {}
+    limit = settings.get("trainer", settings).get("epochs")
+    return limit / past.epochs if limit is not None and past.epochs > limit else 1.0
 
 
 def longest_chain(runs: Iterable[Run], seconds: Mapping[str, float]) -> float:

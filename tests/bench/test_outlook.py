@@ -157,6 +157,20 @@ def test_costs_come_from_the_nearest_past_runs(runs):
     assert guess(run, [other]) is None
 
 
+@pytest.mark.parametrize(
+    ("epochs", "calibrated", "seconds", "minutes"),
+    [(400, False, 1.0, 0.4), (400, True, 1.0, 4.0), (20, False, 10.0, 4.0), (np.nan, False, 10, 4)],
+)
+def test_a_run_of_fewer_epochs_costs_less_but_for_its_calibration(
+    runs, epochs, calibrated, seconds, minutes
+):
+    run = dataclasses.replace(runs[1], resolved={"settings": {"trainer": {"epochs": 40}}})
+    past = make_past(variant="x=1", epochs=epochs, calibrated=calibrated)
+    found = guess(run, [past])
+    assert found is not None
+    assert found[:2] == pytest.approx((seconds, minutes))
+
+
 def test_past_runs_are_those_of_tables_and_of_the_store(runs, store):
     tables = Sheet().add("child", team_size=2, fleet_minutes=6.0, train_seconds=12.0).tables()
     (found,) = past_of_tables(tables)

@@ -51,7 +51,8 @@ def folder(path, name="bad.parquet", frame=None, **more):
     """A flight set with a good flight beside `frame`."""
     (path / "flights").mkdir(parents=True, exist_ok=True)
     (path / "vehicle.toml").write_text('name = "x"\ndrone = "cf2x_L250"\nmass = 0.032\n')
-    for file, rows in ({"good.parquet": table(), name: frame} | more).items():
+    good = table(amplitude=0.49)
+    for file, rows in ({"good.parquet": good, name: frame} | more).items():
         if rows is not None:
             save(rows, path / "flights" / file)
     return path

@@ -105,7 +105,8 @@ def test_what_is_written_is_read_back_exactly(tmp_path_factory, name, drones, fi
         battery = frame["battery"].to_numpy() if "battery" in fields else None
         logs.append(DroneLog(t=frame["t"].to_numpy(), battery=battery, **stacked))
     vehicle = VehicleFile(name, "cf21B_500", float(rng.uniform(0.03, 0.06)))
-    flights = (FlightLog("a-1", tuple(logs)), FlightLog("b.2", (logs[0],)))
+    other = dataclasses.replace(logs[0], pos=logs[0].pos + 1e-3)
+    flights = (FlightLog("a-1", tuple(logs)), FlightLog("b.2", (other,)))
     path = tmp_path_factory.mktemp("set") / "flights"
     write_flights(path, vehicle, flights)
     loaded = load_flights(path)
@@ -271,3 +272,10 @@ def test_an_hour_at_500_hz_loads(tmp_path):
     loaded = load_flights(path)
     assert loaded.left_out == ()
     assert loaded.flights[1].seconds == pytest.approx(3600.0, abs=0.01)
+
+
+def test_a_flight_that_is_there_twice_counts_once(tmp_path):
+    loaded = load_flights(folder(tmp_path, "a.parquet", table(), **{"b.csv": table()}))
+    assert [flight.name for flight in loaded.flights] == ["a", "good"]
+    (left,) = loaded.left_out
+    assert left.reason == "flights/b.csv: the positions are those of a, row by row."
