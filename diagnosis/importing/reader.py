@@ -190,7 +190,7 @@ def broken_off(what: str, request: Request, remedy: str = "") -> str:
 def separators(file: Path) -> dict[str, str]:
     """What separates columns and decimals of a CSV file, as pandas takes it."""
     with file.open(encoding="utf-8-sig") as opened:
-        header, *rows = (line for line, _ in zip(opened, range(3), strict=False))
+        header, *rows = [opened.readline() for _ in range(3)]
     sep = max(",", ";", "\t", key=header.count)
     comma = sep != "," and any("," in row for row in rows)
     return {"sep": sep, "decimal": "," if comma else "."}

@@ -135,7 +135,7 @@ def path_turn(windows: Windows) -> Size | None:
 
 
 def path_over_velocity(windows: Windows) -> tuple[Size, Size] | None:
-    """Speed of the path over the logged one, drawn too low by noise in one, too high in the other.
+    """Speed of the path over the logged one, estimated twice: noise makes one low, the other high.
 
     None where the two are not in the same direction, or in fewer than two pieces.
     """

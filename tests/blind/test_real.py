@@ -117,7 +117,7 @@ def test_only_flights_that_changed_are_diagnosed_again(lab):
         ('["mass"]', '["delay"]', "`parameters` speaks of mass, which is not in `label`."),
         ('reference = "plain"', 'reference = "plane"', "`reference` names no set of this file"),
         ('reference = "plain"', 'reference = "heavy"', "`reference` is the set itself."),
-        ('licence = "MIT"', "", "`sets.plain.licence`: Field required"),
+        ('licence = "MIT"', "", "`sets.plain.licence` is missing"),
         ('sha256 = "{plain}"', "", "`sha256` is missing; that of the files is"),
         ('sha256 = "{plain}"', 'sha256 = "00"', "`sha256` is 00; that of the files is"),
         ('flights = "heavy"', 'flights = "gone"', "gone holds no vehicle.toml."),

@@ -41,7 +41,7 @@ def fault_of(part):
 
 
 def made(attitude):
-    return Checks(None, [], [], [], {"attitude": attitude}, None)
+    return Checks(None, None, [], [], [], {"attitude": attitude}, None)
 
 
 @pytest.mark.parametrize("part", [*PARTS, *map(of_reference, sorted(ORDERED))])
