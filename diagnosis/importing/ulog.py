@@ -16,6 +16,8 @@ Motor commands are not taken: what PWM means is known for the Crazyflie alone. S
 the uORB messages of PX4 v1.16 (PX4-Autopilot/msg).
 """
 
+import collections
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
@@ -59,6 +61,9 @@ TOPICS = {
 OTHERS = ("sensor_combined",)
 """Messages that are read where one of `TOPICS` is missing."""
 
+MOST_RETURNS = 10
+"""How often a reader may go back to one place in a file; an undamaged one needs it once."""
+
 RECIPE = (
     "# etc/logging/logger_topics.txt on the SD card of the autopilot: message, distance [ms].\n"
     "# PX4 then logs these alone. Restart it, fly, and read the log with: bench import LOG.ulg\n"
@@ -66,6 +71,25 @@ RECIPE = (
     + "".join(f"{name} {distance}\n" for name, distance in TOPICS.items())
 )
 """What to log."""
+
+
+class _Forward(io.BufferedReader):
+    """A file in which nobody goes back to the same place again and again.
+
+    pyulog does so for ever where a damaged message claims to be longer than the rest of the file.
+    """
+
+    def __init__(self, raw: io.RawIOBase) -> None:
+        super().__init__(raw)
+        self._back: collections.Counter[int] = collections.Counter()
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        at = super().seek(offset, whence)
+        if offset < 0:
+            self._back[at] += 1
+            if self._back[at] > MOST_RETURNS:
+                raise EOFError("a message is longer than the file")  # pyulog catches no such
+        return at
 
 
 class UlogReader(AbstractReader):
@@ -81,7 +105,7 @@ class UlogReader(AbstractReader):
 
     def read(self, path: Path, request: Request) -> Recording:
         pyulog = self.module()
-        with reading("ULog file"), path.open("rb") as file:
+        with reading("ULog file"), _Forward(io.FileIO(path)) as file:
             log = pyulog.ULog(file, [*TOPICS, *OTHERS])
         notes = []
         if log.file_corruption:

@@ -224,3 +224,13 @@ def test_a_crazyflie_without_any_attitude_gives_one_line(tmp_path):
     file = tmp_path / "mellinger.csv"
     pd.DataFrame({"Timestamp": 1e3 * log.t, **columns}).to_csv(file, index=False)
     why_not(file)
+
+
+def test_a_ulog_message_that_claims_to_be_longer_than_the_file_ends(tmp_path):
+    """pyulog goes back and forth in it for ever."""
+    pytest.importorskip("pyulog")
+    head = b"ULog\x01\x12\x35\x01" + bytes(8)
+    file = tmp_path / "long.ulg"
+    file.write_bytes(head + bytes(20_000) + b"\x3a\x3a\x01" + bytes(10))
+    with pytest.raises(LogError, match=r"long\.ulg"):
+        import_logs([file], tmp_path / "out", VEHICLE)
