@@ -1,7 +1,7 @@
 """The answer where columns of the logs do not hold what they are taken for: mend the logs first.
 
-A replay reads position, velocity, attitude and commands. If one of them is in another order, sign
-or frame, the simulator would be compared with wrong numbers. Then nothing is simulated.
+A replay reads position, velocity, attitude and commands. If one of them is in another order,
+sign, frame or unit, the simulator would be compared with wrong numbers. Then nothing is simulated.
 A replay does not read the accelerometer, the angular velocity or the order of the motors. If only
 these are wrong, the answer stays as it is.
 """

@@ -34,7 +34,7 @@ class Past(NamedTuple):
     epochs: float = np.nan
     """Epochs that it trained; NaN if that is not known."""
     calibrated: bool = False
-    """Whether its flight was for a calibration, so that more epochs fly no more."""
+    """Whether it flew for a calibration; the epochs do not change how much such a run flies."""
 
 
 class Guess(NamedTuple):
@@ -78,7 +78,7 @@ def past_of_states(states: Iterable[State]) -> list[Past]:
         if state.content is not None and (ledger := state.content.get("ledger")):
             minutes = ledger["hf_fleet_seconds"] / 60.0
             past = _past(state.content, ledger["train_seconds"], minutes)
-            flights = ledger.get("calibration_flights", 0) > 0
+            flights = ledger["calibration_flights"] > 0
             found.append(past._replace(epochs=ledger["epochs"], calibrated=flights))
     return found
 
@@ -101,7 +101,7 @@ def guess(run: Run, past: Iterable[Past]) -> Guess | None:
 
 
 def _share(run: Run, past: Past) -> float:
-    """Epochs that a run may train, over those of a past one; 1 if it may train as many."""
+    """Share of the past run's epochs that the run may train; 1 if it may train all of them."""
     settings: Any = run.resolved.get("settings") or {}
     limit = settings.get("trainer", settings).get("epochs")
     return limit / past.epochs if limit is not None and past.epochs > limit else 1.0

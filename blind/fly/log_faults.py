@@ -14,12 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from diagnosis.logs.flights import DroneLog
 from diagnosis.logs.inputs import VOLTS
+from diagnosis.logs.units import FOOT
 from simulators.vehicle import GRAVITY, VehicleSpec
 
 SLACK = 1e-3
 """Share of a row's step by which times may be off; stamps of an epoch have steps of 0.2 us."""
-FOOT = 0.3048
-"""International foot [m]."""
 INPUTS = ("cmd", "thrust", "pwm")
 """Columns that a vehicle is told; rotor speeds are what it does."""
 

@@ -35,17 +35,16 @@ from diagnosis.importing.reader import (
     separators,
 )
 from diagnosis.logs.columns import LogError, did_you_mean, one_line
+from diagnosis.logs.units import FOOT, KNOT
 from simulators.vehicle import GRAVITY
 
 FILE = "columns.toml"
 """What the file is called when it stands beside the logs."""
 
-FOOT, KNOT = 0.3048, 1852.0 / 3600.0
-"""International foot [m] and knot [m/s]."""
 UNITS = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": FOOT},
-    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1.0 / 3.6, "ft/s": FOOT, "kt": KNOT},
+    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6, "ft/s": FOOT, "kt": KNOT},
     "m/s^2": {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY, "ft/s^2": FOOT},
     "rad": {"rad": 1.0, "deg": np.pi / 180.0, "mrad": 1e-3},
     "rad/s": {"rad/s": 1.0, "deg/s": np.pi / 180.0, "rpm": 2.0 * np.pi / 60.0},

@@ -62,7 +62,7 @@ OTHERS = ("sensor_combined",)
 """Messages that are read where one of `TOPICS` is missing."""
 
 MOST_RETURNS = 10
-"""How often a reader may go back to one place in a file; an undamaged one needs it once."""
+"""How often a reader may go back to one place in a file; a choice."""
 
 RECIPE = (
     "# etc/logging/logger_topics.txt on the SD card of the autopilot: message, distance [ms].\n"
@@ -74,7 +74,7 @@ RECIPE = (
 
 
 class _Forward(io.BufferedReader):
-    """A file in which nobody goes back to the same place again and again.
+    """A file that a reader cannot wind back to one place again and again.
 
     pyulog does so for ever where a damaged message claims to be longer than the rest of the file.
     """

@@ -80,7 +80,7 @@ def attitude(windows: Windows) -> Chosen | None:
         axis[:, :2] = axis[:, :2] @ matrix.T
         readings.append(Reading(words, _pointed(windows, axis), 1))
     across = windows.force[:, :2]
-    turn, error = path_turned(*tilt_terms(windows, windows.rotation[:, :, 2]))
+    _, turn, error = path_fitted(*tilt_terms(windows, windows.rotation[:, :, 2]))
     readings.append(Reading(TURNED, error, len(AXES)))
     chosen = choose(readings, _spread(across), across.size)
     if chosen is not None and chosen.names == (TURNED,):
@@ -144,12 +144,13 @@ def _one_way(
     return _signed(force, free, {name: size * axis[:, i] for name, axis in axes.items()})
 
 
-def path_turned(
+def path_fitted(
     terms: Float[np.ndarray, "rows 5"], force: Float[np.ndarray, " rows"]
-) -> tuple[float, float]:
-    """The turn in yaw of the path [rad] that fits some rows of `tilt_terms`, and what it leaves."""
+) -> tuple[float, float, float]:
+    """Scale [-] and turn in yaw [rad] of a path, by some rows of `tilt_terms`, and what is left."""
     fit, *_ = np.linalg.lstsq(terms, force, rcond=None)
-    return math.atan2(fit[1], fit[0]), float(np.sum((force - terms @ fit) ** 2))
+    left = float(np.sum((force - terms @ fit) ** 2))
+    return math.hypot(fit[0], fit[1]), math.atan2(fit[1], fit[0]), left
 
 
 def _pointed(windows: Windows, axis: Float[np.ndarray, "windows 3"]) -> float:

@@ -31,6 +31,7 @@ from diagnosis.interface.scales import (
     sized,
 )
 from diagnosis.interface.windows import LIFT_LAGS, Windows
+from diagnosis.logs.units import FOOT, KNOT, MILE
 from simulators.vehicle import GRAVITY
 
 ORDERS = {words: matrix for words, _, matrix in signed_orders(3)}
@@ -42,9 +43,14 @@ Z_FLIPPED = "z with the opposite sign"
 FALLING = 0.5
 """Lift over the median below which a window is left out: in the air it would be a fall at half of
 gravity, so that the drone stands on the ground, which a path that points down does not show."""
-SPEEDS = {"knots": 1.944, "miles per hour": 2.237, "feet per second": 3.281, "km/h": 3.6}
+SPEEDS = {
+    "knots": 1 / KNOT,
+    "miles per hour": 3600 / MILE,
+    "feet per second": 1 / FOOT,
+    "km/h": 3.6,
+}
 """How many of each unit of speed make one m/s."""
-FEET = {"feet": 3.281}
+FEET = {"feet": 1 / FOOT}
 """How many of each unit of length make one metre."""
 NEAR = 1.15
 """Largest factor between a size and a unit that it is said to be; a choice. Speeds that a Crazyflie

@@ -17,7 +17,7 @@ from scipy import stats
 
 from diagnosis.interface.commands import Following, together
 from diagnosis.interface.fault import Evidence
-from diagnosis.interface.orders import path_turned, tilt_terms
+from diagnosis.interface.orders import path_fitted, tilt_terms
 from diagnosis.interface.readings import ALPHA
 from diagnosis.interface.windows import Windows
 from simulators.vehicle import GRAVITY
@@ -129,7 +129,7 @@ def path_turn(windows: Windows) -> Size | None:
     twice = np.concatenate([pieces(windows)] * 2)
 
     def turn(chosen: Bool[np.ndarray, " rows"]) -> float:
-        return path_turned(terms[chosen], force[chosen])[0]
+        return path_fitted(terms[chosen], force[chosen])[1]
 
     return _over(twice, turn)
 
@@ -171,8 +171,7 @@ def path_over_tilt(windows: Windows) -> Size | None:
     twice = np.concatenate([pieces(windows)] * 2)
 
     def over(chosen: Bool[np.ndarray, " rows"]) -> float:
-        fit, *_ = np.linalg.lstsq(terms[chosen], left[chosen], rcond=None)
-        return math.hypot(fit[0], fit[1])
+        return path_fitted(terms[chosen], left[chosen])[0]
 
     return _over(twice, over)
 

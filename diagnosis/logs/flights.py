@@ -146,7 +146,9 @@ def load_flights(path: Path) -> FlightSet:
             flight = _read_flight(file, vehicle)
             for other in flights.values():
                 if _same(flight, other):  # it would count as a second witness
-                    raise LogError(f"the positions are those of {other.name}, row by row.")
+                    raise LogError(
+                        f"this is the flight {other.name} again: all positions are equal."
+                    )
             flights[file.stem] = flight
         except LogError as error:
             left_out.append(LeftOut(file.name, reason_for(file, error)))

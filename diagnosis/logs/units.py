@@ -16,6 +16,9 @@ from diagnosis.logs.columns import GROUPS, LogError
 from diagnosis.logs.table_files import Columns
 from simulators.vehicle import GRAVITY, VehicleSpec
 
+FOOT, MILE, KNOT = 0.3048, 1609.344, 1852.0 / 3600.0
+"""International foot and mile [m], and knot [m/s]."""
+
 RATE_WINDOW_S = 0.2
 """Time over which rates are summed up and compared with what they are rates of [s]."""
 

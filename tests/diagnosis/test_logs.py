@@ -278,4 +278,4 @@ def test_a_flight_that_is_there_twice_counts_once(tmp_path):
     loaded = load_flights(folder(tmp_path, "a.parquet", table(), **{"b.csv": table()}))
     assert [flight.name for flight in loaded.flights] == ["a", "good"]
     (left,) = loaded.left_out
-    assert left.reason == "flights/b.csv: the positions are those of a, row by row."
+    assert left.reason == "flights/b.csv: this is the flight a again: all positions are equal."
