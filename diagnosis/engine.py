@@ -27,7 +27,7 @@ from diagnosis.interface.fault import MOTOR_CLOCK, of_reference
 from diagnosis.interface.faults import checks, interface_faults
 from diagnosis.interface.mended import in_time, lifted, mended
 from diagnosis.interface.untold import untold
-from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.logs.flights import FlightSet, check_comparable, load_flights
 from diagnosis.misread import misleads, misread
 from diagnosis.replay.believed import default_simulator, loop_is_known
 from diagnosis.result import Diagnosis
@@ -57,10 +57,13 @@ def diagnose(
 
     Raises:
         LogError: A folder holds no usable flight, no flight has an input that can be replayed, or
-            the reference flew another vehicle or logged another input.
+            the reference flew another vehicle, holds one of the flights, too, or logged another
+            input.
     """
     compared = None if reference is None else _loaded(reference)
     flown = _loaded(flights)
+    if compared is not None:
+        check_comparable(flown, compared)
     against = simulator or default_simulator(flown)
     made = checks(flown)
     faults = interface_faults(flown, compared, made)

@@ -96,9 +96,11 @@ def prepare(
     reference that is not followed, whose fit may then end early.
 
     Raises:
-        LogError: No flight has an input that can be replayed, or the reference flew another
-            vehicle or logged another input.
+        LogError: No flight has an input that can be replayed, or the reference has another believed
+            mass or logged another input.
     """
+    if question.reference is not None:
+        _check_masses(question.flights, question.reference)
     progress("cutting flights into windows", 0.02)
     inputs, compared = driven(question, prescribe)
     replay = _replay(question, inputs, compared)
@@ -122,25 +124,23 @@ def driven(question: Question, prescribe: bool = False) -> tuple[Inputs, Inputs 
     """The flights and the reference flights, as they are driven.
 
     Raises:
-        LogError: As `prepare`.
+        LogError: No flight has an input that can be replayed, or both logged different ones.
     """
     flights, simulator, reference = question.flights, question.simulator, question.reference
     if reference is not None:
-        _check_alike(flights, reference)
         inputs, compared = driven_alike(flights, reference, prescribe)
         return _scorable(inputs, flights, simulator), _scorable(compared, reference, simulator)
     return _scorable(choose_inputs(flights, prescribe), flights, simulator), None
 
 
-def _check_alike(flights: FlightSet, reference: FlightSet) -> None:
-    """Both are replayed in one simulator, so both must be believed to be one vehicle."""
-    for name, unit in (("drone", ""), ("mass", " kg"), ("airframe", "")):
-        here, there = (getattr(x.vehicle, name) for x in (flights, reference))
-        if here != there:
-            raise LogError(
-                f"{flights.path}/vehicle.toml: {name} is {here}{unit}, that of the reference "
-                f"{there}{unit}; one vehicle, believed the same before and after, is expected."
-            )
+def _check_masses(flights: FlightSet, reference: FlightSet) -> None:
+    """Both are replayed in one simulator, so both must be believed to weigh the same."""
+    here, there = flights.vehicle.mass, reference.vehicle.mass
+    if here != there:
+        raise LogError(
+            f"{flights.path}/vehicle.toml: mass is {here} kg, that of the reference {there} kg; "
+            "for flights of several drones the same mass is expected in both."
+        )
 
 
 def _replay(question: Question, inputs: Inputs, compared: Inputs | None) -> Replay:

@@ -209,6 +209,30 @@ def _same(one: FlightLog, other: FlightLog) -> bool:
     )
 
 
+def check_comparable(flights: FlightSet, reference: FlightSet) -> None:
+    """That both are of one vehicle, in flights of which none is in both.
+
+    The believed mass may differ: a vehicle may be weighed anew.
+
+    Raises:
+        LogError: They are not.
+    """
+    for name in ("drone", "airframe"):
+        here, there = (getattr(x.vehicle, name) for x in (flights, reference))
+        if here != there:
+            raise LogError(
+                f"{flights.path}/vehicle.toml: {name} is {here}, that of the reference {there}; "
+                "one vehicle before and after a change is expected."
+            )
+    for flight in flights.flights:
+        for other in reference.flights:
+            if _same(flight, other):
+                raise LogError(
+                    f"{flights.path}: the flight {flight.name} is the flight {other.name} of the "
+                    "reference, too: all positions are equal. Leave it in one of the two folders."
+                )
+
+
 def _of_one_cell(flights: FlightSet) -> FlightSet:
     """The flights with the voltage of one cell, which what follows it is made for."""
     logs = [drone for flight in flights.flights for drone in flight.drones]

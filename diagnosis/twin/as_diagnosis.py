@@ -61,7 +61,7 @@ def weighed_anew(question: Question) -> bool:
     flights, reference = question.flights, question.reference
     if reference is None or reference.vehicle.mass == flights.vehicle.mass:
         return False
-    return reference.vehicle.drone == flights.vehicle.drone and alone(question)
+    return alone(question)
 
 
 def beside_twin(question: Question, progress: Progress = silent) -> Diagnosis:

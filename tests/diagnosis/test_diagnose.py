@@ -25,7 +25,7 @@ from diagnosis.decide.prepared import Question, make_likelihood, prepare
 from diagnosis.decision import Decision
 from diagnosis.engine import diagnose
 from diagnosis.fit import gap, shrinkage
-from diagnosis.logs.flights import LeftOut, LogError
+from diagnosis.logs.flights import LeftOut, LogError, check_comparable
 from diagnosis.recorded import flights_used
 from diagnosis.result import Diagnosis
 from diagnosis.statements import judged_of
@@ -299,6 +299,15 @@ def test_a_reference_of_another_vehicle_is_refused():
     vehicle = dataclasses.replace(flights.vehicle, drone="cf2x_L250")
     with pytest.raises(LogError, match=r"vehicle\.toml: drone is"):
         diagnose(flights, reference=dataclasses.replace(flights, vehicle=vehicle))
+
+
+def test_a_flight_cannot_be_its_own_reference():
+    flights = point_mass_set(n_flights=2)
+    first, last = (dataclasses.replace(flights, flights=(one,)) for one in flights.flights)
+    check_comparable(first, last)
+    names = [flight.name for flight in flights.flights]
+    with pytest.raises(LogError, match=f"flight {names[1]} is the flight {names[1]} of the ref"):
+        diagnose(last, reference=flights)
 
 
 @pytest.mark.parametrize(("n", "held"), [(2, 2), (9, 9), (10, 3), (30, 10)])

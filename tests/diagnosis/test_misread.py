@@ -1,5 +1,6 @@
 """Logs whose columns are not what they are taken for: said at once, and nothing is simulated."""
 
+import dataclasses
 import html
 import json
 from pathlib import Path
@@ -78,8 +79,12 @@ def test_flights_with_a_wrong_column_are_compared_with_nothing(clean, nothing_is
 
 
 def test_a_reference_with_a_wrong_column_is_no_reference(clean, nothing_is_simulated):
-    flipped = ALL["flipped_pitch"].apply(clean, {})
-    found = engine.diagnose(clean, simulator="point_mass", reference=flipped)
+    flown, before = (
+        dataclasses.replace(clean, flights=part) for part in (clean.flights[:3], clean.flights[3:])
+    )
+    lighter = dataclasses.replace(before.vehicle, mass=0.9 * before.vehicle.mass)
+    flipped = ALL["flipped_pitch"].apply(dataclasses.replace(before, vehicle=lighter), {})
+    found = engine.diagnose(flown, simulator="point_mass", reference=flipped)
     assert [fault.part for fault in found.interface] == ["attitude command of the reference"]
     assert not found.compared
     assert {flight.use for flight in found.reference.used} == {"checked only"}
