@@ -35,7 +35,8 @@ TUNED = (
 """What is said of settings that are better than all defaults."""
 BETTER_SETTINGS = (
     "The table has the methods' default settings only. Other settings score higher than every "
-    "default that spends as much flight or less"
+    "default that spends as much flight or less, though not always than their own default, which "
+    "spends more"
 )
 """What is said where the names of such settings follow."""
 BETTER = "Settings that score higher than all defaults"
@@ -69,6 +70,7 @@ def whom(
     if not found:
         return []
     means = f"Scores are means over {_tasks(found[0])}. " if _alike(found) else ""
+    ties = f"{TIES}. " if any(tie.near for choice in found for tie in choice.tied) else ""
     shown = sorted({c.budget for c in found})
     lines = [
         (
@@ -82,8 +84,8 @@ def whom(
         markdown.table(("team size", *map(_flight, shown)), lines, range(len(shown) + 1)),
         "Rows are team sizes, columns the high-fidelity flight that may be spent. Each entry "
         "names the best method and its score (0: a team that stays at its spawn; 1: the upper "
-        f"reference). {TIES} ([which, and by how much]"
-        f"({cells}#{markdown.anchor(CHOSEN)})). {means}Compare scores within a "
+        f"reference). {ties}[By how much the others are worse]"
+        f"({cells}#{markdown.anchor(CHOSEN)}). {means}Compare scores within a "
         "row only: each task and team size has an upper reference of its own, which is one "
         "training. Hybrid without a "
         "residual's name has the MLP ensemble.",
@@ -123,7 +125,8 @@ def by_task(found: Mapping[str, Sequence[Choice]]) -> list[str]:
         "The best method where only one task is flown, with the team sizes for which it is the "
         "best. `bench choose --task` gives its score, and the methods that are not shown to be "
         "worse. Means over tasks, as above, hide this: a method that diverges on one task loses "
-        "there what it gains on the others.",
+        "there what it gains on the others. A method is in no column that allows less flight than "
+        "it needs, and with many drones training in high fidelity may need more than any column.",
     ]
 
 

@@ -20,7 +20,7 @@ from bench.paper.choosing import (
     reward_by_flight,
     whom,
 )
-from bench.paper.claims import BILLS, BUDGET, CLAIMS, GRID, OFF_SPEC, PAPER, Claim
+from bench.paper.claims import BILLS, BUDGET, CLAIMS, GRID, OFF_SPEC, OWN, PAPER, Claim
 from bench.paper.figures import (
     write_flights,
     write_settings,
@@ -336,12 +336,25 @@ def _whole_text(j: Judged) -> str:
 
 
 def _count(found: Sequence[Judged]) -> str:
-    """How many claims stand, in one sentence."""
-    given = [j for j in found if _by_construction(j)]
-    counts = Counter(j.finding.verdict for j in found if j not in given)
-    said = [f"{n} {verdict.value}" for verdict in Verdict if (n := counts[verdict])]
-    said += [f"{len(given)} true by construction"] if given else []
-    return f"{len(found)} claims: {join(said)} ([which](#{markdown.anchor(HOLDS)}))."
+    """How many claims of the paper stand, and how many of ours, in two sentences."""
+    ours = [j for j in found if j.claim.section == OWN]
+    papers = [j for j in found if j not in ours]
+    which = f"[which](#{markdown.anchor(HOLDS)})"
+    return (
+        f"Of the paper's {len(papers)} claims {_verdicts(papers)}. Of {len(ours)} more, which we "
+        f"ask beyond the paper, {_verdicts(ours)} ({which})."
+    )
+
+
+def _verdicts(found: Sequence[Judged]) -> str:
+    """How many claims have each verdict."""
+    words = [
+        "true by construction"
+        if _by_construction(j)
+        else word_of(j.finding.verdict, j.so_far).strip("*")
+        for j in found
+    ]
+    return join([f"{n} {'is' if n == 1 else 'are'} {word}" for word, n in Counter(words).items()])
 
 
 def _by_construction(j: Judged) -> bool:

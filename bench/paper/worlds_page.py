@@ -90,7 +90,11 @@ def lines(found: Matrix) -> list[tuple[str, ...]]:
 
 
 def document(
-    found: Mapping[World, Tables], made: Matrix | None, picture: str = "", title: str = TITLE
+    found: Mapping[World, Tables],
+    made: Matrix | None,
+    picture: str = "",
+    title: str = TITLE,
+    lead: str = "",
 ) -> str:
     """The page as Markdown.
 
@@ -99,13 +103,14 @@ def document(
         made: Their matrix; None where there are fewer than `FEWEST_WORLDS`.
         picture: File name of the figure; empty without one.
         title: Heading of the page.
+        lead: What is said first, in Markdown.
     """
     if made is None:
         return f"# {title}\n\nThese tables hold fewer than {FEWEST_WORLDS} worlds.\n"
     cells = "; ".join(markdown.escape(cell.label) for cell in made.cells) or "none"
     names = [world.name for world in made.worlds]
     claims = _claims(found)
-    parts = [f"# {title}", *_summary(made, cells, claims)]
+    parts = [f"# {title}", "## In short", lead, *_summary(made, cells, claims)]
     if picture:
         parts += [f"![{GAPS}]({picture})", f"*{GAPS}.*"]
     parts += ["## Scores"]
@@ -125,7 +130,7 @@ def document(
     parts += [*_worst_tenths(made), *_claims_table(claims, next(iter(found)).name)]
     legend = [f"- `{w.name}`: {markdown.escape(w.text)}" for w in made.worlds if w.name != w.text]
     parts += ["## The worlds", NAMED, "\n".join(legend)] if legend else []
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _worst_tenths(made: Matrix) -> list[str]:
@@ -157,11 +162,10 @@ def _claims_table(claims: Claims, first: str) -> list[str]:
         for title, own in claims.items()
     ]
     where = [", ".join(filter(None, place)) for place in places]
-    heading = "## What of the claims holds where"
     if not claims:
-        return [heading, f"What was flown decides no claim in a world but {first}."]
+        return []
     return [
-        heading,
+        "## What of the claims holds where",
         "Claims about policies that train or fly in a world, judged there by settled rewards as on "
         "the page of the paper. A claim about more cells than were flown in a world is undecided "
         "there unless what was flown refutes it. If two worlds have different cells, their "
@@ -214,12 +218,11 @@ def _summary(made: Matrix, cells: str, claims: Claims) -> list[str]:
         first = markdown.escape(_name(found[0]))
         bullets.append(f"- Highest mean in {world.name}: {first}, {score}{_level(found[1:])}.")
     if not bullets:
-        return ["## In short", "No method flew in every world."]
+        return ["No method flew in every world."]
     bullets += [_decided(claim, verdicts) for claim, verdicts in claims.items()]
     travelled_at_all = any(is_as_it_is(s.entry) for s in made.standings)
     before = "*As it is*: the policy flew in crazyflow alone before. " if travelled_at_all else ""
     return [
-        "## In short",
         "\n".join(bullets),
         f"{before}{made.scale}. Scores here are means over {cells}. Methods that did not fly all "
         f"of these in at least {FEWEST_WORLDS} worlds are left out.",
@@ -266,7 +269,8 @@ def write_worlds_page(suites: Sequence[Tables], path_md: Path, notes: Path | Non
     """Writes the page as Markdown, with its figure (`_gaps.png`), and as HTML beside it.
 
     `notes` is a Markdown file to append, e.g. why a method fails in a world. If it begins with a
-    heading (`# ...`), the page has that title.
+    heading (`# ...`), the page has that title, and what it says before its first section is said
+    first.
 
     Raises:
         UsageError: The notes cannot be read.
@@ -284,9 +288,9 @@ def _write(found: Mapping[World, Tables], made: Matrix | None, path: Path, notes
     heading = re.match(r"# (.+)\n*", notes)
     title = heading[1].strip() if heading else TITLE
     notes = notes[heading.end() :] if heading else notes
-    text = document(found, made, picture.name if drawn else "", title)
-    if notes:
-        text += f"\n{notes}\n"
+    lead, *sections = re.split(r"(?m)^(?=## )", notes, maxsplit=1)
+    text = document(found, made, picture.name if drawn else "", title, lead.strip())
+    text += "".join(f"\n{section}\n" for section in sections)
     write_both(path, text, title, [picture] if drawn else [])
 
 

@@ -66,7 +66,8 @@ def facts(tables: Tables) -> list[str]:
         )
     lines += several_programs(run)
     if len(run.get("measured_by", ())) > 1:
-        lines.append(f"**Measured by {len(run['measured_by'])} versions of the program.**")
+        n = len(run["measured_by"])
+        lines.append(f"Decidability and bounds were measured by {n} versions of the program.")
     lines.append(f"Versions: {markdown.escape(versions)}; program {run['sources'][0][:12]}.")
     return lines
 

@@ -40,7 +40,7 @@ def import_(
     sources
         Log files; or folders: a ROS 2 bag, the CSV files of one Crazyflie flight, several logs.
     out
-        Folder to write; it must not exist yet.
+        Folder to write; it must be new or empty.
     vehicle
         A vehicle.toml to copy, instead of --drone and --mass.
     drone

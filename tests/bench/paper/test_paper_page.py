@@ -160,7 +160,12 @@ def test_the_title_names_a_simulator_that_is_not_the_default(simulator, title):
 def test_a_page_of_no_rows_is_complete_and_has_no_figure_of_rows(tmp_path):
     write_claims(empty(), tmp_path / "page.md")
     found = (tmp_path / "page.md").read_text(encoding="utf-8")
-    said = f"{len(CLAIMS)} claims: {len(CLAIMS)} not tested ([which](#what-holds))."
+    ours = sum(claim.section == claims.OWN for claim in CLAIMS)
+    papers = len(CLAIMS) - ours
+    said = (
+        f"Of the paper's {papers} claims {papers} are not tested. Of {ours} more, which we ask "
+        f"beyond the paper, {ours} are not tested ([which](#what-holds))."
+    )
     begin = f"# {TITLE.format('')}\n\n{said}\n\n## What holds\n\n"
     assert found.startswith(f"{begin}- **Not tested** (")
     cells = (tmp_path / "page_cells.md").read_text(encoding="utf-8")
