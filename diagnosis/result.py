@@ -6,6 +6,7 @@ by `python -m diagnosis.result`. All numbers are SI; null stands for a number th
 """
 
 import dataclasses
+import functools
 import json
 import sys
 from collections.abc import Mapping
@@ -292,6 +293,7 @@ class Diagnosis:
             raise ValueError(f"{path} is no diagnosis: {error}") from None
 
 
+@functools.cache
 def _adapter() -> Any:
     """The types as pydantic reads and writes them."""
     return pydantic.TypeAdapter(Diagnosis)

@@ -1,8 +1,8 @@
 r"""The high-fidelity simulator: crazyflow 0.4.0, ``first_principles``, 500 Hz physics.
 
-The only module that knows crazyflow (MuJoCo is also known by `film.py`). Each command is held for
-10 physics steps of crazyflow's own step pipeline: Mellinger attitude controller, motor mixing,
-rotor and rigid-body dynamics, explicit Euler, floor. A state holds only what changes; everything
+The only module that knows crazyflow. Each command is held for 10 physics steps of crazyflow's own
+step pipeline: Mellinger attitude controller, motor mixing, rotor and rigid-body dynamics, explicit
+Euler, floor. A state holds only what changes; everything
 else (parameters, controller gains) is a constant of the compiled program, which keeps a rollout's
 memory small: under `jax.checkpoint` per control step, reverse mode stores one state per control
 step.

@@ -248,7 +248,7 @@ def seal(path: Path, labels: Mapping[str, Mapping[str, Any]]) -> str:
     """SHA-256 of a file with labels by case and 32 random bytes, so that it cannot be guessed."""
     content = {"salt": secrets.token_hex(32), "cases": labels}
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content, indent=1))
+    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
     return digest(path)
 
 
@@ -262,7 +262,7 @@ def read_labels(
     """
     if sha256 is not None and (found := digest(path)) != sha256:
         raise ValueError(f"`{path}` has changed: its SHA-256 is {found}, not {sha256}.")
-    labels = json.loads(path.read_text())["cases"]
+    labels = json.loads(path.read_text(encoding="utf-8"))["cases"]
     return {name: make(label) for name, label in labels.items()}
 
 

@@ -7,22 +7,17 @@ target, and the check compares the two. Nothing is simulated. Splits of one set 
 that Clopper-Pearson intervals, which stand for independent splits, are too narrow.
 """
 
-import argparse
 import dataclasses
 import math
 import sys
 from collections.abc import Mapping
-from pathlib import Path
-
-import numpy as np
-from rich.console import Console
-from rich.progress import track
 
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import FAULTS
+from blind.power.splits import parser_of, random_splits, read
 from blind.score.scoring import proportion
 from diagnosis.interface.faults import checks, interface_faults
-from diagnosis.logs.flights import FlightSet, load_flights
+from diagnosis.logs.flights import FlightSet
 
 WRITTEN: Mapping[str, tuple[str, Parameters]] = {
     **{
@@ -50,13 +45,10 @@ def count(flights: FlightSet, splits: int, sizes: tuple[int, int], seed: int) ->
 
     Splits have as many reference and target flights as `sizes` say.
     """
-    rng = np.random.default_rng(seed)
     fitting = {words: one for words, one in WRITTEN.items() if FAULTS[one[0]].fits(flights)}
     named = dict.fromkeys([NOTHING, *fitting], 0)
-    for _ in track(range(splits), "checking splits", console=Console(stderr=True)):
-        order = [flights.flights[i] for i in rng.permutation(len(flights.flights))]
-        before = dataclasses.replace(flights, flights=tuple(order[: sizes[0]]))
-        after = dataclasses.replace(flights, flights=tuple(order[sizes[0] : sum(sizes)]))
+    for parts in random_splits(flights.flights, splits, sizes, seed, "checking splits"):
+        before, after = (dataclasses.replace(flights, flights=tuple(part)) for part in parts)
         then = checks(before)
         named[NOTHING] += bool(interface_faults(after, before, then=then))
         for words, (name, parameters) in fitting.items():
@@ -74,15 +66,8 @@ def write(named: Mapping[str, int], splits: int) -> str:
 
 def main() -> None:
     """Prints the table of a flight set."""
-    parser = argparse.ArgumentParser(prog="python -m blind.power.halves", description=__doc__)
-    parser.add_argument("flights", type=Path, help="folder of logs of one undisturbed vehicle")
-    parser.add_argument("--splits", type=int, default=40, help="random splits")
-    parser.add_argument("--reference", type=int, default=9, help="reference flights of a split")
-    parser.add_argument("--target", type=int, default=9, help="target flights of a split")
-    parser.add_argument("--seed", type=int, default=1, help="of the splits")
-    given = parser.parse_args()
-    sizes = given.reference, given.target
-    named = count(load_flights(given.flights), given.splits, sizes, given.seed)
+    given, flights, sizes = read(parser_of("python -m blind.power.halves", __doc__, 40, 1))
+    named = count(flights, given.splits, sizes, given.seed)
     sys.stdout.write(write(named, given.splits) + "\n")
 
 

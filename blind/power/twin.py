@@ -10,21 +10,18 @@ with two faults at once (`TOGETHER`). Splits of one set share flights, so that C
 intervals, which stand for independent splits, are too narrow.
 """
 
-import argparse
 import dataclasses
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
 from blind.draw.catalogue import Parameters
 from blind.draw.faults import FAULTS
+from blind.power.splits import parser_of, random_splits, read
 from blind.score.scoring import proportion
 from diagnosis.decision import Decision
-from diagnosis.logs.flights import FlightLog, FlightSet, load_flights
+from diagnosis.logs.flights import FlightLog, FlightSet
 from diagnosis.logs.inputs import choose_inputs
 from diagnosis.replay.replay import Replay
 from diagnosis.twin.answer import ChangedParameter, TwinAnswer
@@ -215,11 +212,10 @@ def measure(
     With `once`, flights are not flown again at what is found, as a diagnosis does.
     """
     clean = flown[CLEAN].channels
-    rng, names = np.random.default_rng(seed), [c.name for c in clean]
+    names = [c.name for c in clean]
     found: dict[Case, list[tuple[TwinAnswer, tuple[float, float]]]] = {c: [] for c in flown}
-    for k in track(range(splits), "answering", console=Console(stderr=True)):
-        order = [names[i] for i in rng.permutation(len(names))]
-        before, after = order[: sizes[0]], order[sizes[0] : sum(sizes)]
+    parts = random_splits(names, splits, sizes, seed, "answering")
+    for k, (before, after) in enumerate(parts):
         twin = twin_of([c for c in clean if c.name in before])
         for case, flights in flown.items():
             if case == CLEAN or k < fault_splits:
@@ -309,24 +305,18 @@ def _written(case: Case) -> str:
 
 def main() -> None:
     """Prints the table of a flight set."""
-    parser = argparse.ArgumentParser(prog="python -m blind.power.twin", description=__doc__)
-    parser.add_argument("flights", type=Path, help="folder of logs of one undisturbed vehicle")
-    parser.add_argument("--splits", type=int, default=200, help="undisturbed splits")
-    parser.add_argument("--fault-splits", type=int, default=40, help="splits of every fault")
-    parser.add_argument("--reference", type=int, default=9, help="reference flights of a split")
-    parser.add_argument("--target", type=int, default=9, help="target flights of a split")
+    parser = parser_of("python -m blind.power.twin", __doc__, 200, 0)
+    parser.add_argument("--fault-splits", type=int, default=40, help="splits with every fault")
     parser.add_argument(
         "--scales", type=float, nargs="*", default=[1.0, -1.0], help="sizes over those aimed at"
     )
     parser.add_argument(
         "--faults", nargs="*", choices=STUDIED, default=[*STUDIED], help="those to put in"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the splits")
     parser.add_argument(
         "--once", action="store_true", help="do not fly again at what is found, which is faster"
     )
-    given = parser.parse_args()
-    flights, sizes = load_flights(given.flights), (given.reference, given.target)
+    given, flights, sizes = read(parser)
     flown, twin_of = fly(flights, given.scales, given.faults)
     counts = given.splits, given.fault_splits
     tallies = measure(flown, twin_of, *counts, sizes, given.seed, given.once)

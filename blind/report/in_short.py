@@ -18,7 +18,11 @@ RIGHT = (
     ("one effect acts: it is named, and nothing else", "exact set of singles", "decidable"),
     ("two effects act: both are named, and nothing else", "exact set of pairs", "decidable"),
     ("nothing acts: nothing is found", "nothing found in clean flights", "decidable"),
-    ("no candidate describes what acts: the answer says that more is there", ABSTAINED, "decidable"),
+    (
+        "no candidate describes what acts: the answer says that more acts",
+        ABSTAINED,
+        "decidable",
+    ),
     ("the same, and no effect is blamed", SILENT, "decidable"),
     ("a stated 95 % interval holds the true size", INTERVALS, "all"),
 )

@@ -6,17 +6,21 @@ from typing import Any
 
 from blind.draw.cases import Case, read_labels
 from blind.draw.folders import Folders, write_json
+from blind.run.answering import sources_digest
 
 ALARMS = 0.02
 """Share of undisturbed flight sets that a baseline may find something in: the aim that we have."""
 
 
 def answer_baselines(folders: Folders) -> dict[str, dict[str, Any]]:
-    """Answers by baseline and case, computed if they are not there yet."""
+    """Answers by baseline and case, computed if this program has not done so yet."""
     path = folders.baselines / "answers.json"
-    if not path.is_file():
-        write_json(path, _answers(folders))
-    return json.loads(path.read_text(encoding="utf-8"))["answers"]
+    program = {"program": sources_digest(with_generator=True)}
+    kept = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    if {name: kept.get(name) for name in program} != program:
+        kept = _answers(folders) | program
+        write_json(path, kept)
+    return kept["answers"]
 
 
 def _answers(folders: Folders) -> dict[str, Any]:

@@ -62,11 +62,13 @@ def outcome(own: LabelledSet, found: Diagnosis | None, cause: str = "") -> str:
     """One of `OUTCOMES`."""
     if found is None:
         return "abstained" if cause.startswith(REFUSED) else "failed"
+    if own.label == NONE and found.interface:
+        return "wrong"
     if found.verdict == "too_few":
         return "abstained"
     blamed = found.blamed
     if own.label == NONE:
-        return "right" if found.verdict == "none" and not found.interface else "wrong"
+        return "right" if found.verdict == "none" else "wrong"
     if any(not _means(own, effect) for effect in blamed):
         return "wrong"
     if found.verdict == "none" and not found.interface:

@@ -68,11 +68,11 @@ def _true(name: str, cases: Sequence[Case], given: float) -> Row:
 def _widening(parameters: Sequence[Case], given: float) -> Row:
     """The factor with which as many 95 % intervals would hold the truth as they say.
 
-    Of Gaussian errors. It is zero if every interval holds it.
+    Of Gaussian errors. It is zero if every interval holds it, infinite if none does.
     """
     n, inside = (sum(int(row[name]) for row in parameters) for name in ("intervals", "inside"))
     z = float(stats.norm.ppf(0.5 + 0.5 * inside / n)) if n else math.nan
-    return "interval_widening", given, given * 1.96 / z, n
+    return "interval_widening", given, given * 1.96 / z if z else math.inf, n
 
 
 def main(folders: Sequence[str]) -> int:

@@ -47,7 +47,7 @@ def fast_lines(t: Times) -> Targets:
 
 
 def two_speeds(t: Times) -> Targets:
-    """Along a line at 0.5 and 3 m/s, each held for 2 s, and back."""
+    """Along a line at 0.5 and 3 m/s, each held for 2 s, and most of the way back."""
     at = [0.0, 0.5, 2.5, 3.5, 5.5, 6.5, 8.5, 9.5, 11.5, 12.0]
     speed = np.interp(t % 12.0, at, [0.0, 0.5, 0.5, 3.0, 3.0, 0.0, 0.0, -3.0, -3.0, -0.5])
     return _level(_at_height(np.cumsum(speed) * (t[1] - t[0])))

@@ -259,7 +259,7 @@ def test_the_first_screen_counts_what_is_right(tmp_path):
     first = text.split("## How it was done")[0]
     assert "| cases | 3 |" in first
     assert "| one effect acts: it is named, and nothing else | 1 of 1 |" in first
-    assert "| no candidate describes what acts: the answer says that more is there | 0 of 1 |" in first
+    assert "| no candidate describes what acts: the answer says that more acts | 0 of 1 |" in first
     assert "| the same, and no effect is blamed | 0 of 1 |" in first
     assert "| nothing acts: nothing is found | 1 of 1 |" in first
     assert "| two effects act: both are named, and nothing else | - |" in first

@@ -1,5 +1,6 @@
 """`bench blind --real`: labelled flights of the user's own, with a stub as the diagnosis."""
 
+import dataclasses
 import json
 import sys
 
@@ -13,6 +14,7 @@ from blind.draw.manifest import LabelledSet, Manifest, files_digest
 from blind.run import answering
 from blind.run.real import run_real
 from blind.score.real import by_airframe, outcome, real_rows
+from diagnosis.interface.fault import InterfaceFault
 from diagnosis.logs.flights import FlightLog, write_flights
 from diagnosis.result import Diagnosis
 
@@ -185,6 +187,13 @@ MASS, DELAY = named("mass", 0.9), named("delay", 0.9)
 )
 def test_an_answer_is_worth_what_the_table_says(label, found, expected):
     assert outcome(labelled(label), found) == expected
+
+
+def test_a_fault_of_the_logs_that_is_not_there_is_a_wrong_answer():
+    fault = InterfaceFault(part="thrust", readings=("other",), advice="Check it.", evidence=())
+    for verdict in ("none", "too_few"):
+        found = dataclasses.replace(answer(verdict), interface=(fault,))
+        assert outcome(labelled("none"), found) == "wrong"
 
 
 def test_refused_logs_are_an_abstention_and_a_crash_is_none():

@@ -36,6 +36,11 @@ def test_each_threshold_is_what_the_tables_say_of_it():
     assert found["interval_widening"] == (pytest.approx(expected, rel=1e-3), 4)
 
 
+def test_no_factor_makes_intervals_wide_enough_that_never_hold_the_truth():
+    parameters = pd.DataFrame({"intervals": [3], "inside": [0]})
+    assert derived([], records(parameters))[-1][2] == float("inf")
+
+
 def test_what_no_case_says_is_not_a_number():
     columns = ["kind", "truth", "exact", "quiet", "structure", "unexplained_share", "probabilities"]
     cases = pd.DataFrame([("clean", "none", False, True, 1.0, 0.0, "{}")], columns=columns)
