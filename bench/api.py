@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from bench.execution.sweep import INTERRUPTED, sweep
+from bench.paper.worlds_page import add_worlds_page
 from bench.plan.expansion import expand
 from bench.plan.keys import Setting
 from bench.plan.override import overridden
@@ -102,4 +103,5 @@ def run(
     )
     if status == INTERRUPTED:
         raise KeyboardInterrupt
+    add_worlds_page(tables_dir, documents_dir)
     return load(tables_dir)

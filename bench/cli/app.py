@@ -58,6 +58,8 @@ def main(arguments: list[str] | None = None) -> int:
     # Editors and CI set a width of 0 where they know none; tables of that width would be empty.
     if os.environ.get("COLUMNS") == "0":
         del os.environ["COLUMNS"]
+    # An accelerator's memory is for the processes that train.
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
     try:
         # SIGTERM acts like Ctrl-C, so that the processes that a command started end, too.
         with handled(signal.SIGTERM, signal.default_int_handler):

@@ -20,7 +20,17 @@ OWN = "fidelity-bench"
 """Name of this distribution."""
 OWNERS = (OWN, "crazyflow", "jax", "mujoco-mjx")
 """Distributions whose requirements are compared with what is installed."""
-OPTIONAL = {"ray": "several machines"}
+OPTIONAL = {
+    "ray": "several machines",
+    "submitit": "jobs of a Slurm cluster",
+    "pyulog": "logs of PX4",
+    "rosbags": "bags of ROS",
+    "pymavlink": "logs of ArduPilot",
+    "tensorboardx": "runs in TensorBoard",
+    "mlflow": "runs in MLflow",
+    "wandb": "runs in Weights & Biases",
+    "mlcroissant": "tables described in Croissant",
+}
 """Packages that may be absent, and what they are for."""
 VARIABLES = (
     "JAX_PLATFORMS",

@@ -10,7 +10,7 @@ from bench.diagnosis_report.documents import NAMES, check_place, write_documents
 from bench.diagnosis_report.terminal import DiagnosisProgress, show_summary
 from bench.text.words import clean
 from diagnosis.engine import diagnose
-from diagnosis.logs.flights import LogError, load_flights
+from diagnosis.logs.flights import load_flights
 
 
 def run_diagnosis(
@@ -19,35 +19,28 @@ def run_diagnosis(
     reference: Path | None,
     exclude: Sequence[str],
     out: Path,
-) -> int:
+) -> None:
     """Writes the documents to the folder `out` and shows what was found.
-
-    Exit status: 0, or 2 where the logs hold nothing usable, with a line for each reason.
 
     Raises:
         UsageError: The request makes no sense.
+        LogError: The logs hold nothing usable, with a line for each reason.
     """
     check_place(out)
-    try:
-        with DiagnosisProgress(Console(stderr=True)) as display:
-            found = diagnose(
-                load_flights(flights),
-                simulator=simulator,
-                reference=None if reference is None else load_flights(reference),
-                exclude=tuple(exclude),
-                progress=display.update,
-            )
-            display.update("writing", 1.0)
-            replaced = (out / NAMES[0]).exists()
-            write_documents(found, out)
-    except LogError as error:
-        for line in str(error).splitlines():
-            print(f"bench: {clean(line)}", file=sys.stderr)  # noqa: T201
-        return 2
+    with DiagnosisProgress(Console(stderr=True)) as display:
+        found = diagnose(
+            load_flights(flights),
+            simulator=simulator,
+            reference=None if reference is None else load_flights(reference),
+            exclude=tuple(exclude),
+            progress=display.update,
+        )
+        display.update("writing", 1.0)
+        replaced = (out / NAMES[0]).exists()
+        write_documents(found, out)
     show_summary(found, out, Console())
     if replaced:
         print(f"The diagnosis that was there is replaced: {clean(out)}", file=sys.stderr)  # noqa: T201
-    return 0
 
 
 def place_of(flights: Path) -> Path:

@@ -124,11 +124,12 @@ def deploy(
     task = build(registry.load("task", name), {}, f"Task '{name}'", n_drones=team_size)
     path = path_of(tables_dir, name, team_size)
     kept = load_kept(path)
+    chosen = {*methods}
     rows = [r for r in records(tables.runs) if r["run"] in kept]
+    rows = [r for r in rows if not chosen or r["method"] in chosen]
     for row in [r for r in rows if kept[r["run"]].committed not in ("", r["committed"])]:
         say(console, f"Left out: the row of {row['run']} was made after its policy was kept.")
         rows.remove(row)
-    rows = [r for r in rows if not (chosen := {*methods}) or r["method"] in chosen]
     if not rows:
         raise UsageError(
             f"{path} holds no policy of these methods. `bench keep {tables_dir}` adds policies of "

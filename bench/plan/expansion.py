@@ -377,13 +377,7 @@ def _sources(found: Mapping[str, type]) -> dict[str, str]:
 
 def packages() -> dict[str, str]:
     """Versions of the installed packages that matter to a result."""
-    found = {}
-    for name in PACKAGES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue  # run from a folder that is not installed
-    return found
+    return {name: importlib.metadata.version(name) for name in PACKAGES}
 
 
 def _cost(method_class: type, team_size: int) -> float:

@@ -13,7 +13,7 @@ from bench.plan.names import SENSING, world_text, worlds
 from bench.plan.settings import build
 from bench.text.errors import UsageError
 from simulators import registry
-from simulators.contract import AbstractSimulator, MissingDoorError, with_effects
+from simulators.contract import AbstractSimulator, with_effects
 from simulators.distribution import Distribution
 from simulators.drawn.drawn_team import Drawn, drawn
 from simulators.drawn.sensing import Sensing
@@ -82,9 +82,7 @@ def parse_reality(text: str, where: str = "`--reality`") -> AbstractSimulator:
     try:
         attach = drawn if drawn_anew else with_effects
         return attach(simulator, tuple(effects))
-    except MissingDoorError as error:
-        raise UsageError(f"{where}: {error}") from error
-    except ValueError as error:  # an effect that cannot be part of a drawn reality
+    except ValueError as error:  # a door is missing, or it cannot be part of a drawn reality
         raise UsageError(f"{where}: {error}") from error
 
 

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 from bench.report.leaderboard import MAIN, Column, filled, split
 from bench.stats.leaderboard_rows import Row
-from bench.stats.statistics import REALITY, Cell, Entry, default_of
+from bench.stats.statistics import Cell, Entry, default_of
 
 PLACE = (
     Column("task", lambda row: row["cell"].task, lambda row: row["cell"].task, left=True),
     Column("N", lambda row: str(row["cell"].team_size), lambda row: row["cell"].team_size),
-    Column("flown in", lambda row: _world(row["cell"]), lambda row: _world(row["cell"]), left=True),
+    Column("flown in", lambda row: row["cell"].world, lambda row: row["cell"].world, left=True),
 )
 """Where a row competes, before the columns of the leaderboard."""
 FILTERS = ("task", "N", "flown in", "method")
@@ -29,7 +29,7 @@ class Filter(NamedTuple):
 
 def boards(rows: Sequence[Row], opens: Mapping[tuple[Cell, Entry], str]) -> list[dict[str, Any]]:
     """Tables ready for the page: caption, columns, lines with the run that each opens."""
-    worlds = {_world(row["cell"]) for row in rows}
+    worlds = {row["cell"].world for row in rows}
     place = [c for c in PLACE if c.heading != "flown in" or len(worlds) > 1]
     captions = ("Board", "Other settings, compared with their default")
     return [
@@ -80,9 +80,3 @@ def _order(column: Column, row: Row) -> str:
     """What a cell is sorted by; empty where there is nothing."""
     order = column.order(row)
     return "" if order != order else str(order)
-
-
-def _world(cell: Cell) -> str:
-    """The simulator and what was changed in it."""
-    effects = f" with {cell.deployed_effects}" if cell.deployed_effects else ""
-    return f"{cell.simulator or REALITY}{effects}"

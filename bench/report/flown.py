@@ -44,9 +44,7 @@ def playable(frame: pd.DataFrame, stride: int = 1) -> dict[str, Any] | None:
         return None
     keep = np.unique(np.r_[np.arange(0, len(t), stride), len(t) - 1])
     t, pos = t[keep], pos[keep]
-    known = np.isfinite(pos).all(axis=-1, keepdims=True) & (np.abs(pos) < FARTHEST).all(
-        axis=-1, keepdims=True
-    )
+    known = (np.abs(pos) < FARTHEST).all(axis=-1, keepdims=True)  # not where it is no number
     reach = float(np.abs(np.where(known, pos, 0.0)).max())
     unit = max(UNIT, reach / 32_767)
     steps = np.where(known, np.round(np.where(known, pos, 0.0) / unit), GAP).astype("<i2")

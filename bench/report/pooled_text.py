@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from bench.stats.bootstrap import Interval
 from bench.stats.pooled import Pool
 from bench.stats.scores import STEADY
+from bench.stats.statistics import REALITY
 from bench.text.numbers import MISSING, measured, number
 
 HOW_TO_READ_POOLED = (
@@ -29,9 +30,9 @@ EXCLUDES_HALF = "*: the 95 % percentile-bootstrap interval excludes 0.5."
 
 def pool_title(pool: Pool) -> str:
     """What is pooled, as text."""
-    world = "" if pool.simulator == "crazyflow" else f", flown in {pool.simulator}"
-    world += f", flown with {pool.deployed_effects}" if pool.deployed_effects else ""
-    return f"Pooled over {len(pool.cells)} cells{world}"
+    world = pool.cells[0].world
+    where = "" if world == REALITY else f", flown in {world}"
+    return f"Pooled over {len(pool.cells)} cells{where}"
 
 
 def pool_headings(pool: Pool) -> list[str]:

@@ -103,7 +103,8 @@ def guess(run: Run, past: Iterable[Past]) -> Guess | None:
 def _share(run: Run, past: Past) -> float:
     """Share of the past run's epochs that the run may train; 1 if it may train all of them."""
     settings: Any = run.resolved.get("settings") or {}
-    limit = settings.get("trainer", settings).get("epochs")
+    trainer = settings.get("trainer", settings)
+    limit = trainer.get("epochs") if isinstance(trainer, Mapping) else None
     return limit / past.epochs if limit is not None and past.epochs > limit else 1.0
 
 

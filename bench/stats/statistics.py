@@ -73,12 +73,21 @@ class Cell(NamedTuple):
     deployed_effects: str = ""
 
     @property
+    def world(self) -> str:
+        """Where it is flown, by the name that the world has, if it has one."""
+        world = joined(self.simulator, self.deployed_effects)
+        if (named := shortened(world)) != world:
+            return named
+        effects = f" with {self.deployed_effects}" if self.deployed_effects else ""
+        return f"{self.simulator or REALITY}{effects}"
+
+    @property
     def label(self) -> str:
         """The name to show, e.g. `circle, N = 3`."""
         name = f"{self.task}, N = {self.team_size}"
         world = joined(self.simulator, self.deployed_effects)
-        if (named := shortened(world)) != world:
-            return f"{name}, flown in {named}"
+        if shortened(world) != world:
+            return f"{name}, flown in {self.world}"
         extras = [
             self.simulator != REALITY and f"flown in {self.simulator}",
             self.deployed_effects and f"flown with {self.deployed_effects}",

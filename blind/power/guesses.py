@@ -12,6 +12,7 @@ import argparse
 import dataclasses
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -39,8 +40,9 @@ REDRAWN = 6
 
 def guesses() -> Mapping[str, float]:
     """Fields of `Decision` that nobody has measured, with their values."""
+    values = Decision()
     fields = dataclasses.fields(Decision)
-    return {f.name: f.default for f in fields if f.metadata["source"] == "guess"}
+    return {f.name: getattr(values, f.name) for f in fields if f.metadata["source"] == "guess"}
 
 
 def redrawn(rng: np.random.Generator) -> Decision:
@@ -107,21 +109,22 @@ def _moved(first: Diagnosis, other: Diagnosis) -> float:
 
 def write(table: pd.DataFrame) -> str:
     """Which answers change, and how often by each guess's value, in Markdown."""
-    plain = {row["case"]: row for row in records(table[table["redrawn"] == 0])}
-    others = table[table["redrawn"] > 0].copy()
-    others["other"] = [
-        any(row[key] != plain[row["case"]][key] for key in ("verdict", "named"))
+    plain = {row["case"]: row for row in records(table.loc[table["redrawn"].eq(0)])}
+    others = table.loc[table["redrawn"].gt(0)]
+    changed = [
+        row
         for row in records(others)
+        if any(row[key] != plain[row["case"]][key] for key in ("verdict", "named"))
     ]
     lines = [
-        f"{others['other'].sum()} of {len(others)} answers differ. Sizes move by at most "
+        f"{len(changed)} of {len(others)} answers differ. Sizes move by at most "
         f"{others['moved'].max():.2f} half-widths of their intervals.",
         "",
         "| flown | answer | with other values | times |",
         "|---|---|---|---|",
     ]
-    keys = ["case", "verdict", "named"]
-    for (case, verdict, named), times in others[others["other"]].groupby(keys).size().items():
+    counted = Counter((row["case"], row["verdict"], row["named"]) for row in changed)
+    for (case, verdict, named), times in counted.items():
         own = plain[case]
         lines.append(
             f"| {own['flown'] or 'nothing'} | {own['verdict']} {own['named']} | "
@@ -129,7 +132,10 @@ def write(table: pd.DataFrame) -> str:
         )
     lines += ["", "| guess | value: answers that differ |", "|---|---|"]
     for name in guesses():
-        parts = [f"{value:g}: {x.sum()} of {len(x)}" for value, x in others.groupby(name)["other"]]
+        parts = [
+            f"{value:g}: {sum(row[name] == value for row in changed)} of {n}"
+            for value, n in sorted(Counter(others[name]).items())
+        ]
         lines.append(f"| `{name}` | {'; '.join(parts)} |")
     return "\n".join(lines)
 

@@ -119,7 +119,7 @@ def _push_of_all_pairs(n, tolerance):
         )
 
     found, expected = (
-        jax.vmap(jax.grad(lambda p, f=f: jnp.sum(weight * f(p))))(pos)
+        jax.jit(jax.vmap(jax.grad(lambda p, f=f: jnp.sum(weight * f(p)))))(pos)
         for f in (soft_penalty, paired)
     )
     assert float(jnp.abs(expected).max()) > 0.5

@@ -1,6 +1,5 @@
 """`bench run`: train and evaluate what a suite asks for."""
 
-import os
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -79,8 +78,7 @@ def run(
     tables_dir = out or Path("results") / chosen.name
     documents_dir = out or Path("reports") / chosen.name
     check_place(tables_dir, documents_dir)
-    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # leave it to the workers
-    from bench.execution.sweep import sweep
+    from bench.execution.sweep import INTERRUPTED, sweep
     from bench.paper.worlds_page import add_worlds_page
     from bench.plan.expansion import expand
 
@@ -97,5 +95,6 @@ def run(
         against=against,
         reuse=reuse or (),
     )
-    add_worlds_page(tables_dir, documents_dir)
+    if status != INTERRUPTED:
+        add_worlds_page(tables_dir, documents_dir)
     return status

@@ -1,6 +1,5 @@
 """`bench verify`: a submission, checked by training one of its seeds again."""
 
-import os
 from pathlib import Path
 
 from bench.cli.checks import check_files, check_names, check_number, check_place
@@ -42,7 +41,6 @@ def verify(
     check_names("task", [task] if task else [])
     check_number("jobs", jobs)
     check_place(*([out] if out else []))
-    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # leave it to the workers
     from rich.console import Console
 
     from bench.sharing.submission.retrained import verify as verify_folder

@@ -88,7 +88,8 @@ def diagnose(
         if change.of_file(flights):
             return change.write(flights, out)
         out = out or place_of(flights)
-        return run_diagnosis(flights, simulator, reference, exclude or (), out) or change.write(out)
+        run_diagnosis(flights, simulator, reference, exclude or (), out)
+        return change.write(out)
     from bench.diagnosis_report.deploy import deploy as deploy_team
 
     assert deploy is not None and reality is not None  # noqa: PT018 - asked above

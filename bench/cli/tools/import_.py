@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from bench.cli.checks import check_files, refuse_logs
+from bench.cli.checks import check_files
 from bench.cli.options import Repeatable
 from bench.text.errors import UsageError
 from bench.text.words import clean
-from diagnosis.logs.columns import LogError
 from diagnosis.logs.vehicle_file import parse_vehicle
 
 
@@ -106,10 +105,7 @@ def _import(
     from diagnosis.importing.convert import import_logs
     from diagnosis.importing.report import summary
 
-    try:
-        found = import_logs(sources, out, vehicle, topics=_topics(topics), **options)  # type: ignore[arg-type]
-    except LogError as error:
-        return refuse_logs(error)
+    found = import_logs(sources, out, vehicle, topics=_topics(topics), **options)  # type: ignore[arg-type]
     for left in found.left_out:
         print(f"bench: left out: {clean(left.reason)}", file=sys.stderr)  # noqa: T201
     for flight in found.flights:
