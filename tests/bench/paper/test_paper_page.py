@@ -267,6 +267,9 @@ def test_the_committed_page_is_that_of_the_committed_tables(tmp_path, monkeypatc
     for name in ("paper.md", "paper_cells.md", "paper_why.md"):
         own = (tmp_path / name).read_text(encoding="utf-8")
         assert own == (reports / name).read_text(encoding="utf-8")
+    found = (tmp_path / "paper.md").read_text(encoding="utf-8")
+    (verdicts,) = re.findall(r"^(Of the paper's \d+ claims .+?)\. Of ", found, re.MULTILINE)
+    assert verdicts in (ROOT / "README.md").read_text(encoding="utf-8")
     write_claims(Tables.load(ROOT / "results" / "paper_rotorpy"), tmp_path / "rotorpy_claims.md")
     for name in ("rotorpy_claims.md", "rotorpy_claims_cells.md"):
         own = (tmp_path / name).read_text(encoding="utf-8")
