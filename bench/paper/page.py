@@ -293,7 +293,9 @@ def document(
                 j.claim.stated,
                 j.finding.ours,
                 word_of(j.finding.verdict, j.so_far),
-                _whole_text(j),
+                # Its numbers stand above unless the whole return has others.
+                word_of(j.whole.verdict, j.whole_so_far)
+                + (f": {j.whole.ours}" if j.whole.ours != j.finding.ours else ""),
             )
             for j in claims
         ]
@@ -327,12 +329,6 @@ def _title(j: Judged, cells: str) -> str:
     """What is claimed, as a link to its table, if it has one."""
     title = j.claim.title
     return f"[{title}]({cells}#{markdown.anchor(title)})" if j.finding.lines else title
-
-
-def _whole_text(j: Judged) -> str:
-    """The verdict by the whole return, with its numbers where they are others."""
-    word = word_of(j.whole.verdict, j.whole_so_far)
-    return word if j.whole.ours == j.finding.ours else f"{word}: {j.whole.ours}"
 
 
 def _count(found: Sequence[Judged]) -> str:

@@ -47,7 +47,7 @@ def guesses() -> Mapping[str, float]:
 
 def redrawn(rng: np.random.Generator) -> Decision:
     """All guesses multiplied by a factor each; a count stays one at least."""
-    factors = {name: rng.choice(FACTORS) for name in guesses()}
+    factors = {name: float(rng.choice(FACTORS)) for name in guesses()}
     return dataclasses.replace(
         Decision(),
         **{

@@ -72,14 +72,8 @@ def test_speeds_heights_and_turns_are_as_advised():
 @pytest.fixture(scope="module")
 def few():
     """A range with the effects of these tests alone."""
-    tried = {"mass", "thrust_gain", "drag", "rotor_drag"}
+    tried = {"mass", "thrust_gain", "drag", "rotor_drag", "delay", "clock_drift"}
     return Range(exclude=set(registry.names("effect")) - tried)
-
-
-@pytest.fixture(scope="module")
-def late():
-    """A range with the two effects that make commands late."""
-    return Range(exclude=set(registry.names("effect")) - {"delay", "clock_drift"})
 
 
 def test_fast_lines_tell_mass_from_thrust_where_hover_does_not(few):
@@ -97,8 +91,8 @@ def test_tumbling_tells_drag_of_the_rotors_from_drag_of_the_body(few, truth, riv
 
 
 @pytest.mark.parametrize(("truth", "rival"), [("clock_drift", "delay"), ("delay", "clock_drift")])
-def test_steps_tell_a_drifting_clock_from_a_delay(late, truth, rival):
-    found = late.margins(truth, rival)
+def test_steps_tell_a_drifting_clock_from_a_delay(few, truth, rival):
+    found = few.margins(truth, rival)
     assert Decision().decidable_chi2 < found.advised > found.bland
     assert found.separated
 

@@ -160,7 +160,7 @@ def hovering(rng, rows=1000):
 
 def test_a_hover_says_nothing_of_up_and_down():
     rng = np.random.default_rng(3)
-    for _ in range(10):
+    for _ in range(3):
         logs = [hovering(rng) for _ in range(8)]
         for log in logs:
             log.pos[0, 2] -= 1.0
@@ -241,7 +241,7 @@ def test_a_velocity_that_an_estimator_makes_too_small_by_a_fifth_is_no_fault(cle
 
 @pytest.mark.parametrize("name", ["crazyflie_changed", "crazyflie_plain", "nanobench"])
 def test_feet_are_told_in_real_flights(name):
-    flights = real(name)
+    flights = real(name, 8)
     assert checks(flights).units is None
     for pos, vel, part in ((1.0, 1 / FOOT, "velocity"), (1 / FOOT, 1 / FOOT, "position")):
         fault = checks(in_other_units(flights, pos, vel)).units

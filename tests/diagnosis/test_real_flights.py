@@ -59,14 +59,20 @@ def test_undisturbed_halves_differ_by_nothing():
     assert worst["acceleration up"] < 0.2
 
 
+# The exhaustive two run the lines of the lost thrust.
 @pytest.mark.parametrize(
     ("fault", "given", "named", "parameter"),
     [
         ("delay", {"seconds": 0.03}, "delay", "seconds"),
         ("clock_drift", {"rate": 0.01}, "clock_drift", "rate"),
-        ("trim", {"roll": 0.0, "pitch": np.radians(3.0)}, "trim", "pitch"),
         ("thrust_gain", {"e": 0.07}, "thrust_gain", "e"),
-        ("tilt_turned_in_yaw", {"angle": np.radians(10.0)}, "frame_misalignment", "angle"),
+        *(
+            pytest.param(*case, marks=pytest.mark.exhaustive)
+            for case in (
+                ("trim", {"roll": 0.0, "pitch": np.radians(3.0)}, "trim", "pitch"),
+                ("tilt_turned_in_yaw", {"angle": np.radians(10.0)}, "frame_misalignment", "angle"),
+            )
+        ),
     ],
 )
 def test_a_fault_that_is_put_into_the_commands_is_named_in_its_size(fault, given, named, parameter):

@@ -213,7 +213,7 @@ def test_the_derivative_of_clipped_thrust_is_zero():
     def height(thrust):
         return fly(simulator, state, hold([0.0, 0.0, 0.0, 1.0], STEPS, N) * thrust).pos[-1, 0, 2]
 
-    thrusts = jnp.asarray([0.05, 0.5, 1.0])
-    slopes = jax.jit(jax.vmap(jax.jacfwd(height)))(thrusts)
+    slope = jax.jit(lambda thrust: jax.jvp(height, (thrust,), (jnp.ones(()),))[1])
+    slopes = [slope(jnp.asarray(thrust)) for thrust in (0.05, 0.5, 1.0)]
     assert slopes[0] == slopes[2] == 0.0
     assert slopes[1] > 1.0

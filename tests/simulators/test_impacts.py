@@ -225,15 +225,14 @@ def left_of(distance, dt, law=None):
 def rms_slope(dt, law=None):
     """Of the velocity by the distance, over places in two steps; the truth is 0."""
     places = 0.005 + jnp.linspace(0.0, 2.0 * dt, 37)[:-1]
-    slopes = jax.vmap(jax.grad(lambda x: left_of(x, dt, law)))(places)
+    slopes = jax.jit(jax.vmap(jax.grad(lambda x: left_of(x, dt, law))))(places)
     return float(jnp.sqrt(jnp.mean(slopes**2)))
 
 
 def test_the_slope_by_the_distance_vanishes_with_the_step():
-    ours = [rms_slope(dt) for dt in (2e-3, 5e-4, 1e-4)]
+    ours = [rms_slope(dt) for dt in (2e-3, 1e-4)]
     assert ours[0] < 3.0
-    assert ours[1] < 0.5 * ours[0]
-    assert ours[2] < 0.5 * ours[1]
+    assert ours[1] < 0.25 * ours[0]
     # A damper that acts in full at touch gives slopes that no step improves.
     theirs = [rms_slope(dt, linear()) for dt in (2e-3, 1e-4)]
     assert min(theirs) > 10.0 * ours[0]
@@ -275,10 +274,11 @@ def test_balls_at_one_place_give_finite_forces_and_slopes():
         return jnp.sum(push(balls(pos, jnp.zeros((2, 3))), surface(), 2e-3)[0] ** 2)
 
     pos = jnp.ones((2, 3))
-    assert jnp.isfinite(jax.value_and_grad(force)(pos)[1]).all()
+    assert jnp.isfinite(jax.jit(jax.value_and_grad(force))(pos)[1]).all()
 
 
-@pytest.mark.parametrize("n", [64, 150])
+# `MANY` is patched to the number of balls, so that both run the same lines.
+@pytest.mark.parametrize("n", [64, pytest.param(150, marks=pytest.mark.exhaustive)])
 def test_sweeps_find_what_all_pairs_show(monkeypatch, n):
     """Forces, torques and slopes of crowds in which each drone touches up to twelve others."""
     pos = 0.3 * n ** (1 / 3) * jax.random.uniform(jax.random.key(1), (2, n, 3))

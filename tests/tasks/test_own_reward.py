@@ -69,7 +69,10 @@ def test_it_passes_the_checks_of_a_task():
     assert not any("target" in check.sentence for check in checks)
 
 
-@pytest.mark.parametrize("name", SIMULATORS)
+# Gradients through crazyflow are in `test_task_gradients.py`.
+@pytest.mark.parametrize(
+    "name", ["point_mass", pytest.param("crazyflow", marks=pytest.mark.exhaustive)]
+)
 def test_its_gradient_equals_finite_differences(name):
     with jax.enable_x64(True):
         simulator = SIMULATORS[name]()
