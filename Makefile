@@ -16,7 +16,7 @@ GOLDEN ?=
 
 # More options of pytest, for all targets that test.
 PYTEST ?=
-TESTS := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile -p no:benchmark $(PYTEST)
+TESTS := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -p no:benchmark $(PYTEST)
 
 .PHONY: help run test test-exhaustive test-isa test-all golden reports docs lint bench clean
 

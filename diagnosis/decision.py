@@ -21,6 +21,10 @@ class Decision:
     them, before the counted ones were drawn (`reports/blind.md`). Not here, but beside what they
     belong to: tolerances and step counts of solvers, what a column of a log may hold
     (`diagnosis.interface`), and what a twin is made of (`diagnosis.twin`).
+
+    What hangs on the guesses, `python -m blind.power.guesses` tells: it answers cases with all of
+    them halved or doubled at random, in ten minutes of a core a case. Run for one case so far,
+    a pair, it changed none of six answers, and sizes by at most 0.45 half-widths.
     """
 
     # Which windows count.

@@ -55,6 +55,16 @@ def pytest_addoption(parser):
     )
 
 
+LONGEST = ("test_real_flights.py", "test_simulators.py", "test_pilot_crazyflie.py", "test_pilot.py")
+"""Files of few tests that take long: begun last, they would leave the other processes idle."""
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """Puts the longest files first; processes take files in this order."""
+    items.sort(key=lambda item: item.path.name not in LONGEST)
+
+
 def pytest_configure(config):
     """Counts skips, once: in the process that collects the reports of all others."""
     if config.getoption("--known-skips-only") and not hasattr(config, "workerinput"):

@@ -21,10 +21,14 @@ from bench.text.words import join
 
 TIES = (
     "In brackets are methods that are not shown to be worse than the best and whose mean settled "
-    f"reward is lower by at most {100.0 * NEAR:g} % of the best's on each task. Where seeds "
-    "scatter widely, other methods cannot be separated from the best, though they may be far worse"
+    f"reward is lower by at most {100.0 * NEAR:g} % of the best's on each task. "
 )
 """What a name in brackets in the table of whom to choose means."""
+SCATTERED = (
+    "Where seeds scatter widely, other methods cannot be separated from the best, though they may "
+    "be far worse. "
+)
+"""What is said of ties that stand in no brackets."""
 TUNED = (
     "Each line names a method with other settings than its defaults. It scores higher than every "
     "method with default settings that spends as much flight or less, by the mean over tasks with "
@@ -70,7 +74,8 @@ def whom(
     if not found:
         return []
     means = f"Scores are means over {_tasks(found[0])}. " if _alike(found) else ""
-    ties = f"{TIES}. " if any(tie.near for choice in found for tie in choice.tied) else ""
+    near = {tie.near for choice in found for tie in choice.tied}
+    ties = (TIES if True in near else "") + (SCATTERED if False in near else "")
     shown = sorted({c.budget for c in found})
     lines = [
         (

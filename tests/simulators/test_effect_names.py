@@ -39,7 +39,6 @@ BELIEVED_MASS = {"mass": "a key of vehicle.toml"}
 IMPORTING = ("ardupilot", "bags", "convert", "crazyflie", "reader", "resample", "tables", "ulog")
 """Readers of logs whose format has that column."""
 ALLOWED = {
-    "diagnosis/decide/prepared.py": BELIEVED_MASS,
     "diagnosis/fit/gap.py": LOG_COLUMN,
     "diagnosis/fit/windows.py": LOG_COLUMN,
     **{f"diagnosis/importing/{name}.py": LOG_COLUMN for name in IMPORTING},
