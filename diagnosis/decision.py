@@ -22,9 +22,10 @@ class Decision:
     belong to: tolerances and step counts of solvers, what a column of a log may hold
     (`diagnosis.interface`), and what a twin is made of (`diagnosis.twin`).
 
-    What hangs on the guesses, `python -m blind.power.guesses` tells: it answers cases with all of
-    them halved or doubled at random, in ten minutes of a core a case. Run for one case so far,
-    a pair, it changed none of six answers, and sizes by at most 0.45 half-widths.
+    `python -m blind.power.guesses` counts what hangs on the guesses: it diagnoses cases again with
+    all of them halved, kept or doubled at random. A case took ten minutes of processor time. One
+    case was run, a pair of effects: six of six answers stayed, sizes moved by at most 0.45
+    half-widths of their intervals.
     """
 
     # Which windows count.

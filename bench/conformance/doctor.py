@@ -4,6 +4,7 @@ import dataclasses
 import importlib.metadata
 import os
 import platform
+import re
 import sys
 from collections.abc import Iterable, Mapping
 
@@ -20,18 +21,8 @@ OWN = "fidelity-bench"
 """Name of this distribution."""
 OWNERS = (OWN, "crazyflow", "jax", "mujoco-mjx")
 """Distributions whose requirements are compared with what is installed."""
-OPTIONAL = {
-    "ray": "several machines",
-    "submitit": "jobs of a Slurm cluster",
-    "pyulog": "logs of PX4",
-    "rosbags": "bags of ROS",
-    "pymavlink": "logs of ArduPilot",
-    "tensorboardx": "runs in TensorBoard",
-    "mlflow": "runs in MLflow",
-    "wandb": "runs in Weights & Biases",
-    "mlcroissant": "tables described in Croissant",
-}
-"""Packages that may be absent, and what they are for."""
+OF_DEVELOPERS = {"dev", "docs"}
+"""Extras that no command needs."""
 VARIABLES = (
     "JAX_PLATFORMS",
     "JAX_ENABLE_X64",
@@ -62,7 +53,8 @@ def doctor() -> int:
     console = Console()
     _show(console, "Machine", machine())
     _show(console, "Packages", [(name, facts.versions[name]) for name in _named(facts)])
-    absent = [(name, use) for name, use in OPTIONAL.items() if name not in facts.versions]
+    optional = {name: extra for name, extra in brought(facts).items() if extra}
+    absent = [(n, f"extra {x}") for n, x in optional.items() if n not in facts.versions]
     if absent:
         _show(console, "Not installed, not needed", absent)
     variables = [(name, facts.variables[name]) for name in VARIABLES if name in facts.variables]
@@ -178,11 +170,19 @@ def device_lines(found: list[str]) -> list[tuple[str, str]]:
     return [(f"{device.platform} {device.id}", device.device_kind) for device in devices]
 
 
+def brought(facts: Facts) -> dict[str, str]:
+    """The extra with which each package comes that commands use; empty for what always does."""
+    found: dict[str, str] = {}
+    for requirement in map(Requirement, facts.requirements.get(OWN, ())):
+        extra = re.search(r"extra == .(\w+)", str(requirement.marker or ""))
+        if extra is None or extra[1] not in OF_DEVELOPERS:
+            found.setdefault(canonicalize_name(requirement.name), extra[1] if extra else "")
+    return found
+
+
 def _named(facts: Facts) -> list[str]:
     """Packages worth showing: what we need ourselves, jaxlib, and what is optional."""
-    own = {Requirement(text) for text in facts.requirements.get(OWN, ())}
-    names = {canonicalize_name(r.name) for r in own if not (r.marker and "extra" in str(r.marker))}
-    return sorted((names | {OWN, "jaxlib", *OPTIONAL}) & set(facts.versions))
+    return sorted({OWN, "jaxlib", *brought(facts)} & set(facts.versions))
 
 
 def _show(console: Console, title: str, lines: Iterable[tuple[str, str]]) -> None:

@@ -74,25 +74,28 @@ class Cell(NamedTuple):
 
     @property
     def world(self) -> str:
-        """Where it is flown, by the name that the world has, if it has one."""
-        world = joined(self.simulator, self.deployed_effects)
-        if (named := shortened(world)) != world:
-            return named
+        """Where it is flown: by the name that the world has, else simulator and effects."""
         effects = f" with {self.deployed_effects}" if self.deployed_effects else ""
-        return f"{self.simulator or REALITY}{effects}"
+        return self._named or f"{self.simulator or REALITY}{effects}"
 
     @property
     def label(self) -> str:
         """The name to show, e.g. `circle, N = 3`."""
         name = f"{self.task}, N = {self.team_size}"
-        world = joined(self.simulator, self.deployed_effects)
-        if shortened(world) != world:
-            return f"{name}, flown in {self.world}"
+        if self._named:
+            return f"{name}, flown in {self._named}"
         extras = [
             self.simulator != REALITY and f"flown in {self.simulator}",
             self.deployed_effects and f"flown with {self.deployed_effects}",
         ]
         return ", ".join([name, *filter(None, extras)])
+
+    @property
+    def _named(self) -> str:
+        """The name of its world; empty where it has none."""
+        world = joined(self.simulator, self.deployed_effects)
+        named = shortened(world)
+        return named if named != world else ""
 
 
 Values = dict[Cell, dict[Entry, dict[int, float]]]

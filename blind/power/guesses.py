@@ -29,7 +29,7 @@ from diagnosis.logs.flights import load_flights
 from diagnosis.result import Diagnosis
 
 SEED = 20261130
-"""Of the cases; no counted draw has it."""
+"""Of the cases; counted draws of simulated flights have seeds of the operating system."""
 SHARES = {"single": 5, "pair": 4, "clean": 1, "unknown": 2}
 """Cases of each kind among twelve."""
 FACTORS = (0.5, 1.0, 2.0)
@@ -38,25 +38,19 @@ REDRAWN = 6
 """Diagnoses of a case with other values."""
 
 
-def guesses() -> Mapping[str, float]:
-    """Fields of `Decision` that nobody has measured, with their values."""
-    values = Decision()
-    fields = dataclasses.fields(Decision)
-    return {f.name: getattr(values, f.name) for f in fields if f.metadata["source"] == "guess"}
+def guesses(decision: Decision = Decision()) -> Mapping[str, float]:
+    """Fields that nobody has measured, with their values in a decision."""
+    fields = dataclasses.fields(decision)
+    return {f.name: getattr(decision, f.name) for f in fields if f.metadata["source"] == "guess"}
 
 
 def redrawn(rng: np.random.Generator) -> Decision:
     """All guesses multiplied by a factor each; a count stays one at least."""
-    factors = {name: float(rng.choice(FACTORS)) for name in guesses()}
-    return dataclasses.replace(
-        Decision(),
-        **{
-            name: max(1, round(value * factors[name]))
-            if isinstance(value, int)
-            else value * factors[name]
-            for name, value in guesses().items()
-        },
-    )
+    values: dict[str, float] = {}
+    for name, value in guesses().items():
+        changed = float(rng.choice(FACTORS)) * value
+        values[name] = max(1, round(changed)) if isinstance(value, int) else changed
+    return dataclasses.replace(Decision(), **values)
 
 
 def drawn(n: int) -> list[Case]:
@@ -80,9 +74,8 @@ def rows_of(number: int, case: Case) -> Iterator[dict[str, object]]:
     for i in range(REDRAWN):
         decision = redrawn(rng)
         found = diagnose(flights, decision=decision)
-        values = {name: getattr(decision, name) for name in guesses()}
         moved = _moved(first, found)
-        yield {**told, "redrawn": i + 1, **values, **_answered(found), "moved": moved}
+        yield {**told, "redrawn": i + 1, **guesses(decision), **_answered(found), "moved": moved}
 
 
 def _answered(found: Diagnosis) -> dict[str, object]:

@@ -15,10 +15,10 @@ ALARMS = 0.02
 def answer_baselines(folders: Folders) -> dict[str, dict[str, Any]]:
     """Answers by baseline and case, computed if this program has not done so yet."""
     path = folders.baselines / "answers.json"
-    program = {"program": sources_digest(with_generator=True)}
+    program = sources_digest(with_generator=True)
     kept: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    if {name: kept.get(name) for name in program} != program:
-        kept = {**_answers(folders), **program}
+    if kept.get("program") != program:
+        kept = {**_answers(folders), "program": program}
         write_json(path, kept)
     return kept["answers"]
 

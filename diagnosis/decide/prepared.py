@@ -138,8 +138,8 @@ def _check_masses(flights: FlightSet, reference: FlightSet) -> None:
     here, there = flights.vehicle.mass, reference.vehicle.mass
     if here != there:
         raise LogError(
-            f"{flights.path}/vehicle.toml: mass is {here} kg, that of the reference {there} kg; "
-            "for flights of several drones the same mass is expected in both."
+            f"{flights.path}/vehicle.toml: mass is {here} kg, but {there} kg in the vehicle.toml "
+            "of the reference. Flights of several drones need the same mass in both."
         )
 
 

@@ -10,7 +10,7 @@ Files that cannot be used are left out with one line each that says why; the oth
 import dataclasses
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -210,27 +210,36 @@ def _same(one: FlightLog, other: FlightLog) -> bool:
 
 
 def check_comparable(flights: FlightSet, reference: FlightSet) -> None:
-    """That both are of one vehicle, in flights of which none is in both.
+    """Refuses flights of two vehicles, and a flight that is in both sets.
 
     The believed mass may differ: a vehicle may be weighed anew.
 
     Raises:
-        LogError: They are not.
+        LogError: They are of two vehicles, or share a flight.
     """
-    for name in ("drone", "airframe"):
-        here, there = (getattr(x.vehicle, name) for x in (flights, reference))
-        if here != there:
+    here, there = (
+        {"drone": x.vehicle.drone, **(vars(x.vehicle.airframe) if x.vehicle.airframe else {})}
+        for x in (flights, reference)
+    )
+    for name in here | there:
+        if here.get(name) != there.get(name):
             raise LogError(
-                f"{flights.path}/vehicle.toml: {name} is {here}, that of the reference {there}; "
-                "one vehicle before and after a change is expected."
+                f"{flights.path}/vehicle.toml: {name} is {_given(here, name)}, but "
+                f"{_given(there, name)} in the vehicle.toml of the reference. Both sets of flights "
+                "must be of one vehicle."
             )
     for flight in flights.flights:
         for other in reference.flights:
             if _same(flight, other):
                 raise LogError(
-                    f"{flights.path}: the flight {flight.name} is the flight {other.name} of the "
-                    "reference, too: all positions are equal. Leave it in one of the two folders."
+                    f"{flights.path}: the flight {flight.name} has the positions of the flight "
+                    f"{other.name} of the reference. Leave it in one of the two folders."
                 )
+
+
+def _given(said: Mapping[str, object], name: str) -> str:
+    value = said.get(name)
+    return "not given" if value is None else str(value)
 
 
 def _of_one_cell(flights: FlightSet) -> FlightSet:

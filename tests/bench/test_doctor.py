@@ -42,6 +42,13 @@ def test_a_sound_installation_has_no_problem():
     assert problems(dataclasses.replace(facts, requirements=named)) == []
 
 
+def test_each_package_comes_with_an_extra_or_always_and_those_of_developers_are_left_out():
+    texts = ("jax", 'ray; extra == "ray"', 'tensorboardX>=2; extra == "tensorboard"')
+    texts += ('pytest; extra == "dev"', 'mkdocs; extra == "docs"')
+    facts = dataclasses.replace(GOOD, requirements={"fidelity-bench": texts})
+    assert doctor.brought(facts) == {"jax": "", "ray": "ray", "tensorboardx": "tensorboard"}
+
+
 @pytest.mark.parametrize(
     ("facts", "said"),
     [

@@ -171,6 +171,13 @@ def test_a_run_of_fewer_epochs_costs_less_but_for_its_calibration(
     assert found[:2] == pytest.approx((seconds, minutes))
 
 
+def test_a_trainer_that_is_no_table_says_nothing_of_epochs(runs):
+    run = dataclasses.replace(runs[1], resolved={"settings": {"trainer": "adam"}})
+    found = guess(run, [make_past(variant="x=1", epochs=400)])
+    assert found is not None
+    assert found[:2] == pytest.approx((10.0, 4.0))
+
+
 def test_past_runs_are_those_of_tables_and_of_the_store(runs, store):
     tables = Sheet().add("child", team_size=2, fleet_minutes=6.0, train_seconds=12.0).tables()
     (found,) = past_of_tables(tables)

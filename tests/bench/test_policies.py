@@ -106,12 +106,19 @@ def test_damage_inside_of_an_archive_is_one_line(folder):
 def test_a_policy_that_is_older_than_its_row_is_not_flown(folder, runs, capsys):
     keep(folder, (), ())
     tables = Tables.load(folder)
-    again = tables.runs["committed"].mask(tables.runs["run"].eq(runs[0].name), "later")
-    dataclasses.replace(tables, runs=tables.runs.assign(committed=again)).save(folder)
+    older = tables.runs["run"].eq(runs[0].name)
+    again = tables.runs["committed"].mask(older, "later")
+    method = tables.runs["method"].mask(older, "another")
+    changed = tables.runs.assign(committed=again, method=method)
+    dataclasses.replace(tables, runs=changed).save(folder)
     assert deploy(folder, "spread", 2, "", (), Console(width=200)) == 0
     said = capsys.readouterr().out
     assert f"Left out: the row of {runs[0].name} was made after its policy was kept." in said
     assert f"{runs[0].name}: settled" not in said
+    assert f"{runs[1].name}: settled" in said
+    assert deploy(folder, "spread", 2, "", [runs[1].method], Console(width=200)) == 0
+    said = capsys.readouterr().out  # of a method that was not asked for nothing is said
+    assert "Left out" not in said
     assert f"{runs[1].name}: settled" in said
 
 

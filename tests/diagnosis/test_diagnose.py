@@ -26,6 +26,7 @@ from diagnosis.decide.prepared import Question, make_likelihood, prepare
 from diagnosis.decision import Decision
 from diagnosis.engine import diagnose
 from diagnosis.fit import gap, shrinkage
+from diagnosis.logs.airframes import Airframe
 from diagnosis.logs.flights import LeftOut, LogError, check_comparable
 from diagnosis.recorded import flights_used
 from diagnosis.result import Diagnosis
@@ -302,12 +303,38 @@ def test_a_reference_of_another_vehicle_is_refused():
         diagnose(flights, reference=dataclasses.replace(flights, vehicle=vehicle))
 
 
+def test_numbers_of_two_data_sheets_are_named():
+    flights = point_mass_set(n_flights=1)
+    one, other = (
+        dataclasses.replace(
+            flights,
+            vehicle=dataclasses.replace(
+                flights.vehicle, airframe=Airframe(thrust_max=1.0, attitude_lag=lag)
+            ),
+        )
+        for lag in (0.1, None)
+    )
+    said = "attitude_lag is 0.1, but not given in the vehicle.toml of the reference"
+    with pytest.raises(LogError, match=said):
+        check_comparable(one, other)
+
+
+def test_flights_of_several_drones_need_one_believed_mass():
+    """Those of one drone go to the twin, which takes the difference out."""
+    one, other = point_mass_set(n_flights=1), point_mass_set(n_flights=1, seed=1)
+    heavier = dataclasses.replace(other.vehicle, mass=2.0 * other.vehicle.mass)
+    question = Question(one, "point_mass", dataclasses.replace(other, vehicle=heavier))
+    with pytest.raises(LogError, match="need the same mass in both"):
+        prepare(question)
+
+
 def test_a_flight_cannot_be_its_own_reference():
     flights = point_mass_set(n_flights=2)
     first, last = (dataclasses.replace(flights, flights=(one,)) for one in flights.flights)
     check_comparable(first, last)
     names = [flight.name for flight in flights.flights]
-    with pytest.raises(LogError, match=f"flight {names[1]} is the flight {names[1]} of the ref"):
+    said = f"flight {names[1]} has the positions of the flight {names[1]} of the reference"
+    with pytest.raises(LogError, match=said):
         diagnose(last, reference=flights)
 
 
