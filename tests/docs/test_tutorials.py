@@ -105,22 +105,27 @@ def test_the_method_is_the_one_of_the_readme():
             assert line in tutorial.splitlines()
 
 
-def test_the_board_on_the_page_is_that_of_the_tables(tables):
-    shown = [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in BOARD.read_text(encoding="utf-8").splitlines()
-        if line.startswith("|")
-    ]
-    headings, _, *rows = shown
+def with_board(page: str, tables: Tables) -> str:
+    """The page with the rows that the tables have now in the place of those that it shows."""
+    lines = page.splitlines(keepends=True)
+    shown = [i for i, line in enumerate(lines) if line.startswith("|")]
+    headings = [cell.strip() for cell in lines[shown[0]].strip("|\n").split("|")]
     columns, own = next(
         (columns, rows) for columns, rows in split(leaderboard_rows(tables)) if rows[0]["cell"]
     )
     by_heading = {column.heading: column for column in columns}
-    assert rows == [
-        [by_heading[heading].text(row) for heading in headings]
+    rows = [
+        f"| {' | '.join(by_heading[heading].text(row) for heading in headings)} |\n"
         for row in own
         if row["cell"] == CELL
     ]
+    return "".join([*lines[: shown[0] + 2], *rows, *lines[shown[-1] + 1 :]])
+
+
+def test_the_board_on_the_page_is_that_of_the_tables(tables):
+    """Where it is not: `python -m tests.docs.test_tutorials` writes it anew."""
+    page = BOARD.read_text(encoding="utf-8")
+    assert with_board(page, tables) == page
 
 
 def test_the_answer_on_the_page_is_that_of_the_command(capsys, monkeypatch):
@@ -164,3 +169,7 @@ def test_the_numbers_in_the_text_are_those_of_the_tables(tables):
 def test_a_choice_names_ties_and_what_there_is(arguments, said, capsys):
     main(["choose", str(PAPER), *arguments])
     assert said in "".join(capsys.readouterr())
+
+
+if __name__ == "__main__":
+    BOARD.write_text(with_board(BOARD.read_text(encoding="utf-8"), bench.load(PAPER)), "utf-8")
