@@ -188,7 +188,7 @@ def fly(
         def again(names: Collection[str], logs: Sequence[FlightLog] = logs) -> Fly:
             return flight_of(replay, [log for log in logs if log.name in names])
 
-        channels = flight_of(replay, logs)(replay.library.neutral)
+        channels = flight_of(replay, logs)(replay.library.neutral, None)
         made[case] = Flown(channels, again)
         sys.stderr.write(f"flown: {_written(case) or 'undisturbed'}\n")
 

@@ -37,7 +37,7 @@ from diagnosis.fit.windows import Normal, Spoiled, Tracks, counted, tracked
 from diagnosis.logs.noise import UNSEEN_ATTITUDE_RAD
 from diagnosis.logs.segments import REPLAY_WINDOW_S, Segments
 from diagnosis.replay.library import Library
-from diagnosis.replay.replay import Prediction, Replay
+from diagnosis.replay.replay import NARROW, Prediction, Replay, directions_along
 from diagnosis.replay.whitening import (
     TURN,
     Turns,
@@ -48,9 +48,6 @@ from diagnosis.replay.whitening import (
     shown,
     unit,
 )
-
-NARROW = 8
-"""Directions of a replay along some parameters only; all of them cost several times as much."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,9 +174,7 @@ class Likelihood:
         if along is None:
             self.cache.slopes.clear()
         equations, tracks = [], []
-        chosen_params = range(self.n_params) if along is None else along
-        directions = np.zeros((self.n_params if along is None else NARROW, self.n_params))
-        directions[np.arange(len(chosen_params)), list(chosen_params)] = 1.0
+        directions = directions_along(self.n_params, along)
         for i, group in enumerate(self.groups):
             n_flights = max(int(group.flight.max()) + 1, len(np.atleast_2d(vectors)))
             each = np.broadcast_to(vectors, (n_flights, self.n_params))

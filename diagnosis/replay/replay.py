@@ -15,7 +15,7 @@ import dataclasses
 import functools
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -35,6 +35,8 @@ from simulators.flight import Flight
 
 LANES = 4
 """Segments per call."""
+NARROW = 8
+"""Directions of a replay along some parameters only; all of them cost several times as much."""
 _INPUTS = ("start", "pos", "vel", "quat", "ang_vel", "fresh", "cmd", "voltage", "place")
 TURNS = 10
 """Directions of the attitude, the angular velocity and the rotor speeds at a fresh start."""
@@ -123,6 +125,20 @@ class Replay:
             program = cached("replay", fly, self.library, settings, args)
             self.programs[shapes] = program.lower(*args).compile()
         return self.programs[shapes]
+
+
+def directions_along(
+    n_params: int, along: Sequence[int] | None = None
+) -> Float[np.ndarray, "directions params"]:
+    """One direction a parameter, for all or for at most `NARROW` of them; the rest are zero.
+
+    Programs belong to a number of directions, so that few parameters always have `NARROW`.
+    """
+    if along is None:
+        return np.eye(n_params)
+    directions = np.zeros((NARROW, n_params))
+    directions[np.arange(len(along)), list(along)] = 1.0
+    return directions
 
 
 def _cores() -> int:

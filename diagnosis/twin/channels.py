@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 
 from diagnosis.logs.flights import FlightLog
 from diagnosis.logs.segments import NODE_DT, REPLAY_WINDOW_S, Segments
-from diagnosis.replay.replay import Replay
+from diagnosis.replay.replay import NARROW, Replay, directions_along
 
 CHANNELS = (
     *("roll", "pitch", "yaw"),
@@ -59,6 +59,12 @@ class Channels:
     def gap(self) -> Float[np.ndarray, "time 6"]:
         """Measured minus simulated."""
         return self.measured - self.simulated
+
+    def with_slopes_of(self, other: "Channels", along: Sequence[int]) -> "Channels":
+        """The same with another simulation's slopes by all parameters but those at `along`."""
+        slopes = other.slopes.copy()
+        slopes[list(along)] = self.slopes[list(along)]
+        return dataclasses.replace(self, slopes=slopes)
 
     def parts(self, before: int) -> tuple["Channels", ...]:
         """The flight in parts of `PART` samples that count or a few more, or as a whole.
@@ -110,12 +116,19 @@ def make_channels(
     logs: Sequence[FlightLog],
     segments: Segments,
     vector: Float[np.ndarray, " params"],
+    along: Sequence[int] | None = None,
 ) -> tuple[Channels, ...]:
-    """The channels of every flight of one drone with `FEWEST_SAMPLES`, simulated at `vector`."""
+    """The channels of every flight of one drone with `FEWEST_SAMPLES`, simulated at `vector`.
+
+    Slopes are along all parameters, or at least along those at `along`; others may then be zero.
+    """
+    few = along if along is not None and len(along) <= NARROW else None
     vectors = np.repeat(vector[None], len(logs), axis=0)
-    parts = [p for _, p in replay(segments, vectors, np.eye(len(vector)), turns=False)]
+    directions = directions_along(len(vector), few)
+    parts = [p for _, p in replay(segments, vectors, directions, turns=False)]
     value = np.concatenate([part.value for part in parts])[:, :, 0]
-    slope = np.concatenate([part.slope for part in parts], axis=1)[:, :, :, 0]
+    flown = np.concatenate([part.slope for part in parts], axis=1)[:, :, :, 0]
+    slope = np.tensordot(directions.T, flown, axes=1) if few is not None else flown
     made = [
         _of_flight(replay, segments, log.name, segments.flight == i, value, slope)
         for i, log in enumerate(logs)

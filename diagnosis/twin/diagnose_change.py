@@ -69,7 +69,7 @@ def diagnose_change(question: Question, progress: Progress = silent) -> ChangeSt
     known = reference_channels(beside, before.flights)
     twin = make_twin(known, replay.library, seen(replay), decision)
     progress("looking for what changed", 0.6)
-    flown = fly(neutral)
+    flown = fly(neutral, None)
     answer, scored = answer_change(twin, flown, decision, fly)
     aside = tuple(f for f in flown if f.name in answer.set_aside)
     beside_aside = tuple(f for f in known if f.name in twin.set_aside)
@@ -94,20 +94,24 @@ def answer_change(
     width = library.high - library.low
     kept = tuple(f for f in flights if f.name not in aside)
 
-    def flown_at(change: Float[np.ndarray, " params"]) -> tuple[Channels, ...]:
+    def flown_at(
+        change: Float[np.ndarray, " params"], along: Sequence[int]
+    ) -> tuple[Channels, ...]:
         if fly is None or not change.any():
             return kept
-        return tuple(f for f in fly(library.neutral + change * width) if f.name not in aside)
+        there = (f for f in fly(library.neutral + change * width, along) if f.name not in aside)
+        pairs = zip(there, kept, strict=True)
+        return tuple(flight.with_slopes_of(plain, along) for flight, plain in pairs)
 
-    def refly(change: Float[np.ndarray, " params"]) -> Group:
-        return make_group([twin.score(f) for f in flown_at(change)], width)
+    def refly(change: Float[np.ndarray, " params"], along: Sequence[int]) -> Group:
+        return make_group([twin.score(f) for f in flown_at(change, along)], width)
 
     reference = make_group(twin.scores, width)
     target = make_group([s for s, out in zip(scores, odd, strict=True) if not out], width)
     named = name_change(library, reference, target, decision, refly if fly else None)
     # Of effects that look alike, one may explain most of what is seen where the first does not.
     for one in (named, *named.instead):
-        scored = score_flights(twin, kept, flown_at(one.at.change), one.at)
+        scored = score_flights(twin, kept, flown_at(one.at.change, one.at.columns), one.at)
         if not one.effects or helps(twin, scored, decision):
             named = one
             break

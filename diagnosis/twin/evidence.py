@@ -9,13 +9,16 @@ precisely others are seen. The difference of both groups' means is then
 
     delta = M theta + noise,     noise ~ multivariate t(C, nu),
 
-C from the scatter of the reference flights (as in `units.py`). With T^2 the least
-(delta - M theta)' C^-1 (delta - M theta) over theta within the range of each effect,
+C from the scatter of the reference flights (as in `units.py`). A change is expected to be s times
+the range of its parameter, theta ~ N(0, s^2), with s one of `WIDTHS`:
 
-    log evidence = -(nu + K) / 2 log(1 + T^2 / nu / b) - Occam,
-    Occam = 1/2 log det(1 + s^2 M' C^-1 M),     s = PRIOR,
+    T^2 = min over theta of (delta - M theta)' C^-1 (delta - M theta) / b + theta' theta / s^2,
+    log evidence = log mean over s of exp(-(nu + K) / 2 log(1 + T^2 / nu) - Occam),
+    Occam = 1/2 log det(1 + s^2 M' C^-1 M / b),
 
-b = 1 unless the best effects leave more than chance (`Hypothesis.ratio`).
+theta within the range of each effect. b = 1 unless the best effects leave more than chance
+(`Hypothesis.ratio`). Without the term in theta, large sizes that nearly cancel cost nothing: four
+gains of the attitude loop were worth 26 nats where commands came 20 ms early, a delay 17.
 """
 
 import dataclasses
@@ -27,8 +30,8 @@ from scipy.optimize import lsq_linear
 
 from diagnosis.twin.units import PRIOR_FLIGHTS, Comparison, Group, hotelling
 
-PRIOR = 0.1
-"""Standard deviation of a change over the range of its parameter; a choice."""
+WIDTHS = (0.03, 0.1, 0.3, 1.0)
+"""Standard deviations that a change may have, over the range of its parameter; a choice."""
 MOST = 12
 """Most directions. With 8, a loss of thrust was taken for a battery that fades on
 `crazyflie_plain`: the trend within a flight, which tells the two apart, was not among them."""
@@ -52,6 +55,8 @@ class Evidence:
     """T^2 of no change at all."""
     basis: Float[np.ndarray, "params K"]
     """The directions."""
+    at: Float[np.ndarray, " params"]
+    """The change at which the difference is taken."""
     scale: float = 1.0
     """What T^2 is divided by (`Hypothesis.scaled`)."""
 
@@ -69,13 +74,22 @@ class Evidence:
 
     def log_evidence(self, columns: Sequence[int]) -> float:
         """Log evidence of a set of parameters against no change [nats]."""
-        k = len(self.delta)
-        power = -(self.dof + k) / 2.0
+        each = [self._log_evidence(list(columns), width) for width in WIDTHS]
+        return float(np.logaddexp.reduce(each) - np.log(len(each)))
+
+    def _log_evidence(self, at: list[int], width: float) -> float:
+        """The same if changes are expected to be `width` times their range."""
+        root = np.sqrt(self.scale)
+        m, start, unit = self.M[:, at] / root, self.at[at], np.eye(len(at))
+        left = float(self.delta @ self.delta) / self.scale
+        if at:
+            slopes, shift = np.vstack([m, unit / width]), [*self.delta / root, *-start / width]
+            ends = (-1.0 - start, 1.0 - start)
+            left = float(2.0 * lsq_linear(slopes, np.asarray(shift), ends).cost)
         without = np.log1p(self.unchanged / self.scale / self.dof)
-        fit = power * (np.log1p(self.left(columns) / self.scale / self.dof) - without)
-        m = self.M[:, list(columns)]
-        occam = 0.5 * np.linalg.slogdet(np.eye(m.shape[1]) + PRIOR**2 * m.T @ m)[1]
-        return float(fit - occam)
+        power = -(self.dof + len(self.delta)) / 2.0
+        occam = 0.5 * np.linalg.slogdet(unit + width**2 * m.T @ m)[1]
+        return float(power * (np.log1p(left / self.dof) - without) - occam)
 
     def p(self, columns: Sequence[int]) -> float:
         """Probability of what some parameters leave, if nothing else changed."""
@@ -89,13 +103,15 @@ def weigh(comparison: Comparison) -> Evidence:
     return dataclasses.replace(found, unchanged=float(found.delta @ found.delta))
 
 
-def weigh_at(evidence: Evidence, comparison: Comparison) -> Evidence:
+def weigh_at(
+    evidence: Evidence, comparison: Comparison, change: Float[np.ndarray, " params"]
+) -> Evidence:
     """The same evidence where the target is compared with what a change predicts.
 
-    The scores of the target in `comparison` are those at the changed vector.
+    The scores of the target in `comparison` are those at the change.
     """
     found = _along(comparison, evidence.basis)
-    return dataclasses.replace(found, unchanged=evidence.unchanged)
+    return dataclasses.replace(found, unchanged=evidence.unchanged, at=change)
 
 
 def _basis(comparison: Comparison) -> Float[np.ndarray, "params K"]:
@@ -125,7 +141,7 @@ def _along(comparison: Comparison, basis: Float[np.ndarray, "params K"]) -> Evid
     c = c * (q.sum() / weight.sum() ** 2 + q_other.sum() / other.sum() ** 2)
     root = np.linalg.inv(np.linalg.cholesky(c))
     M = basis.T @ target.H.sum(axis=0) / other.sum()
-    return Evidence(root @ (second - first), root @ M, dof, np.nan, basis)
+    return Evidence(root @ (second - first), root @ M, dof, np.nan, basis, np.zeros(len(basis)))
 
 
 def _directions(

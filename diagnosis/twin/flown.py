@@ -12,8 +12,9 @@ from diagnosis.logs.segments import NODE_DT, REPLAY_WINDOW_S
 from diagnosis.replay.replay import Replay
 from diagnosis.twin.channels import ANGLES, Channels, N, make_channels, of_arrays, to_arrays
 
-Fly = Callable[[Float[np.ndarray, " params"]], tuple[Channels, ...]]
-"""The channels of some flights, simulated at a vector of the library."""
+Fly = Callable[[Float[np.ndarray, " params"], Sequence[int] | None], tuple[Channels, ...]]
+"""The channels of some flights, simulated at a vector of the library, with slopes along some
+parameters or, if None, along all."""
 
 
 def seen(replay: Replay) -> tuple[int, ...]:
@@ -40,8 +41,10 @@ def flight_of(replay: Replay, logs: Sequence[FlightLog]) -> Fly:
     mass = replay.library.simulator.spec.mass
     (segments,) = cut_in_the_air(logs, replay.dt, replay.measured, mass)
 
-    def fly(vector: Float[np.ndarray, " params"]) -> tuple[Channels, ...]:
-        made = make_channels(replay, logs, segments, vector)
+    def fly(
+        vector: Float[np.ndarray, " params"], along: Sequence[int] | None
+    ) -> tuple[Channels, ...]:
+        made = make_channels(replay, logs, segments, vector, along)
         if not made:
             raise LogError(
                 f"no flight holds a second of rows every {NODE_DT:g} s in the air, in windows of "
@@ -60,7 +63,7 @@ def reference_channels(replay: Replay, logs: Sequence[FlightLog]) -> tuple[Chann
     """
 
     def fly() -> dict[str, np.ndarray]:
-        return to_arrays(flight_of(replay, logs)(replay.library.neutral), names)
+        return to_arrays(flight_of(replay, logs)(replay.library.neutral, None), names)
 
     names = [log.name for log in logs]
     return of_arrays(remembered_of("channels", fly, replay, logs), names)

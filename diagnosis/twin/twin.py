@@ -43,7 +43,7 @@ FEWEST_PARTS = 3
 FEWEST_TO_JUDGE = 4
 """Flights below which none stands out; a choice."""
 ORDERS = (0, 1, 2, 4)
-"""Orders of the autoregression that reference flights choose from."""
+"""Orders of the autoregression that reference flights choose from, for each group of channels."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,12 +84,18 @@ def _innovation(x: Float[np.ndarray, "*n time 6"], a: Float[np.ndarray, "order 6
 def fit_colour(
     errors: Sequence[Float[np.ndarray, "_ 6"]],
     valid: Sequence[Bool[np.ndarray, " _"]],
-    order: int,
+    orders: Sequence[int],
     seen: tuple[int, ...],
 ) -> Colour:
-    """The colour of left-out errors, by least squares over all runs of valid samples."""
-    a = np.zeros((order, N))
-    for c in range(N) if order else ():
+    """The colour of left-out errors, by least squares over all runs of valid samples.
+
+    Every channel has an order of its own.
+    """
+    longest = max(orders)
+    a = np.zeros((longest, N))
+    for c, order in enumerate(orders):
+        if not order:
+            continue
         now, past = [], []
         for e, v in zip(errors, valid, strict=True):
             at = np.flatnonzero(usable(v, order))
@@ -98,8 +104,8 @@ def fit_colour(
         x, y = np.concatenate(past), np.concatenate(now)
         square = x.T @ x
         ridge = 1e-6 * np.trace(square) / order + 1e-12
-        a[:, c] = np.linalg.solve(square + ridge * np.eye(order), x.T @ y)
-    left = [_innovation(e, a)[usable(v, order)] for e, v in zip(errors, valid, strict=True)]
+        a[:order, c] = np.linalg.solve(square + ridge * np.eye(order), x.T @ y)
+    left = [_innovation(e, a)[usable(v, longest)] for e, v in zip(errors, valid, strict=True)]
     w = np.concatenate(left)[:, list(seen)]
     covariance = w.T @ w / len(w) + np.diag(1e-12 + 1e-6 * np.mean(w**2, axis=0))
     return Colour(a, np.linalg.inv(np.linalg.cholesky(covariance)), seen)
@@ -249,13 +255,18 @@ def _twin(
               for i, x in enumerate(each)]  # fmt: skip
     scaled = [e / k for e, k in zip(errors, beyond, strict=True)]
     slopes = [s / k for s, k in zip(slopes, beyond, strict=True)]
-    made = []
-    for order in ORDERS:
-        colour = fit_colour(scaled, valid, order, seen)
+
+    def coloured(orders: tuple[int, ...]) -> tuple[float, Colour, tuple[Score, ...]]:
+        colour = fit_colour(scaled, valid, orders, seen)
         parts = zip(flights, scaled, slopes, strict=True)
         scores = tuple(score(colour, *part, width) for part in parts)
-        made.append((_scatter(scores), colour, scores))
-    _, colour, scores = min(made, key=lambda one: one[0])
+        return _scatter(scores), colour, scores
+
+    orders = (ORDERS[0],) * N
+    for group in GROUPS:
+        tried = [tuple(o if c in group else x for c, x in enumerate(orders)) for o in ORDERS]
+        orders = min(tried, key=lambda one: coloured(one)[0])
+    _, colour, scores = coloured(orders)
     gap, error = rms([f.gap for f in flights], valid), rms(errors, valid)
     return Twin(library, memory, colour, scores, gap, error, each.max(axis=0), aside)
 

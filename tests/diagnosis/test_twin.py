@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from diagnosis.decision import Decision
 from diagnosis.replay.library import make_library
@@ -13,6 +14,7 @@ from diagnosis.twin import diagnose_change
 from diagnosis.twin.channels import Channels, headed
 from diagnosis.twin.diagnose_change import answer_change, helps
 from diagnosis.twin.drift import Scored
+from diagnosis.twin.evidence import WIDTHS, Evidence
 from diagnosis.twin.memory import fit_memories, gram, lagged, scale_of
 from diagnosis.twin.twin import Score, fit_colour, make_twin, standing_out
 from diagnosis.twin.units import compare, make_group
@@ -149,11 +151,45 @@ def test_whitened_errors_of_a_coloured_noise_are_white():
             e[t] = 0.9 * e[t - 1] + rng.normal(size=6)
         errors.append(e)
     valid = [np.ones(400, bool)] * 6
-    colour = fit_colour(errors, valid, 1, EVERY)
+    colour = fit_colour(errors, valid, (1,) * 6, EVERY)
     white = colour.whiten(errors[0], valid[0]).reshape(-1, 6)
     np.testing.assert_allclose(colour.a[0], 0.9, atol=0.05)
     assert abs(np.mean(white[1:] * white[:-1])) < 0.1
     assert abs(np.std(white) - 1.0) < 0.1
+
+
+def test_every_group_of_channels_has_a_colour_of_its_own():
+    """The noise of `flight` lasts as long in all channels; here only that of height does."""
+    rng, flights = np.random.default_rng(1), []
+    for i in range(9):
+        plain = flight(i, noise=0.0)
+        noise = rng.normal(size=(len(plain.measured), 6))
+        noise[:, 5] = smooth(rng, len(noise), 25)
+        measured = plain.measured + 0.02 * noise
+        flights.append(dataclasses.replace(plain, measured=measured))
+    colour = make_twin(flights, LIBRARY, EVERY).colour
+    lags = np.count_nonzero(colour.a, axis=0)
+    assert lags[5] > 0
+    assert colour.a[0, 5] > 0.5
+    assert np.abs(colour.a[:, :5]).max(initial=0.0) < 0.3
+
+
+def test_evidence_is_that_of_a_gaussian_change_of_some_width():
+    """With many degrees of freedom; source of the closed form: Bishop (2006), Sec. 3.5.1."""
+    rng, k = np.random.default_rng(2), 5
+    delta, M, dof = 2.0 * rng.normal(size=k), 3.0 * rng.normal(size=(k, 3)), 1e7
+    weighed = Evidence(delta, M, dof, float(delta @ delta), np.eye(3, k), np.zeros(3))
+    each = [
+        stats.multivariate_normal.logpdf(delta, cov=np.eye(k) + s**2 * M[:, :2] @ M[:, :2].T)
+        for s in WIDTHS
+    ]
+    nothing = stats.multivariate_normal.logpdf(delta, cov=np.eye(k))
+    expected = np.logaddexp.reduce(each) - np.log(len(WIDTHS)) - nothing
+    assert weighed.log_evidence([0, 1]) == pytest.approx(expected, abs=1e-4)
+    # Where the difference is taken at a change, a part of it, the evidence is the same.
+    part = np.asarray([0.02, -0.01, 0.0])
+    there = dataclasses.replace(weighed, delta=delta - M @ part, at=part)
+    assert there.log_evidence([0, 1]) == pytest.approx(expected, abs=1e-4)
 
 
 def test_a_change_is_named_with_an_interval_that_holds_it():
@@ -239,7 +275,8 @@ def test_a_large_change_is_found_in_its_right_size_where_the_flights_can_be_flow
     twin = make_twin([flight(i, noise=0.005, response=()) for i in range(8)], LIBRARY, EVERY)
     targets = [nonlinear(100 + i, size, at) for i in range(8)]
 
-    def fly(vector):
+    def fly(vector, along):
+        assert along is None or at in along
         x = vector[at] - LIBRARY.neutral[at]
         made = []
         for one in targets:
@@ -343,9 +380,13 @@ def test_of_effects_that_look_alike_one_of_a_possible_size_is_named_first():
     size, impossible = 0.05, 1.4 * LIBRARY.slots[like].high
 
     def alike(one):
-        """The flight with an effect that must be impossibly large to do what the other does."""
+        """The flight with an effect that must be impossibly large to do what the other does.
+
+        It fits better: the other also does a little that does not show.
+        """
         slopes = one.slopes.copy()
         slopes[like] = slopes[at] * size / impossible
+        slopes[at] += 0.15 * slopes[column("drag", "c")]
         return dataclasses.replace(one, slopes=slopes)
 
     twin = make_twin([alike(flight(i)) for i in range(5)], LIBRARY, EVERY)

@@ -160,7 +160,7 @@ def test_masses_that_were_weighed_anew_go_to_the_twin_and_are_each_their_own():
 def test_reference_flights_are_flown_once_whatever_they_are_called(tmp_path, monkeypatch):
     times = []
 
-    def channels(replay, logs, segments, vector):
+    def channels(replay, logs, segments, vector, along):
         times.append(len(logs))
         return tuple(dataclasses.replace(flight(1), name=log.name) for log in logs[1:])
 
@@ -183,3 +183,22 @@ def test_reference_flights_are_flown_once_whatever_they_are_called(tmp_path, mon
     asked(["a", "b", "c"], mass=0.034)
     asked(["a", "b"])
     assert times == [3, 3, 2]
+
+
+def test_slopes_along_few_parameters_are_those_along_all():
+    """A drag is flown at, where its slope is not that of no drag."""
+    flights = flown(["a"])
+    inputs = choose_inputs(flights)
+    replay = twin_replay(flights, inputs, "point_mass", all_but("drag", "mass"))
+    fly, library = flown_channels.flight_of(replay, inputs.flights), replay.library
+    at = [library.indices["drag"][0]]
+    vector = library.neutral.copy()
+    vector[at] = 1.0
+    (plain,), (whole,), (part,) = fly(library.neutral, None), fly(vector, None), fly(vector, at)
+    np.testing.assert_allclose(part.simulated, whole.simulated, atol=1e-5)
+    np.testing.assert_allclose(part.slopes[at], whole.slopes[at], atol=1e-5)
+    merged = part.with_slopes_of(plain, at)
+    np.testing.assert_array_equal(merged.slopes[at], part.slopes[at])
+    others = [i for i in range(len(library.slots)) if i not in at]
+    np.testing.assert_array_equal(merged.slopes[others], plain.slopes[others])
+    assert np.abs(whole.slopes[at] - plain.slopes[at]).max() > 1e-3
