@@ -6,7 +6,6 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from diagnosis.decision import Decision
 from diagnosis.replay.library import make_library
@@ -14,7 +13,6 @@ from diagnosis.twin import diagnose_change
 from diagnosis.twin.channels import Channels, headed
 from diagnosis.twin.diagnose_change import answer_change, helps
 from diagnosis.twin.drift import Scored
-from diagnosis.twin.evidence import WIDTHS, Evidence
 from diagnosis.twin.memory import fit_memories, gram, lagged, scale_of
 from diagnosis.twin.twin import Score, fit_colour, make_twin, standing_out
 from diagnosis.twin.units import compare, make_group
@@ -172,24 +170,6 @@ def test_every_group_of_channels_has_a_colour_of_its_own():
     assert lags[5] > 0
     assert colour.a[0, 5] > 0.5
     assert np.abs(colour.a[:, :5]).max(initial=0.0) < 0.3
-
-
-def test_evidence_is_that_of_a_gaussian_change_of_some_width():
-    """With many degrees of freedom; source of the closed form: Bishop (2006), Sec. 3.5.1."""
-    rng, k = np.random.default_rng(2), 5
-    delta, M, dof = 2.0 * rng.normal(size=k), 3.0 * rng.normal(size=(k, 3)), 1e7
-    weighed = Evidence(delta, M, dof, float(delta @ delta), np.eye(3, k), np.zeros(3))
-    each = [
-        stats.multivariate_normal.logpdf(delta, cov=np.eye(k) + s**2 * M[:, :2] @ M[:, :2].T)
-        for s in WIDTHS
-    ]
-    nothing = stats.multivariate_normal.logpdf(delta, cov=np.eye(k))
-    expected = np.logaddexp.reduce(each) - np.log(len(WIDTHS)) - nothing
-    assert weighed.log_evidence([0, 1]) == pytest.approx(expected, abs=1e-4)
-    # Where the difference is taken at a change, a part of it, the evidence is the same.
-    part = np.asarray([0.02, -0.01, 0.0])
-    there = dataclasses.replace(weighed, delta=delta - M @ part, at=part)
-    assert there.log_evidence([0, 1]) == pytest.approx(expected, abs=1e-4)
 
 
 def test_a_change_is_named_with_an_interval_that_holds_it():
@@ -373,27 +353,6 @@ def test_an_effect_that_looks_alike_is_named_where_the_first_does_not_explain_fl
     assert {p.effect for p in other.parameters} == {*other.effects}
     monkeypatch.setattr(diagnose_change, "helps", lambda *_: False)
     assert answer_change(twin, flights)[0].change == "unexplained"
-
-
-def test_of_effects_that_look_alike_one_of_a_possible_size_is_named_first():
-    at, like = column("attitude_gain", "g"), column("thrust_gain", "e")
-    size, impossible = 0.05, 1.4 * LIBRARY.slots[like].high
-
-    def alike(one):
-        """The flight with an effect that must be impossibly large to do what the other does.
-
-        It fits better: the other also does a little that does not show.
-        """
-        slopes = one.slopes.copy()
-        slopes[like] = slopes[at] * size / impossible
-        slopes[at] += 0.15 * slopes[column("drag", "c")]
-        return dataclasses.replace(one, slopes=slopes)
-
-    twin = make_twin([alike(flight(i)) for i in range(5)], LIBRARY, EVERY)
-    found, _ = answer_change(twin, [alike(flight(100 + i, [(at, size)])) for i in range(5)])
-    assert [c.effect for c in found.candidates[:2]] == ["thrust_gain", "attitude_gain"]
-    assert not found.candidates[0].possible
-    assert found.aliases == {"attitude_gain": ("thrust_gain",)}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,74 @@
+"""What speaks for an effect beside a twin, and which of those that look alike is named."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import stats
+from test_twin import EVERY, LIBRARY, N_PARAMS, column, flight, plain_twin
+
+from diagnosis.decision import Decision
+from diagnosis.twin import naming
+from diagnosis.twin.diagnose_change import answer_change
+from diagnosis.twin.evidence import WIDTHS, Evidence, weigh
+from diagnosis.twin.hypothesis import Hypothesis
+from diagnosis.twin.twin import make_twin
+from diagnosis.twin.units import compare, make_group
+
+
+def test_evidence_is_that_of_a_gaussian_change_of_some_width():
+    """With many degrees of freedom; source of the closed form: Bishop (2006), Sec. 3.5.1."""
+    rng, k = np.random.default_rng(2), 5
+    delta, M, dof = 2.0 * rng.normal(size=k), 3.0 * rng.normal(size=(k, 3)), 1e7
+    weighed = Evidence(delta, M, dof, float(delta @ delta), np.eye(3, k), np.zeros(3))
+    each = [
+        stats.multivariate_normal.logpdf(delta, cov=np.eye(k) + s**2 * M[:, :2] @ M[:, :2].T)
+        for s in WIDTHS
+    ]
+    nothing = stats.multivariate_normal.logpdf(delta, cov=np.eye(k))
+    expected = np.logaddexp.reduce(each) - np.log(len(WIDTHS)) - nothing
+    assert weighed.log_evidence([0, 1]) == pytest.approx(expected, abs=1e-4)
+    # Where the difference is taken at a change, a part of it, the evidence is the same.
+    part = np.asarray([0.02, -0.01, 0.0])
+    there = dataclasses.replace(weighed, delta=delta - M @ part, at=part)
+    assert there.log_evidence([0, 1]) == pytest.approx(expected, abs=1e-4)
+
+
+def test_of_effects_that_look_alike_one_of_a_possible_size_is_named_first():
+    at, like = column("attitude_gain", "g"), column("thrust_gain", "e")
+    size, impossible = 0.05, 1.4 * LIBRARY.slots[like].high
+
+    def alike(one):
+        """The flight with an effect that must be impossibly large to do what the other does.
+
+        It fits better: the other also does a little that does not show.
+        """
+        slopes = one.slopes.copy()
+        slopes[like] = slopes[at] * size / impossible
+        slopes[at] += 0.15 * slopes[column("drag", "c")]
+        return dataclasses.replace(one, slopes=slopes)
+
+    twin = make_twin([alike(flight(i)) for i in range(5)], LIBRARY, EVERY)
+    found, _ = answer_change(twin, [alike(flight(100 + i, [(at, size)])) for i in range(5)])
+    assert [c.effect for c in found.candidates[:2]] == ["thrust_gain", "attitude_gain"]
+    assert not found.candidates[0].possible
+    assert found.aliases == {"attitude_gain": ("thrust_gain",)}
+
+
+def test_an_alias_takes_the_place_of_a_further_effect_that_holds_zero():
+    """Beside lost thrust, commands came late; a gain of the loop may as well be nothing."""
+
+    class Search(naming._Search):
+        def further(self, at, known, among):
+            return {**known, "attitude_gain": ("delay",)} if among else dict(known)
+
+        def clear(self, at):
+            return tuple(e for e in at.effects if e != "attitude_gain")
+
+    group = make_group(plain_twin().scores, LIBRARY.high - LIBRARY.low)
+    both = compare(group, group, range(N_PARAMS))
+    nothing = Hypothesis(LIBRARY, (), both, weigh(both), np.zeros(N_PARAMS))
+    search = Search(nothing, tuple(LIBRARY.candidates), None, Decision())
+    at, aliases = search.together(nothing.of("thrust_gain"), {"thrust_gain": ("mass",)})
+    assert at.effects == ("thrust_gain", "delay")
+    assert aliases == {"thrust_gain": ("mass",), "delay": ("attitude_gain",)}
