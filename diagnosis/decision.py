@@ -74,7 +74,7 @@ class Decision:
         "nats",
         "cases",
         "with commands 20 ms late or early in 32 splits of real flights, another effect led the "
-        "delay by at most 5.7 in 28, by 6.8 to 9.5 in the others",
+        "true one by at most 5.7 in 28, by 6.8 to 9.5 in the others",
     )
     """The same beside a twin, where flights differ by more than noise."""
     worthy_share: float = _decided(

@@ -1,7 +1,7 @@
 """Which effects changed: each alone, then beside the others that the flights show, with aliases."""
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -94,8 +94,7 @@ def name_change(
     first, *others = alike
     together = alone[several[0]].of(*several)
     known = {e: together.alike(e, search.effects, decision) for e in several[1:]}
-    at, found = search.together(tried[first], {first: tuple(others), **known})
-    known |= found
+    at, known = search.together(tried[first], {first: tuple(others), **known})
 
     def as_named(at: Hypothesis, alike: Sequence[str], instead: tuple[Named, ...]) -> Named:
         first, *further = at.effects
@@ -143,16 +142,6 @@ def _limit(dof: float, n_tests: int, decision: Decision) -> float:
     """Standard errors of the smallest change that is named with the probability `limit_power`."""
     named = student.isf(decision.alarm_chance / n_tests / 2.0, dof)
     return float(named + student.ppf(decision.limit_power, dof))
-
-
-def _in_place(
-    effect: str, alike: Sequence[str], unclear: Collection[str], passed: Collection[str]
-) -> tuple[str, tuple[str, ...]]:
-    """An effect with its aliases, or, if it is not clear, the first alias that was not tried."""
-    other = next((e for e in alike if e not in passed), None) if effect in unclear else None
-    if other is None:
-        return effect, tuple(alike)
-    return other, (effect, *(e for e in alike if e != other))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -252,13 +241,10 @@ class _Search:
     def together(self, at: Hypothesis, known: Aliases) -> tuple[Hypothesis, Aliases]:
         """Effects that were tried together, with others that the flights show, and all aliases.
 
-        Where one of the others is then not clear, an alias takes its place: four gains of the
-        attitude loop may all hold zero where one delay does not. Others are not added if the first
-        of them is then not clear.
+        Others are not added if the first of them is then not clear.
         """
-        first = at.effects[0]
         for more in (self.effects, ()):
-            aliases, passed = self.further(at, known, more), set[str]()
+            aliases = self.further(at, known, more)
             named, found = tuple(aliases), at
             while True:
                 if named != found.effects:
@@ -267,11 +253,7 @@ class _Search:
                 named = self.clear(found)
                 if not named or named == found.effects:
                     break
-                passed.update(found.effects)
-                unclear = set(found.effects) - {*named, first}
-                aliases = dict(_in_place(e, aliases[e], unclear, passed) for e in aliases)
-                named = tuple(e for e in aliases if e in named or e not in passed)
-            if first in named:
+            if at.effects[0] in named:
                 return found, aliases
         return at, known
 

@@ -5,15 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import stats
-from test_twin import EVERY, LIBRARY, N_PARAMS, column, flight, plain_twin
+from test_twin import EVERY, LIBRARY, column, flight
 
-from diagnosis.decision import Decision
-from diagnosis.twin import naming
 from diagnosis.twin.diagnose_change import answer_change
-from diagnosis.twin.evidence import WIDTHS, Evidence, weigh
-from diagnosis.twin.hypothesis import Hypothesis
+from diagnosis.twin.evidence import WIDTHS, Evidence
 from diagnosis.twin.twin import make_twin
-from diagnosis.twin.units import compare, make_group
 
 
 def test_evidence_is_that_of_a_gaussian_change_of_some_width():
@@ -53,22 +49,3 @@ def test_of_effects_that_look_alike_one_of_a_possible_size_is_named_first():
     assert [c.effect for c in found.candidates[:2]] == ["thrust_gain", "attitude_gain"]
     assert not found.candidates[0].possible
     assert found.aliases == {"attitude_gain": ("thrust_gain",)}
-
-
-def test_an_alias_takes_the_place_of_a_further_effect_that_holds_zero():
-    """Beside lost thrust, commands came late; a gain of the loop may as well be nothing."""
-
-    class Search(naming._Search):
-        def further(self, at, known, among):
-            return {**known, "attitude_gain": ("delay",)} if among else dict(known)
-
-        def clear(self, at):
-            return tuple(e for e in at.effects if e != "attitude_gain")
-
-    group = make_group(plain_twin().scores, LIBRARY.high - LIBRARY.low)
-    both = compare(group, group, range(N_PARAMS))
-    nothing = Hypothesis(LIBRARY, (), both, weigh(both), np.zeros(N_PARAMS))
-    search = Search(nothing, tuple(LIBRARY.candidates), None, Decision())
-    at, aliases = search.together(nothing.of("thrust_gain"), {"thrust_gain": ("mass",)})
-    assert at.effects == ("thrust_gain", "delay")
-    assert aliases == {"thrust_gain": ("mass",), "delay": ("attitude_gain",)}
