@@ -128,11 +128,12 @@ class Replay:
 
 
 def directions_along(
-    n_params: int, along: Sequence[int] | None = None
+    n_params: int, along: Sequence[int] | None
 ) -> Float[np.ndarray, "directions params"]:
-    """One direction a parameter, for all or for at most `NARROW` of them; the rest are zero.
+    """One direction a parameter, for all of them (None) or for at most `NARROW`.
 
-    Programs belong to a number of directions, so that few parameters always have `NARROW`.
+    A program belongs to a number of directions, so that few parameters always have `NARROW`, of
+    which the last may be zero.
     """
     if along is None:
         return np.eye(n_params)

@@ -49,7 +49,7 @@ class Channels:
     simulated: Float[np.ndarray, "time 6"]
     """What the simulator says under the logged commands."""
     slopes: Float[np.ndarray, "params time 6"]
-    """Derivatives of `simulated` by the parameters of all effects."""
+    """Derivatives of `simulated` by the parameters of all effects, or by those asked for."""
     vel: Float[np.ndarray, "time 3"]
     """Measured velocity, heading frame [m/s]."""
     valid: Bool[np.ndarray, " time"]
@@ -61,9 +61,9 @@ class Channels:
         return self.measured - self.simulated
 
     def with_slopes_of(self, other: "Channels", along: Sequence[int]) -> "Channels":
-        """The same with another simulation's slopes by all parameters but those at `along`."""
+        """The same, whose slopes are by the parameters at `along`, with the other's by the rest."""
         slopes = other.slopes.copy()
-        slopes[list(along)] = self.slopes[list(along)]
+        slopes[list(along)] = self.slopes
         return dataclasses.replace(self, slopes=slopes)
 
     def parts(self, before: int) -> tuple["Channels", ...]:
@@ -116,19 +116,20 @@ def make_channels(
     logs: Sequence[FlightLog],
     segments: Segments,
     vector: Float[np.ndarray, " params"],
-    along: Sequence[int] | None = None,
+    along: Sequence[int] | None,
 ) -> tuple[Channels, ...]:
     """The channels of every flight of one drone with `FEWEST_SAMPLES`, simulated at `vector`.
 
-    Slopes are along all parameters, or at least along those at `along`; others may then be zero.
+    Their slopes are by all parameters, or by those at `along`, in that order.
     """
     few = along if along is not None and len(along) <= NARROW else None
     vectors = np.repeat(vector[None], len(logs), axis=0)
     directions = directions_along(len(vector), few)
     parts = [p for _, p in replay(segments, vectors, directions, turns=False)]
     value = np.concatenate([part.value for part in parts])[:, :, 0]
-    flown = np.concatenate([part.slope for part in parts], axis=1)[:, :, :, 0]
-    slope = np.tensordot(directions.T, flown, axes=1) if few is not None else flown
+    slope = np.concatenate([part.slope for part in parts], axis=1)[:, :, :, 0]
+    if along is not None:
+        slope = slope[list(along)] if few is None else slope[: len(few)]
     made = [
         _of_flight(replay, segments, log.name, segments.flight == i, value, slope)
         for i, log in enumerate(logs)

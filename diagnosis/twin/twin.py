@@ -23,6 +23,7 @@ answered a thrust that was raised by 5.0 % with 4.5 % (without: 5.0 %).
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -256,6 +257,7 @@ def _twin(
     scaled = [e / k for e, k in zip(errors, beyond, strict=True)]
     slopes = [s / k for s, k in zip(slopes, beyond, strict=True)]
 
+    @functools.cache
     def coloured(orders: tuple[int, ...]) -> tuple[float, Colour, tuple[Score, ...]]:
         colour = fit_colour(scaled, valid, orders, seen)
         parts = zip(flights, scaled, slopes, strict=True)

@@ -123,7 +123,7 @@ def with_board(page: str, tables: Tables) -> str:
 
 
 def test_the_board_on_the_page_is_that_of_the_tables(tables):
-    """Where it is not: `python -m tests.docs.test_tutorials` writes it anew."""
+    """Where it is not: `PYTHONPATH=tests:. python -m tests.docs.test_tutorials` writes it anew."""
     page = BOARD.read_text(encoding="utf-8")
     assert with_board(page, tables) == page
 
