@@ -43,7 +43,7 @@ from methods.training.policy import AbstractPolicy, make_policy
 from methods.training.varied import MOST_PUSH, vary_around
 from simulators import registry
 from simulators.contract import AbstractSimulator, with_effects
-from simulators.effects.delay import LONGEST_DELAY_S
+from simulators.effects.late import LONGEST_DELAY_S
 from tasks.contract import check_at_least
 
 

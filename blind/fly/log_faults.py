@@ -18,7 +18,7 @@ from diagnosis.logs.units import FOOT
 from simulators.vehicle import GRAVITY, VehicleSpec
 
 SLACK = 1e-3
-"""Share of a row's step by which times may be off; stamps of an epoch have steps of 0.2 us."""
+"""Share of a row's period by which times may be off; stamps of an epoch have steps of 0.2 us."""
 INPUTS = ("cmd", "thrust", "pwm")
 """Columns that a vehicle is told; rotor speeds are what it does."""
 
@@ -67,9 +67,10 @@ def shifted(log: DroneLog, seconds: float, drift: float = 0.0) -> DroneLog:
     """
     wanted = log.t + seconds + drift * (log.t - log.t[0])
     kept = (wanted >= log.t[0]) & (wanted <= log.t[-1])
-    # An input is held until the next row, so that the row before a time has what acts then.
-    t, late = log.t - log.t[0], SLACK * float(np.median(np.diff(log.t)))
-    held = np.searchsorted(t, wanted[kept] - log.t[0] + late, side="right") - 1
+    # Inputs are held until the next row, and what is written into a row is held as long. So the
+    # middle of that time decides: by its start, 20 ms early would be 24 where rows are 4 ms apart.
+    t, middle = log.t - log.t[0], (0.5 + SLACK) * float(np.median(np.diff(log.t)))
+    held = np.searchsorted(t, wanted[kept] - log.t[0] + middle, side="right") - 1
     columns = {
         field.name: None if value is None else value[held if field.name in INPUTS else kept]
         for field in dataclasses.fields(log)

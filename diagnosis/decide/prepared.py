@@ -14,7 +14,15 @@ from diagnosis.fit.likelihood import Likelihood
 from diagnosis.logs.flights import FlightLog, FlightSet, LogError
 from diagnosis.logs.inputs import Inputs, choose_inputs, driven_alike, on_ground
 from diagnosis.logs.noise import UNSEEN_ATTITUDE_RAD, estimate_noise
-from diagnosis.logs.segments import FEWEST_NODES, NODE_DT, REPLAY_WINDOW_S, Segments, cut, uncounted
+from diagnosis.logs.segments import (
+    FEWEST_NODES,
+    NODE_DT,
+    REPLAY_WINDOW_S,
+    Early,
+    Segments,
+    cut,
+    uncounted,
+)
 from diagnosis.replay.believed import nominal_simulator
 from diagnosis.replay.library import make_library, with_aliases
 from diagnosis.replay.programs import remembered
@@ -215,10 +223,11 @@ def _scorable(inputs: Inputs, flights: FlightSet, simulator: str) -> Inputs:
 
 
 def cut_in_the_air(
-    logs: Sequence[FlightLog], dt: float, measured: int, mass: float
+    logs: Sequence[FlightLog], dt: float, measured: int, mass: float, early: Early = np.zeros_like
 ) -> list[Segments]:
     """Windows of flights; time on the ground does not count."""
-    return cut(logs, dt, measured, functools.partial(on_ground, mass=mass, turning=measured > 0))
+    ground = functools.partial(on_ground, mass=mass, turning=measured > 0)
+    return cut(logs, dt, measured, ground, early)
 
 
 def make_likelihood(

@@ -102,15 +102,23 @@ Stretches = Callable[[DroneLog], Sequence[tuple[float, float]]]
 """Stretches [s] of a log that must not count, besides those after an unknown command."""
 
 
+Early = Callable[[Float[np.ndarray, "*n"]], Float[np.ndarray, "*n"]]
+"""How long before its row a command acts [s], by the time since the flight's start [s]."""
+
+
 def cut(
-    flights: Sequence[FlightLog], dt: float, measured: int = 0, ignored: Stretches = lambda _: ()
+    flights: Sequence[FlightLog],
+    dt: float,
+    measured: int = 0,
+    ignored: Stretches = lambda _: (),
+    early: Early = np.zeros_like,
 ) -> list[Segments]:
     """Segments for steps of `dt` [s], one group for each number of drones in a flight.
 
     Commands are held between rows; the first `measured` of their four columns, which were measured
     instead, are joined by straight lines.
     """
-    parts = [_cut_flight(i, flight, dt, measured, ignored) for i, flight in enumerate(flights)]
+    parts = [_cut_flight(i, one, dt, measured, ignored, early) for i, one in enumerate(flights)]
     return [
         _joined([part for part in parts if part.pos.shape[2] == size])
         for size in sorted({part.pos.shape[2] for part in parts})
@@ -123,13 +131,13 @@ def _joined(parts: Sequence[Segments]) -> Segments:
 
 
 def _cut_flight(
-    index: int, flight: FlightLog, dt: float, measured: int, ignored: Stretches
+    index: int, flight: FlightLog, dt: float, measured: int, ignored: Stretches, early: Early
 ) -> Segments:
     zero = min(drone.t[0] for drone in flight.drones)
     seconds = max(drone.t[-1] for drone in flight.drones) - zero
     n_segments = max(1, math.ceil((seconds - REPLAY_WINDOW_S / 2) / (N_WINDOWS * REPLAY_WINDOW_S)))
     start = np.arange(n_segments) * N_WINDOWS * REPLAY_WINDOW_S - REPLAY_WINDOW_S
-    drones = [_Drone(drone, zero, measured, ignored(drone)) for drone in flight.drones]
+    drones = [_Drone(drone, zero, measured, ignored(drone), early) for drone in flight.drones]
     edges = start[:, None] + REPLAY_WINDOW_S * np.arange(N_WINDOWS + 1)
     n_steps = round(REPLAY_WINDOW_S / dt)
     steps = start[:, None] + dt * (np.arange((N_WINDOWS + 1) * n_steps) + 0.5)
@@ -156,16 +164,22 @@ class _Drone:
     """One drone's log with commands filled, time from the flight's start."""
 
     def __init__(
-        self, log: DroneLog, zero: float, measured: int, ignored: Sequence[tuple[float, float]]
+        self,
+        log: DroneLog,
+        zero: float,
+        measured: int,
+        ignored: Sequence[tuple[float, float]],
+        early: Early,
     ) -> None:
         if log.cmd is None:
             raise ValueError("The log has no commands.")
-        self.t, self.measured = log.t - zero, measured
+        self.t, self.measured, self.early = log.t - zero, measured, early
         self.rows, self.battery = noise.measured(log), log.battery
         between = log.interpolated
         self.interpolated = np.zeros(len(log.t), bool) if between is None else between
         cmd = np.column_stack([log.cmd[:, :2], np.unwrap(log.cmd[:, 2]), log.cmd[:, 3]])
         self.cmd_t, self.cmd, unknown = filled(self.t, cmd)
+        unknown = [(a - float(early(np.asarray(a))), b) for a, b in unknown]
         shift = log.t[0] - zero
         unknown = [*unknown, *((a + shift, b + shift) for a, b in ignored)]
         ends = [
@@ -178,7 +192,7 @@ class _Drone:
 
     def command(self, t: Float[np.ndarray, "segments steps"]) -> Float[np.ndarray, "..."]:
         """The command that is held at each time."""
-        at = np.searchsorted(self.cmd_t, t + 1e-9, side="right") - 1
+        at = np.searchsorted(self.cmd_t, t + self.early(t) + 1e-9, side="right") - 1
         held = self.cmd[np.clip(at, 0, None)]
         joined = [np.interp(t, self.cmd_t, self.cmd[:, i]) for i in range(self.measured)]
         return np.stack([*joined, *np.moveaxis(held[..., self.measured :], -1, 0)], axis=-1)

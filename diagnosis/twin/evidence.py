@@ -62,7 +62,13 @@ class Evidence:
 
     def left(self, columns: Sequence[int]) -> float:
         """T^2 that the best values of some parameters within their range leave."""
-        return self.beyond(self.delta, columns)
+        return self.beyond(self._without_others(columns), columns)
+
+    def _without_others(self, columns: Sequence[int]) -> Float[np.ndarray, " K"]:
+        """The difference, continued to no change of all other parameters."""
+        change = self.at.copy()
+        change[list(columns)] = 0.0
+        return self.delta + self.M @ change
 
     def beyond(self, shift: Float[np.ndarray, " K"], columns: Sequence[int]) -> float:
         """Square of what the best values of some parameters within their range leave of a shift."""
@@ -77,13 +83,18 @@ class Evidence:
         each = [self._log_evidence(list(columns), width) for width in WIDTHS]
         return float(np.logaddexp.reduce(each) - np.log(len(each)))
 
+    def width(self, columns: Sequence[int]) -> float:
+        """The likeliest of the sizes that a change of some parameters may be expected to have."""
+        return max(WIDTHS, key=lambda width: self._log_evidence(list(columns), width))
+
     def _log_evidence(self, at: list[int], width: float) -> float:
         """The same if changes are expected to be `width` times their range."""
         root = np.sqrt(self.scale)
         m, start, unit = self.M[:, at] / root, self.at[at], np.eye(len(at))
-        left = float(self.delta @ self.delta) / self.scale
+        delta = self._without_others(at) / root
+        left = float(delta @ delta)
         if at:
-            slopes, shift = np.vstack([m, unit / width]), [*self.delta / root, *-start / width]
+            slopes, shift = np.vstack([m, unit / width]), [*delta, *-start / width]
             ends = (-1.0 - start, 1.0 - start)
             left = float(2.0 * lsq_linear(slopes, np.asarray(shift), ends).cost)
         without = np.log1p(self.unchanged / self.scale / self.dof)

@@ -9,6 +9,7 @@ from diagnosis.decide.prepared import cut_in_the_air, nominal_replay, remembered
 from diagnosis.logs.flights import FlightLog, FlightSet, LogError
 from diagnosis.logs.inputs import Inputs
 from diagnosis.logs.segments import NODE_DT, REPLAY_WINDOW_S
+from diagnosis.replay.early import split_early
 from diagnosis.replay.replay import Replay
 from diagnosis.twin.channels import ANGLES, Channels, N, make_channels, of_arrays, to_arrays
 
@@ -39,11 +40,15 @@ def flight_of(replay: Replay, logs: Sequence[FlightLog]) -> Fly:
     if several:
         raise LogError(f"flights/{several[0]}: a twin takes flights of one drone, got several.")
     mass = replay.library.simulator.spec.mass
-    (segments,) = cut_in_the_air(logs, replay.dt, replay.measured, mass)
+    (plain,) = cut_in_the_air(logs, replay.dt, replay.measured, mass)
 
     def fly(
         vector: Float[np.ndarray, " params"], along: Sequence[int] | None
     ) -> tuple[Channels, ...]:
+        vector, early = split_early(replay.library, vector)
+        segments = plain
+        if early is not None:
+            (segments,) = cut_in_the_air(logs, replay.dt, replay.measured, mass, early)
         made = make_channels(replay, logs, segments, vector, along)
         if not made:
             raise LogError(

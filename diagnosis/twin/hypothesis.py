@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from diagnosis.decision import Decision
+from diagnosis.replay.early import lowest
 from diagnosis.replay.library import Library
 from diagnosis.twin.evidence import Evidence, weigh_at
 from diagnosis.twin.units import Comparison, Estimate, Group, compare
@@ -56,6 +57,11 @@ class Hypothesis:
     def estimate(self) -> Estimate:
         """The parameters of the effects, together."""
         return self.comparison.estimate(self.columns)
+
+    def p(self, effect: str) -> float:
+        """Probability of values so far from zero of one of the effects, by Hotelling's test."""
+        own = self.library.indices[effect]
+        return self.estimate.p([k for k, i in enumerate(self.columns) if i in own])
 
     @property
     def log_evidence(self) -> float:
@@ -116,13 +122,15 @@ class Hypothesis:
         """
         library, columns = self.library, list(self.columns)
         width = library.high - library.low
-        low, high = ((end - library.neutral) / width for end in (library.low, library.high))
+        ends = (lowest(library), library.high)
+        low, high = ((end - library.neutral) / width for end in ends)
         at, misfit = self, float(np.mean(self.comparison.target.misfit))
         for _ in range(MOST_REFLIGHTS if refly else 0):
             assert refly is not None
-            estimate = at.estimate
             change = np.zeros(len(width))
-            change[columns] = np.clip(estimate.value, low[columns], high[columns])
+            estimate = at.estimate
+            likeliest = estimate.shrunk(at.evidence.width(columns))
+            change[columns] = np.clip(likeliest, low[columns], high[columns])
             if np.all(np.abs(change - at.change)[columns] < STILL * estimate.error):
                 break
             target = refly(change, columns)

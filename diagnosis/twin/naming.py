@@ -1,7 +1,7 @@
 """Which effects changed: each alone, then beside the others that the flights show, with aliases."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -94,9 +94,11 @@ def name_change(
     first, *others = alike
     together = alone[several[0]].of(*several)
     known = {e: together.alike(e, search.effects, decision) for e in several[1:]}
-    at, known = search.together(tried[first], {first: tuple(others), **known})
+    at, found = search.together(tried[first], {first: tuple(others), **known})
 
-    def as_named(at: Hypothesis, alike: Sequence[str], instead: tuple[Named, ...]) -> Named:
+    def as_named(
+        at: Hypothesis, alike: Sequence[str], known: Aliases, instead: tuple[Named, ...]
+    ) -> Named:
         first, *further = at.effects
         return Named(
             change="partly" if at.p_left < decision.alarm_chance else "effect",
@@ -110,11 +112,11 @@ def name_change(
         )
 
     instead = tuple(
-        as_named(tried[e], tuple(x for x in alike if x != e), ())
+        as_named(tried[e], tuple(x for x in alike if x != e), known, ())
         for e in others
         if e in search.clear(tried[e])
     )
-    return as_named(at, others, instead)
+    return as_named(at, others, found, instead)
 
 
 def _elsewhere(reference: Group, target: Group, decision: Decision) -> bool:
@@ -245,17 +247,58 @@ class _Search:
         """
         for more in (self.effects, ()):
             aliases = self.further(at, known, more)
-            named, found = tuple(aliases), at
+            named, found, gone = tuple(aliases), at, set[str]()
             while True:
                 if named != found.effects:
                     start = found if set(named) > set(found.effects) else self.nothing
                     found = start.of(*named).settled(self.refly)
-                named = self.clear(found)
+                named = self.holding(found, aliases)
                 if not named or named == found.effects:
                     break
+                if at.effects[0] in named:
+                    lost = next(e for e in found.effects if e not in named)
+                    gone.add(lost)
+                    found, aliases = self.replaced(found, lost, aliases, gone)
+                    named = tuple(e for e in found.effects if e != lost)
             if at.effects[0] in named:
                 return found, aliases
-        return at, known
+        held = tuple(e for e in at.effects if e in (at.effects[0], *self.holding(at, known)))
+        return at if held == at.effects else self.nothing.of(*held).settled(self.refly), known
+
+    def holding(self, at: Hypothesis, aliases: Aliases) -> tuple[str, ...]:
+        """The first effect, if it is clear, and others that pass what `further` asks of them."""
+
+        def held(effect: str) -> bool:
+            likely = at.share(effect, aliases[effect], self.decision) >= self.decision.least_chance
+            return likely and self.rare(at.p(effect))
+
+        clear = self.clear(at)
+        return tuple(e for e in clear if e == at.effects[0] or held(e))
+
+    def rare(self, p: float) -> bool:
+        """Whether undisturbed flights show so much too rarely; the candidates share the chance."""
+        return p < self.decision.alarm_chance / self.n_tests
+
+    def replaced(
+        self, at: Hypothesis, lost: str, aliases: Aliases, gone: Collection[str]
+    ) -> tuple[Hypothesis, Aliases]:
+        """An effect that does not hold, with the likeliest of its aliases that does in its place.
+
+        Of several that look alike, the one that fits best to first order may be nothing once the
+        flights are simulated with it, where another is not. At most `refits` are tried, and none of
+        those that are `gone`.
+        """
+        rest = tuple(e for e in at.effects if e != lost)
+        alike = (lost, *aliases[lost])
+        for alias in aliases[lost][: self.decision.refits]:
+            if alias in (*rest, *gone):
+                continue
+            found = self.nothing.of(*rest, alias).settled(self.refly)
+            others = {e: each for e, each in aliases.items() if e != lost}
+            instead = {**others, alias: tuple(e for e in alike if e != alias)}
+            if alias in self.holding(found, instead):
+                return found, instead
+        return at, aliases
 
     def further(
         self, at: Hypothesis, known: Aliases, among: Sequence[str]
@@ -274,9 +317,7 @@ class _Search:
             for other in left:
                 more = at.of(*aliases, other)
                 gain = more.log_evidence - so_far.log_evidence - decision.effect_cost
-                p = more.estimate.p(range(len(so_far.columns), len(more.columns)))
-                sure = p < decision.alarm_chance / self.n_tests
-                if sure and gain > 0.0 and other in self.clear(more):
+                if self.rare(more.p(other)) and gain > 0.0 and other in self.clear(more):
                     gains[other] = gain
             if not gains:
                 break
@@ -298,7 +339,7 @@ class _Search:
             made.append(
                 Candidate(
                     effect=effect,
-                    p=joint.estimate.p(range(len(joint.library.indices[effect]))),
+                    p=joint.p(effect),
                     log_evidence=joint.log_evidence - rest.log_evidence,
                     share=0.0,
                     parameters=tuple(x for x in self.sizes(joint) if x.effect == effect),

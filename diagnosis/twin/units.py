@@ -92,6 +92,14 @@ class Estimate:
         value, cov = self.value[at], self.cov[np.ix_(at, at)]
         return hotelling(float(value @ np.linalg.solve(cov, value)), len(at), self.dof)
 
+    def shrunk(self, width: float) -> Float[np.ndarray, " k"]:
+        """The values, if changes are expected to be `width` times the range of their parameter.
+
+        Values that flights hardly tell apart stay small: four gains of an attitude loop, taken as
+        they fit best, went to three times their range and back.
+        """
+        return np.linalg.solve(np.eye(len(self.value)) + self.cov / width**2, self.value)
+
     @property
     def error(self) -> Float[np.ndarray, " k"]:
         """Standard errors."""

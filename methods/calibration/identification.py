@@ -52,8 +52,9 @@ from simulators.algebra.rotation import quat_to_rpy, rpy_to_quat
 from simulators.contract import AbstractSimulator, replayable, with_effects
 from simulators.drawn.drawn_team import one_member
 from simulators.effects.contract import AbstractEffect, OnsetEffect
-from simulators.effects.delay import LONGEST_DELAY_S, Delay
+from simulators.effects.delay import Delay
 from simulators.effects.floor import Floor
+from simulators.effects.late import LONGEST_DELAY_S
 from simulators.flight import Flight
 from simulators.vehicle import CONTROL_DT
 from tasks.contact import onsets

@@ -12,8 +12,7 @@ from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Shown
 from simulators.effects.contract import Parameter
-from simulators.effects.delay import LateEffect
-from simulators.flight import Flight
+from simulators.effects.late import LateEffect
 
 
 class ClockDrift(LateEffect):
@@ -49,5 +48,5 @@ class ClockDrift(LateEffect):
         ),
     )
 
-    def late(self, flight: Flight) -> Float[Array, ""]:
-        return self.rate * flight.t
+    def late(self, t: Float[Array, "*n"]) -> Float[Array, "..."]:
+        return self.rate * t

@@ -151,6 +151,14 @@ def test_a_shift_moves_inputs_and_keeps_the_path():
     np.testing.assert_array_equal(drifting.cmd[at], one.cmd[at + 5])
 
 
+def test_commands_are_early_by_the_number_of_rows_that_comes_nearest():
+    one = made_log()
+    uneven = dataclasses.replace(one, t=one.t * 0.396)  # rows every 3.96 ms
+    early = log_faults.shifted(uneven, -0.02)  # 5.05 rows
+    kept = len(early.cmd)
+    np.testing.assert_array_equal(early.cmd, uneven.cmd[-kept - 5 : -5])
+
+
 def test_turns_keep_lengths_and_turn_back():
     one = made_log()
     for turned in (log_faults.turned_path, log_faults.turned_tilt):

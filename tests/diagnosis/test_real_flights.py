@@ -69,6 +69,7 @@ def test_undisturbed_halves_differ_by_nothing():
         *(
             pytest.param(*case, marks=pytest.mark.exhaustive)
             for case in (
+                ("delay", {"seconds": -0.03}, "delay", "seconds"),
                 ("trim", {"roll": 0.0, "pitch": np.radians(3.0)}, "trim", "pitch"),
                 ("tilt_turned_in_yaw", {"angle": np.radians(10.0)}, "frame_misalignment", "angle"),
             )
@@ -82,6 +83,16 @@ def test_a_fault_that_is_put_into_the_commands_is_named_in_its_size(fault, given
     if found.blamed[0].name == named:
         size = found.blamed[0].parameter(parameter)
         assert size.low < given[parameter] < size.high
+
+
+@pytest.mark.exhaustive
+def test_of_two_faults_neither_hides_the_other():
+    even, odd = halves("crazyflie_plain")
+    late = FAULTS["delay"].apply(even, {"seconds": 0.04})
+    found = changed(FAULTS["thrust_gain"].apply(late, {"e": -0.1}), odd)
+    classes = [{one.name, *one.aliases} for one in found.blamed]
+    assert len(classes) == 2
+    assert all(any(name in each for each in classes) for name in ("delay", "thrust_gain"))
 
 
 def test_a_start_that_is_cut_off_hides_no_delay():

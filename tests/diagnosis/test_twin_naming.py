@@ -28,6 +28,9 @@ def test_evidence_is_that_of_a_gaussian_change_of_some_width():
     part = np.asarray([0.02, -0.01, 0.0])
     there = dataclasses.replace(weighed, delta=delta - M @ part, at=part)
     assert there.log_evidence([0, 1]) == pytest.approx(expected, abs=1e-4)
+    # What is not among the parameters does not change: its part of the change is taken back.
+    assert there.log_evidence([1]) == pytest.approx(weighed.log_evidence([1]), abs=1e-9)
+    assert there.log_evidence([]) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_of_effects_that_look_alike_one_of_a_possible_size_is_named_first():

@@ -16,8 +16,9 @@ from methods.training.varied import vary, vary_around
 from simulators.algebra.rotation import quat_to_rpy
 from simulators.contract import with_effects
 from simulators.effects.attitude_loop import AttitudeLoop
-from simulators.effects.delay import LONGEST_DELAY_S, Delay
+from simulators.effects.delay import Delay
 from simulators.effects.drag import Drag
+from simulators.effects.late import LONGEST_DELAY_S
 from simulators.effects.thrust_gain import ThrustGain
 from simulators.effects.thrust_lag import ThrustLag
 from simulators.effects.wind import Wind

@@ -128,7 +128,7 @@ def test_no_file_names_an_effect_but_its_own(package):
 def test_every_effect_stands_in_a_file_of_its_name():
     assert {path.stem for path in OWN.glob("*.py")} == {
         *KINDS,
-        *("__init__", "card", "chain", "contract"),
+        *("__init__", "card", "chain", "contract", "late"),
     }
 
 

@@ -31,7 +31,8 @@ from simulators.contract import MissingDoorError, with_effects
 from simulators.effects import chain
 from simulators.effects.clock_drift import ClockDrift
 from simulators.effects.contract import DOORS, StiffEffect
-from simulators.effects.delay import LONGEST_DELAY_S, Delay
+from simulators.effects.delay import Delay
+from simulators.effects.late import LONGEST_DELAY_S
 
 PAIRS = [
     (s, e) for s, e in itertools.product(SIMULATORS, EFFECTS) if doors_of(SIMULATORS[s], EFFECTS[e])
