@@ -27,6 +27,8 @@ class ChangedParameter:
     """Smallest change that flights like these show with 95 % probability."""
     beyond: AtBound
     """The end of the effect's allowed range beyond which the estimate lies."""
+    possible: bool
+    """Whether logs can be flown with the estimate: commands may also act earlier than they say."""
 
     @property
     def clear(self) -> bool:
@@ -51,8 +53,8 @@ class Candidate:
 
     @property
     def possible(self) -> bool:
-        """Whether each size lies within what its parameter may be."""
-        return all(one.beyond == "no" for one in self.parameters)
+        """Whether each size is possible."""
+        return all(one.possible for one in self.parameters)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.stats import t as student
 
 from diagnosis.decision import Decision
+from diagnosis.replay.early import lowest
 from diagnosis.replay.library import Library
 from diagnosis.result import VerdictKind
 from diagnosis.twin.answer import Candidate, ChangedParameter, Naming
@@ -174,7 +175,7 @@ class _Search:
         library, estimate = at.library, at.estimate
         width: Float[np.ndarray, " params"] = library.high - library.low
         half = float(student.ppf(0.975, estimate.dof))
-        limit = _limit(estimate.dof, self.n_tests, self.decision)
+        limit, first = _limit(estimate.dof, self.n_tests, self.decision), lowest(library)
         made = []
         for i, value, error in zip(at.columns, estimate.value, estimate.error, strict=True):
             slot, w = library.slots[i], float(width[i])
@@ -189,6 +190,7 @@ class _Search:
                     high=float(value + half * error) * w,
                     limit=limit * float(error) * w,
                     beyond="low" if x < slot.low else "high" if x > slot.high else "no",
+                    possible=bool(first[i] <= x <= slot.high),
                 )
             )
         return tuple(made)

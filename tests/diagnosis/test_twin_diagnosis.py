@@ -88,7 +88,7 @@ def test_a_change_becomes_an_effect_with_its_size_and_a_smaller_drift():
 
 def test_a_size_is_what_a_simulator_of_the_reference_needs():
     """A change of a factor stands on the neutral 1: rotors 1.4 times as slow as before."""
-    changed = ChangedParameter("motor_lag", "scale", "-", 0.4, 0.3, 0.5, 0.1, "no")
+    changed = ChangedParameter("motor_lag", "scale", "-", 0.4, 0.3, 0.5, 0.1, "no", True)
     library = make_library(Crazyflow(), referenced=True, twin=True)
     (scale,) = as_parameters((changed,), "motor_lag", "effect", library)
     assert (scale.value, scale.low, scale.high) == pytest.approx((1.4, 1.3, 1.5))
