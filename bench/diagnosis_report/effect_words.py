@@ -3,6 +3,9 @@
 An effect without a card is shown under its registered name, in its parameters' own units.
 """
 
+import dataclasses
+from collections.abc import Iterator
+
 from bench.text.numbers import MISSING, estimate, rounded, scaled, with_unit
 from bench.text.words import clean, join
 from diagnosis.result import Effect, Parameter
@@ -69,8 +72,8 @@ def combined(effect: Effect) -> tuple[str, float, float | None, float | None] | 
 def effect_phrase(effect: Effect, base: str) -> str:
     """A found effect with sizes and intervals, as part of a sentence.
 
-    If an alias acts on the same number as the effect, the phrase gives that number alone, because
-    the flights do not tell which of the two it is.
+    If an alias acts on the same number as the effect, the phrase gives that number, because the
+    flights do not tell which of the two it is, and what each of them would have to be.
     """
     told = combined(effect)
     if told is None:
@@ -79,8 +82,30 @@ def effect_phrase(effect: Effect, base: str) -> str:
     sign, direction = (-1.0, "less") if size < 0.0 else (1.0, "more")
     value, interval = estimate(100.0 * abs(size), *scaled(low, high, 100.0 * sign))
     between = within(with_unit(interval, "%") if interval else "")
-    own = _own_phrase(effect, base, intervals=False)
-    return f"{value} % {direction} {name} than {base}{between}, as {own} would give"
+    than = f" than {base}"
+    own = (_own_phrase(one, base, intervals=False) for one in _sharing(effect, told))
+    each = " or ".join(phrase.replace(than, "") for phrase in own)
+    return f"{value} % {direction} {name}{than}{between}, as {each} would give"
+
+
+def _sharing(
+    effect: Effect, told: tuple[str, float, float | None, float | None]
+) -> Iterator[Effect]:
+    """The effect and its aliases that act on the same number, each as the only one to do it."""
+    yield effect
+    name, share, *ends = told
+    for alias in effect.aliases:
+        own = load_card(clean(alias)).combined
+        if own is None or own[0] != name:
+            continue
+        value, *interval = (
+            None if x is None else (1.0 + x) ** (1.0 / own[1]) - 1.0 for x in (share, *ends)
+        )
+        low, high = interval if own[1] > 0.0 else reversed(interval)
+        (parameter,) = effect.parameters
+        (only,) = registry.load("effect", clean(alias)).parameters
+        size = dataclasses.replace(parameter, name=only, value=value, low=low, high=high)
+        yield dataclasses.replace(effect, name=alias, aliases=(), parameters=(size,))
 
 
 def _own_phrase(effect: Effect, base: str, intervals: bool = True) -> str:
