@@ -29,7 +29,7 @@ from bench.text.numbers import (
     scale_of,
     with_unit,
 )
-from bench.text.words import clean
+from bench.text.words import clean, join
 from diagnosis.result import Diagnosis, Effect
 from diagnosis.result_parts import ChannelGap
 from simulators.effects.card import load_card
@@ -162,6 +162,11 @@ def _candidate_notes(diagnosis: Diagnosis) -> list[str]:
             "one with more effects can have more evidence and still be less probable. The column "
             "on drift is about the flights that were fitted."
         )
+    sets = [set(candidate.effects) for candidate in diagnosis.candidates]
+    unnamed = set.intersection(*sets) - {effect.name for effect in diagnosis.blamed}
+    if diagnosis.blamed and len(sets) > 1 and unnamed:
+        labels = join(load_card(clean(name)).label for name in sorted(unnamed))
+        notes.append(f"Each was tried beside {labels}, which the verdict does not blame.")
     if diagnosis.blamed:
         notes.append(_whose_probability(diagnosis))
     if diagnosis.support:

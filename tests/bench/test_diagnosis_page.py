@@ -201,6 +201,16 @@ def test_what_was_chosen_stands_out_among_the_candidates():
     assert coloured("unexplained") == []
 
 
+def test_what_every_candidate_was_tried_beside_is_said_where_it_is_not_blamed():
+    content = diagnoses_for_tests.beside_twin(diagnoses_for_tests.effect())
+    for one in content["candidates"]:
+        one["effects"] = [*one["effects"], "motor_lag"]
+    notes = tables.candidates_table(load(content)).notes
+    assert "Each was tried beside motor lag, which the verdict does not blame." in notes
+    plain = tables.candidates_table(load(diagnoses_for_tests.effect()))
+    assert not any("tried beside" in note for note in plain.notes)
+
+
 def test_tables_show_people_the_units_that_people_use():
     found = load(diagnoses_for_tests.reference())
     assert tables.shared_table(found).rows[1] == (
