@@ -102,6 +102,34 @@ def test_a_start_that_is_cut_off_hides_no_delay():
     assert "delay" in class_of(changed(cut, odd))
 
 
+@pytest.mark.exhaustive
+def test_a_flight_that_another_program_flew_is_set_aside_by_name():
+    """Its commands are those of the next flight, half a second late."""
+    even, odd = halves("crazyflie_plain")
+    (one,), (other,) = even.flights[4].drones, even.flights[5].drones
+    rows = np.clip(
+        np.searchsorted(other.t - other.t[0], one.t - one.t[0] - 0.5), 0, len(other.t) - 1
+    )
+    mixed = dataclasses.replace(
+        even.flights[4], drones=(dataclasses.replace(one, cmd=other.cmd[rows]),)
+    )
+    flights = (*even.flights[:4], mixed, *even.flights[5:])
+    found = changed(dataclasses.replace(even, flights=flights), odd)
+    assert found.verdict == "none"
+    assert [x.name for x in found.flights.left_out] == [mixed.name]
+
+
+@pytest.mark.exhaustive
+def test_thrust_without_commanded_angles_tells_a_weaker_thrust():
+    even, odd = (
+        each.each(lambda log: dataclasses.replace(log, cmd=None, thrust=log.cmd[:, 3]))
+        for each in halves("crazyflie_plain")
+    )
+    assert not changed(even, odd).blamed
+    found = changed(FAULTS["thrust_gain"].apply(even, {"e": -0.1}), odd)
+    assert "thrust_gain" in class_of(found)
+
+
 def test_three_flights_beside_five_name_a_family_of_aliases():
     even, odd = halves("crazyflie_plain")
     found = changed(FAULTS["thrust_gain"].apply(some(even, 3), {"e": 0.1}), some(odd, 5))
