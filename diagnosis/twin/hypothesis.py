@@ -14,6 +14,7 @@ from jaxtyping import Float
 from diagnosis.decision import Decision
 from diagnosis.replay.early import lowest
 from diagnosis.replay.library import Library
+from diagnosis.twin.answer import Naming
 from diagnosis.twin.evidence import Evidence, weigh_at
 from diagnosis.twin.units import Comparison, Estimate, Group, compare
 
@@ -151,4 +152,29 @@ class Hypothesis:
             comparison=compare(reference, target.continued(change), every),
             evidence=weigh_at(self.evidence, compare(reference, target, every), change),
             change=change,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Named(Naming):
+    """What was named, before the drift is scored with it."""
+
+    at: Hypothesis
+    """The named effects, linearised where they fit; without any, no change."""
+    nothing: Hypothesis
+    """No change."""
+    instead: tuple["Named", ...] = ()
+    """The same with each alias in the place of the first effect, the most probable first."""
+
+    def unexplained(self) -> "Named":
+        """The same without a name: the effects do not help flights that they were not fitted to."""
+        return dataclasses.replace(
+            self,
+            change="unexplained",
+            effects=(),
+            aliases={},
+            probabilities={},
+            parameters=(),
+            at=self.nothing,
+            instead=(),
         )

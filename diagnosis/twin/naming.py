@@ -11,39 +11,14 @@ from diagnosis.decision import Decision
 from diagnosis.replay.early import lowest
 from diagnosis.replay.library import Library
 from diagnosis.result import VerdictKind
-from diagnosis.twin.answer import Candidate, ChangedParameter, Naming
+from diagnosis.twin.answer import Candidate, ChangedParameter
 from diagnosis.twin.evidence import weigh
-from diagnosis.twin.hypothesis import Hypothesis, Refly
+from diagnosis.twin.hypothesis import Hypothesis, Named, Refly
 from diagnosis.twin.twin import FEWEST_REFERENCES
 from diagnosis.twin.units import Estimate, Group, compare
 
 Aliases = Mapping[str, tuple[str, ...]]
 """Effects that flights cannot tell from each of some effects."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Named(Naming):
-    """What was named, before the drift is scored with it."""
-
-    at: Hypothesis
-    """The named effects, linearised where they fit; without any, no change."""
-    nothing: Hypothesis
-    """No change."""
-    instead: tuple["Named", ...] = ()
-    """The same with each alias in the place of the first effect, the most probable first."""
-
-    def unexplained(self) -> "Named":
-        """The same without a name: the effects do not help flights that they were not fitted to."""
-        return dataclasses.replace(
-            self,
-            change="unexplained",
-            effects=(),
-            aliases={},
-            probabilities={},
-            parameters=(),
-            at=self.nothing,
-            instead=(),
-        )
 
 
 def name_change(
@@ -268,11 +243,15 @@ class _Search:
         return at if held == at.effects else self.nothing.of(*held).settled(self.refly), known
 
     def holding(self, at: Hypothesis, aliases: Aliases) -> tuple[str, ...]:
-        """The first effect, if it is clear, and others that pass what `further` asks of them."""
+        """The first effect, if it is clear, and others that pass what `further` asks of them.
+
+        Their sizes must be possible, too: what others leave is always like something.
+        """
+        impossible = {x.effect for x in self.sizes(at) if not x.possible}
 
         def held(effect: str) -> bool:
             likely = at.share(effect, aliases[effect], self.decision) >= self.decision.least_chance
-            return likely and self.rare(at.p(effect))
+            return likely and effect not in impossible and self.rare(at.p(effect))
 
         clear = self.clear(at)
         return tuple(e for e in clear if e == at.effects[0] or held(e))
