@@ -141,6 +141,7 @@ def test_a_drone_that_carries_more_is_told_by_each_flight_alone():
     for flights in (heavy, some(heavy, 1)):
         found = changed(flights, plain)
         assert class_of(found) & {"mass", "thrust_gain"}
+        assert len(found.blamed) == 1
         (size,) = found.blamed[0].parameters
         over = size.value if found.blamed[0].name == "thrust_gain" else 1 / (1 + size.value) - 1
         assert over == pytest.approx(-0.257, abs=0.01)

@@ -10,6 +10,7 @@ from test_twin import EVERY, LIBRARY, column, flight
 from diagnosis.twin.diagnose_change import answer_change
 from diagnosis.twin.evidence import WIDTHS, Evidence
 from diagnosis.twin.twin import make_twin
+from diagnosis.twin.units import Estimate
 
 
 def test_evidence_is_that_of_a_gaussian_change_of_some_width():
@@ -31,6 +32,16 @@ def test_evidence_is_that_of_a_gaussian_change_of_some_width():
     # What is not among the parameters does not change: its part of the change is taken back.
     assert there.log_evidence([1]) == pytest.approx(weighed.log_evidence([1]), abs=1e-9)
     assert there.log_evidence([]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_settling_step_is_the_mean_of_a_gaussian_posterior():
+    """Source of the closed form: Bishop (2006), Eqs. 3.50 and 3.51."""
+    rng = np.random.default_rng(3)
+    root, value, width = rng.normal(size=(3, 3)), rng.normal(size=3), 0.3
+    cov = root @ root.T
+    precision = np.linalg.inv(cov)
+    mean = np.linalg.solve(precision + np.eye(3) / width**2, precision @ value)
+    np.testing.assert_allclose(Estimate(value, cov, 10.0).shrunk(width), mean)
 
 
 def test_of_effects_that_look_alike_one_of_a_possible_size_is_named_first():
