@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray, UInt
 
-from simulators.effects.contract import AbstractEffect, Parameter
+from simulators.effects.contract import AbstractEffect, Number, parameter
 from simulators.flight import Flight
 from simulators.vehicle import CONTROL_DT
 
@@ -47,37 +47,19 @@ class Sensing(AbstractEffect):
     no flight log can show it and no diagnosis considers it.
     """
 
-    pos: Float[Array, "*drones"] = eqx.field(converter=jnp.asarray, default=0.0)
+    pos: Number = parameter("m", 0.0, 0.2, source="motion capture 0.001, UWB 0.1")
     """Standard deviation of the noise on position [m]."""
-    vel: Float[Array, "*drones"] = eqx.field(converter=jnp.asarray, default=0.0)
+    vel: Number = parameter("m/s", 0.0, 0.5, source="a guess")
     """That on velocity [m/s]."""
-    angle: Float[Array, "*drones"] = eqx.field(converter=jnp.asarray, default=0.0)
+    angle: Number = parameter("rad", 0.0, 0.2, source="a guess")
     """That on the attitude, about each body axis [rad]."""
-    latency: Float[Array, "*drones"] = eqx.field(converter=jnp.asarray, default=0.0)
+    latency: Number = parameter("s", 0.0, LONGEST_AGE_S, source="published 0 to 60 ms")
     """Mean age of an observation [s]."""
-    jitter: Float[Array, "*drones"] = eqx.field(converter=jnp.asarray, default=0.0)
+    jitter: Number = parameter("s", 0.0, LONGEST_AGE_S, source="of the latency's size; a guess")
     """Largest deviation from that age [s]."""
-    loss: Float[Array, "*drones"] = eqx.field(converter=jnp.asarray, default=0.0)
+    loss: Number = parameter("-", 0.0, 0.9, source="a guess")
     """Share of observations that are lost [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "pos": Parameter(
-            unit="m", low=0.0, high=0.2, neutral=0.0, source="motion capture 0.001, UWB 0.1"
-        ),
-        "vel": Parameter(unit="m/s", low=0.0, high=0.5, neutral=0.0, source="a guess"),
-        "angle": Parameter(unit="rad", low=0.0, high=0.2, neutral=0.0, source="a guess"),
-        "latency": Parameter(
-            unit="s", low=0.0, high=LONGEST_AGE_S, neutral=0.0, source="published 0 to 60 ms"
-        ),
-        "jitter": Parameter(
-            unit="s",
-            low=0.0,
-            high=LONGEST_AGE_S,
-            neutral=0.0,
-            source="of the latency's size; a guess",
-        ),
-        "loss": Parameter(unit="-", low=0.0, high=0.9, neutral=0.0, source="a guess"),
-    }
     door: ClassVar[str] = "sensing"
     version: ClassVar[str] = "1"
 

@@ -2,31 +2,22 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, percent
-from simulators.effects.contract import CommandEffect, Parameter
+from simulators.effects.contract import CommandEffect, Number, excess
 from simulators.flight import Flight
 
 
 class AttitudeGain(CommandEffect):
     """A steady tilt other than the commanded one. Source: crazyflow's identified loops."""
 
-    g: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    g: Number = excess(
+        -0.3, 0.3, "-0.11 (cf21B) and -0.08 (L250) in crazyflow 0.4.0; the bounds are a guess"
+    )
     """Relative excess of roll and pitch [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "g": Parameter(
-            unit="-",
-            low=-0.3,
-            high=0.3,
-            neutral=0.0,
-            factor=True,
-            source="-0.11 (cf21B) and -0.08 (L250) in crazyflow 0.4.0; the bounds are a guess",
-        )
-    }
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

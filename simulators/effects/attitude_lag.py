@@ -11,12 +11,11 @@ on, a is exp(-h / tau) to 0.3 %.
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Shown
-from simulators.effects.contract import CommandEffect, Parameter
+from simulators.effects.contract import CommandEffect, Number, parameter
 from simulators.flight import Flight
 
 Memory = tuple[Float[Array, "drones 3"], Float[Array, ""]]
@@ -25,12 +24,9 @@ Memory = tuple[Float[Array, "drones 3"], Float[Array, ""]]
 class AttitudeLag(CommandEffect):
     """An autopilot that smooths its setpoints. Source: first-order model, a guess."""
 
-    tau: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    tau: Number = parameter("s", 0.0, 0.3, source="a guess")
     """Time constant of roll, pitch and yaw [s]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "tau": Parameter(unit="s", low=0.0, high=0.3, neutral=0.0, source="a guess")
-    }
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="attitude lag",

@@ -14,12 +14,11 @@ so that w_n = inf gives x = u, the nominal simulator, bit for bit.
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Shown
-from simulators.effects.contract import Parameter, ResponseEffect
+from simulators.effects.contract import Number, ResponseEffect, parameter
 
 Memory = tuple[Float[Array, "drones 2"], Float[Array, "drones 2"]]
 
@@ -31,23 +30,17 @@ class AttitudeLoop(ResponseEffect):
     22 rad/s, 0.75).
     """
 
-    natural_freq: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=float("inf"))
+    natural_freq: Number = parameter(
+        "rad/s",
+        5.0,
+        100.0,
+        float("inf"),
+        source="12.5 to 22 identified in crazyflow 0.4.0; the outer bounds are a guess",
+    )
     """Natural frequency of the loop [rad/s]."""
-    damping: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=1.0)
+    damping: Number = parameter("-", 0.3, 2.0, 1.0, source="0.65 to 0.75, outer bounds a guess")
     """Damping ratio [-]; without effect at infinite natural frequency."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "natural_freq": Parameter(
-            unit="rad/s",
-            low=5.0,
-            high=100.0,
-            neutral=float("inf"),
-            source="12.5 to 22 identified in crazyflow 0.4.0; the outer bounds are a guess",
-        ),
-        "damping": Parameter(
-            unit="-", low=0.3, high=2.0, neutral=1.0, source="0.65 to 0.75, outer bounds a guess"
-        ),
-    }
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="attitude loop",

@@ -6,11 +6,9 @@ A linear stand-in for the voltage that falls over a flight: rotors at a given du
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from simulators.effects.card import VOLTAGE_COMPENSATION, EffectCard, Shown
-from simulators.effects.contract import Parameter, PlantEffect
+from simulators.effects.contract import Number, PlantEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -18,19 +16,15 @@ from simulators.vehicle import Vehicle
 class Battery(PlantEffect):
     """A battery that runs down and is not compensated for. Source: linear form, a guess."""
 
-    rate: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    rate: Number = parameter(
+        "1/s",
+        0.0,
+        0.05,
+        source="0.3 to 0.5 V a minute of 3.8 V and thrust as voltage squared give 0.0026 to "
+        "0.0044; the bound is a guess",
+    )
     """Share of the thrust that is lost per second [1/s]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "rate": Parameter(
-            unit="1/s",
-            low=0.0,
-            high=0.05,
-            neutral=0.0,
-            source="0.3 to 0.5 V a minute of 3.8 V and thrust as voltage squared give 0.0026 to "
-            "0.0044; the bound is a guess",
-        )
-    }
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -98,6 +98,37 @@ def gain(autopilot: str, parameter: str, where: str = "", **powers: float) -> Ch
     )
 
 
+HOVER_THRUST = "hover thrust, from which the estimator of it starts"
+"""Where PX4's parameter of the hover acts."""
+
+
+def factor(
+    autopilot: str,
+    parameter: str,
+    where: str,
+    unit: str = "",
+    *,
+    e: float,
+    share: bool = False,
+    holds_mass: bool = False,
+) -> Change:
+    """A parameter of an autopilot that is multiplied by 1 + the effect's `e`, to the power `e`."""
+    return Change(
+        autopilot=autopilot,
+        parameter=parameter,
+        where=where,
+        unit=unit,
+        powers={"e": e},
+        share=share,
+        holds_mass=holds_mass,
+    )
+
+
+def offset(autopilot: str, parameter: str, where: str, unit: str, **gains: float) -> Change:
+    """A parameter of an autopilot to which an effect's sizes are added, each times its gain."""
+    return Change(autopilot=autopilot, parameter=parameter, where=where, gains=gains, unit=unit)
+
+
 VOLTAGE_COMPENSATION = (
     Change(
         autopilot="px4",

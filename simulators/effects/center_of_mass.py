@@ -7,10 +7,9 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
-from simulators.effects.card import Change, EffectCard, Input, Shown
-from simulators.effects.contract import Parameter, PlantEffect
+from simulators.effects.card import EffectCard, Input, Shown, offset
+from simulators.effects.contract import Number, Parameter, PlantEffect, declared
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -23,15 +22,19 @@ _OFFSET = Parameter(
 )
 
 
+def _places(axis: str) -> str:
+    """PX4's parameters of where the rotors are."""
+    return ", ".join(f"CA_ROTOR{i}_P{axis}" for i in range(4))
+
+
 class CenterOfMass(PlantEffect):
     """A battery or payload mounted off centre. Source: rigid-body mechanics."""
 
-    x: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    x: Number = declared(_OFFSET)
     """Offset along body x, forward [m]."""
-    y: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    y: Number = declared(_OFFSET)
     """Offset along body y, left [m]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {"x": _OFFSET, "y": _OFFSET}
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 5
     version: ClassVar[str] = "1"
@@ -47,19 +50,11 @@ class CenterOfMass(PlantEffect):
         inputs=frozenset({Input.ATTITUDE_CMD}),
         check="move the battery until the drone hovers level",
         changes=(
-            Change(
-                autopilot="px4",
-                parameter="CA_ROTOR0_PX, CA_ROTOR1_PX, CA_ROTOR2_PX, CA_ROTOR3_PX",
-                where="rotors' places forward of the centre of mass",
-                gains={"x": -1.0},
-                unit="m",
+            offset(
+                "px4", _places("X"), "rotors' places forward of the centre of mass", "m", x=-1.0
             ),
-            Change(
-                autopilot="px4",
-                parameter="CA_ROTOR0_PY, CA_ROTOR1_PY, CA_ROTOR2_PY, CA_ROTOR3_PY",
-                where="rotors' places to the right of the centre of mass",
-                gains={"y": 1.0},
-                unit="m",
+            offset(
+                "px4", _places("Y"), "rotors' places to the right of the centre of mass", "m", y=1.0
             ),
         ),
     )

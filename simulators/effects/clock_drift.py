@@ -6,24 +6,19 @@ speed by a rate r. A queue that is filled faster than it is emptied delays comma
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Shown
-from simulators.effects.contract import Parameter
+from simulators.effects.contract import Number, parameter
 from simulators.effects.late import LateEffect
 
 
 class ClockDrift(LateEffect):
     """A delay that grows with time, up to `LONGEST_DELAY_S`. Source: the two clocks' equation."""
 
-    rate: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    rate: Number = parameter("s/s", 0.0, 0.05, source="a guess")
     """Growth of the delay [s/s]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "rate": Parameter(unit="s/s", low=0.0, high=0.05, neutral=0.0, source="a guess")
-    }
     order: ClassVar[int] = 8
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -15,14 +15,13 @@ regularised friction, which drags the balls' surfaces along and so turns the dro
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.algebra.impacts import LEAST_RESTITUTION, Balls, Surface, damping_of, push
 from simulators.algebra.rotation import rotate
 from simulators.effects.card import EffectCard, Input, Shown, percent
-from simulators.effects.contract import Parameter, StiffEffect
+from simulators.effects.contract import Number, StiffEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import COLLISION_RADIUS, Vehicle
 
@@ -30,40 +29,21 @@ from simulators.vehicle import COLLISION_RADIUS, Vehicle
 class Collision(StiffEffect):
     """Source: Hunt and Crossley (1975) with the exponent of Hertz; friction after Coulomb."""
 
-    radius: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    radius: Number = parameter(
+        "m", 0.0, 0.3, source=f"paper, Sec. IV-A: {COLLISION_RADIUS:g}; the bound is a guess"
+    )
     """Distance of a drone's centre from what others touch of it [m]."""
-    clearance: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    clearance: Number = parameter("m", 0.0, 0.1, source="a Crazyflie's legs: 0.02; a guess")
     """Height of a drone's centre above the floor that it touches [m]."""
-    stiffness: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=2000.0)
+    stiffness: Number = parameter(
+        "N/m^1.5", 200.0, 10000.0, 2000.0, source="a guess: an impact of 1 m/s is 11 mm deep"
+    )
     """Force at a depth of 1 m [N/m^1.5]."""
-    restitution: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.5)
+    restitution: Number = parameter("-", LEAST_RESTITUTION, 1.0, 0.5, source="a guess")
     """Share of its speed that an impact of 1 m/s leaves [-]; slower ones keep more."""
-    friction: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.3)
+    friction: Number = parameter("-", 0.0, 1.0, 0.3, source="a guess")
     """Friction over the normal force [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "radius": Parameter(
-            unit="m",
-            low=0.0,
-            high=0.3,
-            neutral=0.0,
-            source=f"paper, Sec. IV-A: {COLLISION_RADIUS:g}; the bound is a guess",
-        ),
-        "clearance": Parameter(
-            unit="m", low=0.0, high=0.1, neutral=0.0, source="a Crazyflie's legs: 0.02; a guess"
-        ),
-        "stiffness": Parameter(
-            unit="N/m^1.5",
-            low=200.0,
-            high=10000.0,
-            neutral=2000.0,
-            source="a guess: an impact of 1 m/s is 11 mm deep",
-        ),
-        "restitution": Parameter(
-            unit="-", low=LEAST_RESTITUTION, high=1.0, neutral=0.5, source="a guess"
-        ),
-        "friction": Parameter(unit="-", low=0.0, high=1.0, neutral=0.3, source="a guess"),
-    }
     order: ClassVar[int] = 6
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -87,8 +67,9 @@ class Collision(StiffEffect):
 
     def surface(self) -> Surface:
         """What the drones are made of."""
-        damping = damping_of(self.restitution)
-        return Surface(self.radius, self.clearance, self.stiffness, damping, self.friction)
+        of = [self.radius, self.clearance, self.stiffness, self.restitution, self.friction]
+        radius, clearance, stiffness, restitution, friction = map(jnp.asarray, of)
+        return Surface(radius, clearance, stiffness, damping_of(restitution), friction)
 
 
 def _balls(flight: Flight, vehicle: Vehicle) -> Balls:

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
@@ -35,6 +36,11 @@ DOORS = (
 """The hooks that a simulator may have; `rotation` means that torque and inertia act, `rotors` that
 the rotors' own inertia and the curve of their response do, beside one time constant, and `sensing`
 that what controllers see is not the flight itself (`simulators/drawn/`)."""
+Number = Float[Array, "*drones"] | float
+"""What may be given for a parameter; the effect holds an array, without axes unless it was drawn
+for each drone."""
+DECLARED = "parameter"
+"""Key of a field's metadata under which its `Parameter` stands."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -55,11 +61,30 @@ class Parameter:
     """Whether it multiplies: 1 + value where neutral is 0, the value where neutral is 1."""
 
 
+def declared(info: Parameter) -> Any:
+    """A field of an effect that is this parameter, neutral by default."""
+    return eqx.field(converter=jnp.asarray, default=info.neutral, metadata={DECLARED: info})
+
+
+def parameter(
+    unit: str, low: float, high: float, neutral: float = 0.0, *, source: str, factor: bool = False
+) -> Any:
+    """A field of an effect that is a parameter (`Parameter` has the arguments)."""
+    return declared(
+        Parameter(unit=unit, low=low, high=high, neutral=neutral, source=source, factor=factor)
+    )
+
+
+def excess(low: float, high: float, source: str) -> Any:
+    """A field of an effect that is a relative excess, which multiplies by 1 + its value."""
+    return parameter("-", low, high, source=source, factor=True)
+
+
 class AbstractEffect(eqx.Module):
     """One physical effect that a simulator leaves out."""
 
-    parameters: eqx.AbstractClassVar[dict[str, Parameter]]
-    """Every field that is a number, by name."""
+    parameters: ClassVar[dict[str, Parameter]] = {}
+    """Every field that is a number, by name; those declared by `parameter` are entered here."""
     door: eqx.AbstractClassVar[str]
     """The hook through which the effect acts; the class for that door has it."""
     needs: ClassVar[tuple[str, ...]] = ()
@@ -70,6 +95,13 @@ class AbstractEffect(eqx.Module):
     """Declared version; results are reused only while it stays the same."""
     card: ClassVar[EffectCard | None] = None
     """What everybody else needs to know of the effect; None stands for a plain one."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        own = {n: x for n, x in vars(cls).items() if isinstance(x, dataclasses.Field)}
+        found = {n: x.metadata[DECLARED] for n, x in own.items() if DECLARED in x.metadata}
+        if found:
+            cls.parameters = {**cls.parameters, **found}
 
     def init(self, n_drones: int, dt: float) -> Any:
         """The memory at reset, a pytree, for steps of `dt` [s]; None without one."""
@@ -110,6 +142,21 @@ class PlantEffect(AbstractEffect):
         self, memory: Any, flight: Flight, vehicle: Vehicle, dt: float
     ) -> tuple[Any, Vehicle]:
         """The vehicle as it is at this step."""
+
+
+class ScalingEffect(PlantEffect):
+    """An effect that multiplies one constant of the plant by 1 + e."""
+
+    e: eqx.AbstractVar[Number]
+    """Relative excess [-]."""
+    scales: eqx.AbstractClassVar[str]
+    """The field of `Vehicle` that it multiplies."""
+
+    def plant(
+        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
+    ) -> tuple[None, Vehicle]:
+        value = getattr(vehicle, self.scales) * (1.0 + self.e)
+        return None, eqx.tree_at(lambda v: getattr(v, self.scales), vehicle, value)
 
 
 class ResponseEffect(AbstractEffect):

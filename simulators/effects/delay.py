@@ -2,26 +2,20 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Shown
-from simulators.effects.contract import Parameter
+from simulators.effects.contract import Number, parameter
 from simulators.effects.late import LONGEST_DELAY_S, LateEffect
 
 
 class Delay(LateEffect):
     """Latency between the policy and the autopilot. Source: 0 to 60 ms in radio-linked fleets."""
 
-    seconds: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    seconds: Number = parameter("s", 0.0, LONGEST_DELAY_S, source="published 0 to 60 ms")
     """Delay [s], at most `LONGEST_DELAY_S`."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "seconds": Parameter(
-            unit="s", low=0.0, high=LONGEST_DELAY_S, neutral=0.0, source="published 0 to 60 ms"
-        )
-    }
     order: ClassVar[int] = 9
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -50,4 +44,4 @@ class Delay(LateEffect):
     )
 
     def late(self, t: Float[Array, "*n"]) -> Float[Array, "..."]:
-        return self.seconds
+        return jnp.asarray(self.seconds)

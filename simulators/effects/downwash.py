@@ -7,12 +7,11 @@ does not decay with height. A drone alone is not affected.
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Shown
-from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.effects.contract import Number, WrenchEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -23,24 +22,17 @@ GATE = 0.05
 class Downwash(WrenchEffect):
     """Source: Gaussian profile as in arXiv 2103.02142, without its dependence on height."""
 
-    strength: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    strength: Number = parameter(
+        "m/s^2",
+        0.0,
+        8.0,
+        source="published 5 to 20 gram-force, about 10 on 34 g in arXiv 2003.02992; the bound "
+        "is a guess",
+    )
     """Specific force straight below a drone [m/s^2]."""
-    width: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.1)
+    width: Number = parameter("m", 0.03, 0.3, 0.1, source="published 0.05 to 0.12, rest a guess")
     """Standard deviation of the profile [m]; without effect at zero strength."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "strength": Parameter(
-            unit="m/s^2",
-            low=0.0,
-            high=8.0,
-            neutral=0.0,
-            source="published 5 to 20 gram-force, about 10 on 34 g in arXiv 2003.02992; the bound "
-            "is a guess",
-        ),
-        "width": Parameter(
-            unit="m", low=0.03, high=0.3, neutral=0.1, source="published 0.05 to 0.12, rest a guess"
-        ),
-    }
     order: ClassVar[int] = 5
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(

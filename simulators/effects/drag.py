@@ -9,13 +9,12 @@ change the force of the air.
 from collections.abc import Mapping
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Shown
-from simulators.effects.contract import BrakingEffect, Parameter, WrenchEffect
+from simulators.effects.contract import BrakingEffect, Number, WrenchEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -23,19 +22,15 @@ from simulators.vehicle import Vehicle
 class Drag(WrenchEffect, BrakingEffect):
     """Excess aerodynamic drag. Source: paper, Sec. V-C (c = 2.0 1/s)."""
 
-    c: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    c: Number = parameter(
+        "1/s",
+        -0.5,
+        3.0,
+        source="real logs 0.33 to 0.44, crazyflow 0.46 and 0.50, paper 2.0; below 0: a "
+        "simulator that drags too much",
+    )
     """Drag coefficient over mass [1/s]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "c": Parameter(
-            unit="1/s",
-            low=-0.5,
-            high=3.0,
-            neutral=0.0,
-            source="real logs 0.33 to 0.44, crazyflow 0.46 and 0.50, paper 2.0; below 0: a "
-            "simulator that drags too much",
-        )
-    }
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(
         label="linear drag",

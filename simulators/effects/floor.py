@@ -8,24 +8,18 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Probe
-from simulators.effects.contract import Parameter, StateEffect
+from simulators.effects.contract import Number, StateEffect, parameter
 from simulators.flight import Flight
 
 
 class Floor(StateEffect):
     """The ground, for a simulator without one. Source: crazyflow 0.4.0, ``clip_floor_pos``."""
 
-    height: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=-float("inf"))
+    height: Number = parameter("m", -0.1, 0.1, -float("inf"), source="crazyflow: -0.001")
     """Height of the floor, world z [m]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "height": Parameter(
-            unit="m", low=-0.1, high=0.1, neutral=-float("inf"), source="crazyflow: -0.001"
-        )
-    }
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="floor",

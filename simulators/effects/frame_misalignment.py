@@ -2,13 +2,15 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import DEGREES, Change, EffectCard, Input, Shown
-from simulators.effects.contract import CommandEffect, Parameter
+from simulators.effects.card import DEGREES, EffectCard, Input, Shown, offset
+from simulators.effects.contract import CommandEffect, Number, parameter
 from simulators.flight import Flight
+
+_SEEN = "where motion capture gives the heading"
+_BOARDS = "Crazyflie 2.1 and Brushless"
 
 
 class FrameMisalignment(CommandEffect):
@@ -18,12 +20,9 @@ class FrameMisalignment(CommandEffect):
     Source: a rotation of the horizontal command, exact for small tilts.
     """
 
-    angle: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    angle: Number = parameter("rad", -0.5, 0.5, source="a guess")
     """Turn of the commanded tilt, counter-clockwise seen from above [rad]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "angle": Parameter(unit="rad", low=-0.5, high=0.5, neutral=0.0, source="a guess")
-    }
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="frame misalignment",
@@ -36,20 +35,8 @@ class FrameMisalignment(CommandEffect):
         flight="back and forth along one axis, without turning",
         check="look at how the flight controller is turned on the frame",
         changes=(
-            Change(
-                autopilot="px4",
-                parameter="SENS_BOARD_Z_OFF",
-                where="board's yaw, where motion capture gives the heading",
-                gains={"angle": -DEGREES},
-                unit="°",
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="imu_sensors.imuPsi",
-                where="Crazyflie 2.1 and Brushless, where motion capture gives the heading",
-                gains={"angle": -DEGREES},
-                unit="°",
-            ),
+            offset("px4", "SENS_BOARD_Z_OFF", f"board's yaw, {_SEEN}", "°", angle=-DEGREES),
+            offset("crazyflie", "imu_sensors.imuPsi", f"{_BOARDS}, {_SEEN}", "°", angle=-DEGREES),
         ),
     )
 

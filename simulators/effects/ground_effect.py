@@ -7,13 +7,12 @@ With T the thrust, h the height and r the rotor's radius,
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.algebra.rotation import body_z
 from simulators.effects.card import EffectCard, Shown
-from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.effects.contract import Number, WrenchEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -24,18 +23,11 @@ ROTOR_RADIUS = 0.0231
 class GroundEffect(WrenchEffect):
     """Source: Cheeseman and Bennett (1955) to first order, with their 1 left free as `c`."""
 
-    c: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    c: Number = parameter(
+        "-", 0.0, 20.0, source="published 4 to 16, 11.4 in gym-pybullet-drones (arXiv 2103.02142)"
+    )
     """Strength [-]; 1 for a single rotor in theory."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "c": Parameter(
-            unit="-",
-            low=0.0,
-            high=20.0,
-            neutral=0.0,
-            source="published 4 to 16, 11.4 in gym-pybullet-drones (arXiv 2103.02142)",
-        )
-    }
     order: ClassVar[int] = 4
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -9,12 +9,18 @@ so the impulse depends on the onset continuously and differentiably.
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Shown
-from simulators.effects.contract import OnsetEffect, Parameter, WrenchEffect
+from simulators.effects.contract import (
+    Number,
+    OnsetEffect,
+    Parameter,
+    WrenchEffect,
+    declared,
+    parameter,
+)
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -27,23 +33,15 @@ _VERTICAL = Parameter(unit="m/s^2", low=-1.0, high=1.0, neutral=0.0, source="a g
 class Gust(WrenchEffect, OnsetEffect):
     """Wind that sets in during a flight. Source: a step, the simplest onset; a guess."""
 
-    x: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    x: Number = declared(_HORIZONTAL)
     """Specific force along world x [m/s^2]."""
-    y: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    y: Number = declared(_HORIZONTAL)
     """Specific force along world y [m/s^2]."""
-    z: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    z: Number = declared(_VERTICAL)
     """Specific force along world z [m/s^2]."""
-    onset: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    onset: Number = parameter("s", 0.0, 600.0, source="any time in a battery's flight")
     """Time since the reset at which it sets in [s]; without effect while the force is zero."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "x": _HORIZONTAL,
-        "y": _HORIZONTAL,
-        "z": _VERTICAL,
-        "onset": Parameter(
-            unit="s", low=0.0, high=600.0, neutral=0.0, source="any time in a battery's flight"
-        ),
-    }
     order: ClassVar[int] = 3
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(

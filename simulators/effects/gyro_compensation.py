@@ -6,13 +6,12 @@ The rotors give it as late as they follow: m' = (w x J w - m) / tau, torque = sh
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.algebra.rotation import rotate
 from simulators.effects.card import EffectCard, Input, percent
-from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.effects.contract import Number, WrenchEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -25,19 +24,15 @@ class GyroCompensation(WrenchEffect):
     Without it, a drone that rolls while it yaws is pitched.
     """
 
-    share: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    share: Number = parameter(
+        "-",
+        0.0,
+        4.0,
+        source="0 in crazyflow's Mellinger loop, 1 in RotorPy's times its inertia over the "
+        "believed one; the upper bound is a guess",
+    )
     """Part of the gyroscopic torque that the autopilot cancels [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "share": Parameter(
-            unit="-",
-            low=0.0,
-            high=4.0,
-            neutral=0.0,
-            source="0 in crazyflow's Mellinger loop, 1 in RotorPy's times its inertia over the "
-            "believed one; the upper bound is a guess",
-        )
-    }
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 9
     version: ClassVar[str] = "2"

@@ -2,14 +2,8 @@
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
-
 from simulators.effects.card import MELLINGER, EffectCard, Input, Probe, gain, percent
-from simulators.effects.contract import Parameter, PlantEffect
-from simulators.flight import Flight
-from simulators.vehicle import Vehicle
+from simulators.effects.contract import Number, ScalingEffect, excess
 
 GAINS = (
     *(gain("px4", f"MC_{axis}RATE_K", e=1.0) for axis in ("ROLL", "PITCH", "YAW")),
@@ -21,23 +15,18 @@ GAINS = (
 """All that turns into a torque, which must grow as the inertia does."""
 
 
-class Inertia(PlantEffect):
+class Inertia(ScalingEffect):
     """Mass further out or closer in than believed. Source: spread of published airframe data."""
 
-    e: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    e: Number = excess(
+        -0.5,
+        3.0,
+        "16.8e-6 (cf2x_L250) to 25e-6 kg m^2 (cf21B_500) in crazyflow 0.4.0; the outer "
+        "bounds are a guess",
+    )
     """Relative excess moment of inertia [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "e": Parameter(
-            unit="-",
-            low=-0.5,
-            high=3.0,
-            neutral=0.0,
-            factor=True,
-            source="16.8e-6 (cf2x_L250) to 25e-6 kg m^2 (cf21B_500) in crazyflow 0.4.0; the outer "
-            "bounds are a guess",
-        )
-    }
+    scales: ClassVar[str] = "inertia"
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 3
     version: ClassVar[str] = "1"
@@ -62,9 +51,3 @@ class Inertia(PlantEffect):
         check="look for mass that was moved outwards or inwards, such as a longer battery",
         changes=GAINS,
     )
-
-    def plant(
-        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
-    ) -> tuple[None, Vehicle]:
-        inertia = vehicle.inertia * (1.0 + self.e)
-        return None, eqx.tree_at(lambda v: v.inertia, vehicle, inertia)

@@ -3,32 +3,19 @@
 from collections.abc import Mapping
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
-
-from simulators.effects.card import Change, EffectCard, Probe, percent
-from simulators.effects.contract import Parameter, PlantEffect, WeightEffect
-from simulators.flight import Flight
-from simulators.vehicle import Vehicle
+from simulators.effects.card import HOVER_THRUST, MELLINGER, EffectCard, Probe, factor, percent
+from simulators.effects.contract import Number, ScalingEffect, WeightEffect, excess
 
 
-class Mass(PlantEffect, WeightEffect):
+class Mass(ScalingEffect, WeightEffect):
     """A vehicle heavier or lighter than believed. Source: paper, Sec. V-C (+20 %)."""
 
-    e: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    e: Number = excess(
+        -0.3, 0.6, "27 g (URDF) to 32.8 g (crazyflow) for one airframe, payloads of 5 to 10 g"
+    )
     """Relative excess mass [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "e": Parameter(
-            unit="-",
-            low=-0.3,
-            high=0.6,
-            neutral=0.0,
-            factor=True,
-            source="27 g (URDF) to 32.8 g (crazyflow) for one airframe, payloads of 5 to 10 g",
-        )
-    }
+    scales: ClassVar[str] = "mass"
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
         label="mass",
@@ -55,43 +42,12 @@ class Mass(PlantEffect, WeightEffect):
         check="weigh the vehicle with its battery (if the mass is as believed, thrust is missing, "
         "and no mass was added)",
         changes=(
-            Change(
-                autopilot="px4",
-                parameter="MPC_THR_HOVER",
-                where="hover thrust, from which the estimator of it starts",
-                powers={"e": 1.0},
-                share=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlMel.mass",
-                where="Mellinger controller",
-                powers={"e": 1.0},
-                unit="kg",
-                holds_mass=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlLee.mass",
-                where="Lee controller",
-                powers={"e": 1.0},
-                unit="kg",
-                holds_mass=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="posCtlPid.thrustBase",
-                where="PID controller",
-                powers={"e": 1.0},
-            ),
+            factor("px4", "MPC_THR_HOVER", HOVER_THRUST, share=True, e=1.0),
+            factor("crazyflie", "ctrlMel.mass", MELLINGER, "kg", holds_mass=True, e=1.0),
+            factor("crazyflie", "ctrlLee.mass", "Lee controller", "kg", holds_mass=True, e=1.0),
+            factor("crazyflie", "posCtlPid.thrustBase", "PID controller", e=1.0),
         ),
     )
-
-    def plant(
-        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
-    ) -> tuple[None, Vehicle]:
-        mass = vehicle.mass * (1.0 + self.e)
-        return None, eqx.tree_at(lambda v: v.mass, vehicle, mass)
 
     @staticmethod
     def weight(values: Mapping[str, float]) -> float:

@@ -3,11 +3,9 @@
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Shown
-from simulators.effects.contract import Parameter, PlantEffect
+from simulators.effects.contract import Number, PlantEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -15,21 +13,18 @@ from simulators.vehicle import Vehicle
 class MotorLag(PlantEffect):
     """Rotors slower or faster than believed. Source: spread of identified time constants."""
 
-    scale: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=1.0)
+    scale: Number = parameter(
+        "-",
+        0.3,
+        5.0,
+        1.0,
+        factor=True,
+        source="0.057 and 0.062 s (cf21B), 0.136 and 0.106 s (L250) in crazyflow 0.4.0, 0.072 "
+        "s in arXiv 2404.07837; the lower bound is a guess. At 4 times nominal one of three "
+        "simulated flights of cf21B_500 turned over, at 5 times all did",
+    )
     """Time constants over their nominal values [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "scale": Parameter(
-            unit="-",
-            low=0.3,
-            high=5.0,
-            neutral=1.0,
-            factor=True,
-            source="0.057 and 0.062 s (cf21B), 0.136 and 0.106 s (L250) in crazyflow 0.4.0, 0.072 "
-            "s in arXiv 2404.07837; the lower bound is a guess. At 4 times nominal one of three "
-            "simulated flights of cf21B_500 turned over, at 5 times all did",
-        )
-    }
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     order: ClassVar[int] = 4
     version: ClassVar[str] = "1"

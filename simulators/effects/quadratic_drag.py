@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Shown
-from simulators.effects.contract import BrakingEffect, Parameter, WrenchEffect
+from simulators.effects.contract import BrakingEffect, Number, WrenchEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -25,19 +24,15 @@ because the gradient of the mean is not finite.
 class QuadraticDrag(WrenchEffect, BrakingEffect):
     """Drag of a bluff body, beside the linear drag of the rotors. Source: Rayleigh's equation."""
 
-    k: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    k: Number = parameter(
+        "1/m",
+        -0.2,
+        1.5,
+        source="a guess: 1/2 1.2 kg/m^3 of 0.01 m^2 give 0.14 at 43 g; below 0: a simulator "
+        "that drags too much",
+    )
     """Drag coefficient over mass [1/m]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "k": Parameter(
-            unit="1/m",
-            low=-0.2,
-            high=1.5,
-            neutral=0.0,
-            source="a guess: 1/2 1.2 kg/m^3 of 0.01 m^2 give 0.14 at 43 g; below 0: a simulator "
-            "that drags too much",
-        )
-    }
     order: ClassVar[int] = 1
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(

@@ -2,12 +2,8 @@
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
-
 from simulators.effects.card import MELLINGER, EffectCard, Input, Probe, gain, percent
-from simulators.effects.contract import AutopilotEffect, Parameter
+from simulators.effects.contract import AutopilotEffect, Number, excess
 from simulators.flight import Flight
 from simulators.vehicle import AutopilotGains
 
@@ -15,41 +11,23 @@ from simulators.vehicle import AutopilotGains
 class RollPitchGains(AutopilotEffect):
     """An autopilot tuned otherwise than believed. Source: PID and Mellinger loops of Crazyflies."""
 
-    stiffness: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    stiffness: Number = excess(-0.95, 4.0, "a guess")
     """Relative excess of the gain on the attitude error [-]."""
-    damping: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    damping: Number = excess(-0.95, 4.0, "a guess")
     """Relative excess of the gain on the error in angular velocity [-]."""
-    acceleration: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    acceleration: Number = excess(
+        -1.0, 4.0, "-1 is a loop without this gain; the upper bound is a guess"
+    )
     """Relative excess of the gain on the rate at which that error changes [-]."""
 
-    roll: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    roll: Number = excess(
+        -0.5,
+        1.0,
+        "-0.11 makes the two loops of cf21B_500 alike, whose inertias are 25e-6 and "
+        "28e-6 kg m^2; the bounds are a guess",
+    )
     """Relative excess of all gains of roll over those of pitch [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "stiffness": Parameter(
-            unit="-", low=-0.95, high=4.0, neutral=0.0, factor=True, source="a guess"
-        ),
-        "damping": Parameter(
-            unit="-", low=-0.95, high=4.0, neutral=0.0, factor=True, source="a guess"
-        ),
-        "acceleration": Parameter(
-            unit="-",
-            low=-1.0,
-            high=4.0,
-            neutral=0.0,
-            factor=True,
-            source="-1 is a loop without this gain; the upper bound is a guess",
-        ),
-        "roll": Parameter(
-            unit="-",
-            low=-0.5,
-            high=1.0,
-            neutral=0.0,
-            factor=True,
-            source="-0.11 makes the two loops of cf21B_500 alike, whose inertias are 25e-6 and "
-            "28e-6 kg m^2; the bounds are a guess",
-        ),
-    }
     needs: ClassVar[tuple[str, ...]] = ("rotation",)
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -18,14 +18,13 @@ whose own motion by w is left out. A simulator without rotation ignores the torq
 from collections.abc import Mapping
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from simulators.algebra.rotation import along, body_z, rotate
 from simulators.effects.card import EffectCard, Shown
-from simulators.effects.contract import BrakingEffect, Parameter, WrenchEffect
+from simulators.effects.contract import BrakingEffect, Number, WrenchEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import GRAVITY, Vehicle
 
@@ -35,15 +34,11 @@ _SOURCE = "1.77 along and 0.75 across the axis in RotorPy's Crazyflie Brushless;
 class RotorDrag(WrenchEffect, BrakingEffect):
     """Inflow along rotors and blade drag across them. Source: RotorPy (2023), its k_z and k_d."""
 
-    axial: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    axial: Number = parameter("1/s", 0.0, 4.0, source=_SOURCE)
     """Drag along the rotor axis in hover, over mass [1/s]."""
-    lateral: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    lateral: Number = parameter("1/s", 0.0, 4.0, source=_SOURCE)
     """Drag across it."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "axial": Parameter(unit="1/s", low=0.0, high=4.0, neutral=0.0, source=_SOURCE),
-        "lateral": Parameter(unit="1/s", low=0.0, high=4.0, neutral=0.0, source=_SOURCE),
-    }
     order: ClassVar[int] = 7
     version: ClassVar[str] = "3"
     card: ClassVar[EffectCard] = EffectCard(

@@ -2,32 +2,17 @@
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
-
 from simulators.effects.card import EffectCard, Input, Probe, percent
-from simulators.effects.contract import Parameter, PlantEffect
-from simulators.flight import Flight
-from simulators.vehicle import Vehicle
+from simulators.effects.contract import Number, ScalingEffect, excess
 
 
-class RotorInertia(PlantEffect):
+class RotorInertia(ScalingEffect):
     """Propellers and motors heavier or lighter than believed. Source: crazyflow's 39e-9 kg m^2."""
 
-    e: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    e: Number = excess(-1.0, 2.0, "-1 is a simulator without it; the upper bound is a guess")
     """Relative excess moment of inertia of every rotor [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "e": Parameter(
-            unit="-",
-            low=-1.0,
-            high=2.0,
-            neutral=0.0,
-            factor=True,
-            source="-1 is a simulator without it; the upper bound is a guess",
-        )
-    }
+    scales: ClassVar[str] = "rotor_inertia_scale"
     needs: ClassVar[tuple[str, ...]] = ("rotation", "rotors")
     order: ClassVar[int] = 6
     version: ClassVar[str] = "1"
@@ -46,9 +31,3 @@ class RotorInertia(PlantEffect):
         flight="yaw steps of 0.5 rad every second",
         probe=Probe("rotors", {"e": 2.0}),
     )
-
-    def plant(
-        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
-    ) -> tuple[None, Vehicle]:
-        scale = vehicle.rotor_inertia_scale * (1.0 + self.e)
-        return None, eqx.tree_at(lambda v: v.rotor_inertia_scale, vehicle, scale)

@@ -3,11 +3,9 @@
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Shown
-from simulators.effects.contract import Parameter, PlantEffect
+from simulators.effects.contract import Number, PlantEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -19,30 +17,26 @@ class RotorResponse(PlantEffect):
     the mean thrust wherever a thrust or attitude command swings, and the more, the less thrust.
     """
 
-    slowing: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=1.0)
+    slowing: Number = parameter(
+        "-",
+        0.3,
+        3.0,
+        1.0,
+        factor=True,
+        source="slowing down takes 1.09 (cf21B) and 0.78 (L250) times as long as speeding up "
+        "in crazyflow 0.4.0; the bounds are those of `motor_lag`",
+    )
     """Time constant of slowing down over its nominal value, beside `motor_lag` [-]."""
-    quadratic: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=1.0)
+    quadratic: Number = parameter(
+        "-",
+        0.0,
+        2.0,
+        1.0,
+        source="0 is a lag that is linear in the speed, as in RotorPy 2.1; the upper bound is "
+        "a guess",
+    )
     """Quadratic part of the lag over its nominal value, the time constants in hover kept [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "slowing": Parameter(
-            unit="-",
-            low=0.3,
-            high=3.0,
-            neutral=1.0,
-            factor=True,
-            source="slowing down takes 1.09 (cf21B) and 0.78 (L250) times as long as speeding up "
-            "in crazyflow 0.4.0; the bounds are those of `motor_lag`",
-        ),
-        "quadratic": Parameter(
-            unit="-",
-            low=0.0,
-            high=2.0,
-            neutral=1.0,
-            source="0 is a lag that is linear in the speed, as in RotorPy 2.1; the upper bound is "
-            "a guess",
-        ),
-    }
     needs: ClassVar[tuple[str, ...]] = ("rotation", "rotors")
     order: ClassVar[int] = 7
     version: ClassVar[str] = "1"

@@ -2,37 +2,26 @@
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
-
-from simulators.effects.card import Change, EffectCard, percent
-from simulators.effects.contract import Parameter, PlantEffect
-from simulators.flight import Flight
-from simulators.vehicle import Vehicle
+from simulators.effects.card import HOVER_THRUST, MELLINGER, EffectCard, factor, percent
+from simulators.effects.contract import Number, ScalingEffect, excess
 
 WEAKEST = -0.8
 """Least gain of a map from PWM and voltage: that of one drone gave 2.0 times its weight in hover;
 the bound is a guess."""
 
 
-class ThrustGain(PlantEffect):
+class ThrustGain(ScalingEffect):
     """Rotors stronger or weaker than believed. Source: unit-to-unit spread of one fleet."""
 
-    e: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    e: Number = excess(
+        -0.5,
+        0.5,
+        "-0.14 to 0.03 over a fleet of one airframe, maps from PWM off by a third; the "
+        "bound is a guess",
+    )
     """Relative excess thrust [-]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "e": Parameter(
-            unit="-",
-            low=-0.5,
-            high=0.5,
-            neutral=0.0,
-            factor=True,
-            source="-0.14 to 0.03 over a fleet of one airframe, maps from PWM off by a third; the "
-            "bound is a guess",
-        )
-    }
+    scales: ClassVar[str] = "thrust_gain"
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -56,30 +45,8 @@ class ThrustGain(PlantEffect):
             "look at the propellers, the battery, and how commands become newtons in these logs"
         ),
         changes=(
-            Change(
-                autopilot="px4",
-                parameter="MPC_THR_HOVER",
-                where="hover thrust, from which the estimator of it starts",
-                powers={"e": -1.0},
-                share=True,
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="ctrlMel.massThrust",
-                where="Mellinger controller",
-                powers={"e": -1.0},
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="posCtlPid.thrustBase",
-                where="PID controller",
-                powers={"e": -1.0},
-            ),
+            factor("px4", "MPC_THR_HOVER", HOVER_THRUST, share=True, e=-1.0),
+            factor("crazyflie", "ctrlMel.massThrust", MELLINGER, e=-1.0),
+            factor("crazyflie", "posCtlPid.thrustBase", "PID controller", e=-1.0),
         ),
     )
-
-    def plant(
-        self, memory: None, flight: Flight, vehicle: Vehicle, dt: float
-    ) -> tuple[None, Vehicle]:
-        gain = vehicle.thrust_gain * (1.0 + self.e)
-        return None, eqx.tree_at(lambda v: v.thrust_gain, vehicle, gain)

@@ -9,12 +9,11 @@ which is u exactly at tau = 0, with the derivative (x_k - u) / h there.
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Input, Probe, Shown
-from simulators.effects.contract import Parameter, ResponseEffect
+from simulators.effects.contract import Number, Parameter, ResponseEffect, declared
 
 _TIME = Parameter(
     unit="s",
@@ -29,12 +28,11 @@ _TIME = Parameter(
 class ThrustLag(ResponseEffect):
     """Rotors that take time to change speed. Source: first-order rotor, arXiv 2404.07837."""
 
-    up: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    up: Number = declared(_TIME)
     """Time constant of rising thrust [s]."""
-    down: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    down: Number = declared(_TIME)
     """Time constant of falling thrust [s]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {"up": _TIME, "down": _TIME}
     order: ClassVar[int] = 1
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

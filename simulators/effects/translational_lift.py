@@ -11,13 +11,12 @@ without drag beside it, a drone at full thrust would be at infinity within ten s
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.algebra.rotation import along, body_z, rotate
 from simulators.effects.card import EffectCard, Shown
-from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.effects.contract import Number, WrenchEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -28,18 +27,11 @@ FASTEST = 20.0
 class TranslationalLift(WrenchEffect):
     """Thrust gained by flying forward. Source: RotorPy (2023), its k_h; Svacha et al. (2017)."""
 
-    k: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    k: Number = parameter(
+        "1/m", -0.1, 0.6, source="0.10 in RotorPy's Crazyflie Brushless; the bounds are a guess"
+    )
     """Lift over mass and squared speed across the axis [1/m]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "k": Parameter(
-            unit="1/m",
-            low=-0.1,
-            high=0.6,
-            neutral=0.0,
-            source="0.10 in RotorPy's Crazyflie Brushless; the bounds are a guess",
-        )
-    }
     order: ClassVar[int] = 8
     version: ClassVar[str] = "4"
     card: ClassVar[EffectCard] = EffectCard(

@@ -2,12 +2,11 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import DEGREES, Change, EffectCard, Input, Probe, Shown
-from simulators.effects.contract import CommandEffect, Parameter
+from simulators.effects.card import DEGREES, EffectCard, Input, Probe, Shown, offset
+from simulators.effects.contract import CommandEffect, Number, Parameter, declared
 from simulators.flight import Flight
 
 _ANGLE = Parameter(
@@ -17,17 +16,18 @@ _ANGLE = Parameter(
     neutral=0.0,
     source="published 0 to 2 degrees (0.035); the bounds are a guess",
 )
+_OUTSIDE = "attitude must be measured from outside, as by motion capture"
+_CRAZYFLIES = "Crazyflie 2.1 and Brushless"
 
 
 class Trim(CommandEffect):
     """A level that is not level: a tilted sensor or mount. Source: constant bias."""
 
-    roll: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    roll: Number = declared(_ANGLE)
     """Added to commanded roll [rad]."""
-    pitch: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    pitch: Number = declared(_ANGLE)
     """Added to commanded pitch [rad]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {"roll": _ANGLE, "pitch": _ANGLE}
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
@@ -55,34 +55,10 @@ class Trim(CommandEffect):
         paths={"center_of_mass": "pumping", "wind": "turning"},
         check="level the flight controller, and calibrate its level",
         changes=(
-            Change(
-                autopilot="px4",
-                parameter="SENS_BOARD_X_OFF",
-                where="board's roll; attitude must be measured from outside, as by motion capture",
-                gains={"roll": -DEGREES},
-                unit="°",
-            ),
-            Change(
-                autopilot="px4",
-                parameter="SENS_BOARD_Y_OFF",
-                where="board's pitch; attitude must be measured from outside, as by motion capture",
-                gains={"pitch": DEGREES},
-                unit="°",
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="imu_sensors.imuPhi",
-                where="Crazyflie 2.1 and Brushless",
-                gains={"roll": DEGREES},
-                unit="°",
-            ),
-            Change(
-                autopilot="crazyflie",
-                parameter="imu_sensors.imuTheta",
-                where="Crazyflie 2.1 and Brushless",
-                gains={"pitch": DEGREES},
-                unit="°",
-            ),
+            offset("px4", "SENS_BOARD_X_OFF", f"board's roll; {_OUTSIDE}", "°", roll=-DEGREES),
+            offset("px4", "SENS_BOARD_Y_OFF", f"board's pitch; {_OUTSIDE}", "°", pitch=DEGREES),
+            offset("crazyflie", "imu_sensors.imuPhi", _CRAZYFLIES, "°", roll=DEGREES),
+            offset("crazyflie", "imu_sensors.imuTheta", _CRAZYFLIES, "°", pitch=DEGREES),
         ),
     )
 

@@ -34,7 +34,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray, UInt
 
 from simulators.effects.card import EffectCard, Shown
-from simulators.effects.contract import Parameter, RandomEffect, WrenchEffect
+from simulators.effects.contract import Number, RandomEffect, WrenchEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -64,23 +64,17 @@ class Air(eqx.Module):
 class Turbulence(WrenchEffect, RandomEffect):
     """Gusts in a mean wind, whose own steady push is the effect `wind`. Source: MIL-F-8785C."""
 
-    wind: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    wind: Number = parameter("m/s", 0.0, 15.0, source="MIL-F-8785C: light is 7.7")
     """Mean wind at 20 ft, which carries and scales the turbulence [m/s]."""
-    response: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.4)
+    response: Number = parameter(
+        "1/s",
+        0.0,
+        2.0,
+        0.4,
+        source="linear drag in real logs of small quadrotors 0.33 to 0.44; the bounds a guess",
+    )
     """Specific force of air that moves at 1 m/s [1/s]; without effect while there is no wind."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "wind": Parameter(
-            unit="m/s", low=0.0, high=15.0, neutral=0.0, source="MIL-F-8785C: light is 7.7"
-        ),
-        "response": Parameter(
-            unit="1/s",
-            low=0.0,
-            high=2.0,
-            neutral=0.4,
-            source="linear drag in real logs of small quadrotors 0.33 to 0.44; the bounds a guess",
-        ),
-    }
     order: ClassVar[int] = 2
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

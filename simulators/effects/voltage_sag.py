@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import VOLTAGE_COMPENSATION, EffectCard, Shown
-from simulators.effects.contract import Parameter, PlantEffect, VoltageEffect
+from simulators.effects.contract import Number, PlantEffect, VoltageEffect, parameter
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -24,18 +24,14 @@ FALL = 0.4 / 60.0
 class VoltageSag(PlantEffect, VoltageEffect):
     """A battery whose voltage is not compensated for. Source: linear form of thrust over V^2."""
 
-    k: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    k: Number = parameter(
+        "1/V",
+        0.0,
+        1.0,
+        source="thrust as voltage squared gives 0.48 near 4.2 V; the bound is a guess",
+    )
     """Share of the thrust that is lost per volt below a full cell [1/V]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "k": Parameter(
-            unit="1/V",
-            low=0.0,
-            high=1.0,
-            neutral=0.0,
-            source="thrust as voltage squared gives 0.48 near 4.2 V; the bound is a guess",
-        )
-    }
     order: ClassVar[int] = 7
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -2,12 +2,11 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Probe, Shown
-from simulators.effects.contract import Parameter, WrenchEffect
+from simulators.effects.contract import Number, Parameter, WrenchEffect, declared
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -20,18 +19,13 @@ _VERTICAL = Parameter(unit="m/s^2", low=-1.0, high=1.0, neutral=0.0, source="a g
 class Wind(WrenchEffect):
     """A persistent directional acceleration. Source: paper, Sec. V-C (1.5 m/s^2)."""
 
-    x: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    x: Number = declared(_HORIZONTAL)
     """Specific force along world x [m/s^2]."""
-    y: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    y: Number = declared(_HORIZONTAL)
     """Specific force along world y [m/s^2]."""
-    z: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    z: Number = declared(_VERTICAL)
     """Specific force along world z [m/s^2]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "x": _HORIZONTAL,
-        "y": _HORIZONTAL,
-        "z": _VERTICAL,
-    }
     order: ClassVar[int] = 1
     version: ClassVar[str] = "2"
     card: ClassVar[EffectCard] = EffectCard(

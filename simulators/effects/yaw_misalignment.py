@@ -2,24 +2,20 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import DEGREES, EffectCard, Input, Shown
-from simulators.effects.contract import CommandEffect, Parameter
+from simulators.effects.contract import CommandEffect, Number, parameter
 from simulators.flight import Flight
 
 
 class YawMisalignment(CommandEffect):
     """A heading reference that is turned against the world. Source: constant bias, a guess."""
 
-    angle: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    angle: Number = parameter("rad", -0.5, 0.5, source="a guess")
     """Added to commanded yaw [rad]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "angle": Parameter(unit="rad", low=-0.5, high=0.5, neutral=0.0, source="a guess")
-    }
     order: ClassVar[int] = 3
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(

@@ -7,7 +7,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from simulators.effects.card import EffectCard, Shown
-from simulators.effects.contract import OnsetEffect, Parameter, PlantEffect, WrenchEffect
+from simulators.effects.contract import (
+    Number,
+    OnsetEffect,
+    Parameter,
+    PlantEffect,
+    WrenchEffect,
+    parameter,
+)
 from simulators.flight import Flight
 from simulators.vehicle import Vehicle
 
@@ -15,12 +22,9 @@ from simulators.vehicle import Vehicle
 class Updraft(WrenchEffect):
     """Air that rises along x: f = k m x e_z; an example, no source."""
 
-    k: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
+    k: Number = parameter("1/s^2", -2.0, 2.0, source="a guess")
     """Gradient of the specific force [1/s^2]."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "k": Parameter(unit="1/s^2", low=-2.0, high=2.0, neutral=0.0, source="a guess")
-    }
     order: ClassVar[int] = 20
     version: ClassVar[str] = "1"
     card: ClassVar[EffectCard] = EffectCard(
