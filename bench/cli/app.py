@@ -5,6 +5,7 @@ commands in the same way. The functions import JAX and pandas themselves, so tha
 once.
 """
 
+import importlib.metadata
 import io
 import os
 import signal
@@ -12,9 +13,9 @@ import sys
 
 import cyclopts
 
-from bench.cli.checks import refuse_logs
 from bench.execution.signals import handled
 from bench.text.errors import UsageError
+from bench.text.words import clean
 from diagnosis.logs.columns import LogError
 from simulators import registry
 
@@ -27,7 +28,7 @@ def make_app() -> cyclopts.App:
     app = cyclopts.App(
         name="bench",
         help="How should drone-swarm policies be trained across simulator fidelities?",
-        version=_version,
+        version=lambda: f"fidelity-bench {importlib.metadata.version('fidelity-bench')}",
         version_flags=["--version"],
         suppress_keyboard_interrupt=False,  # `main` says that it was interrupted
     )
@@ -70,7 +71,9 @@ def main(arguments: list[str] | None = None) -> int:
                 result_action="return_value",
             )
     except LogError as error:
-        return refuse_logs(error)
+        for line in str(error).splitlines():
+            print(f"bench: {clean(line)}", file=sys.stderr)  # noqa: T201
+        return 2
     except (cyclopts.CycloptsError, *USAGE_ERRORS) as error:
         _complain(str(error))
         return 2
@@ -81,12 +84,6 @@ def main(arguments: list[str] | None = None) -> int:
         _complain("interrupted.")
         return 130
     return status or 0
-
-
-def _version() -> str:
-    import importlib.metadata
-
-    return f"fidelity-bench {importlib.metadata.version('fidelity-bench')}"
 
 
 def _complain(text: str) -> None:

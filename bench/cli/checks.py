@@ -2,14 +2,11 @@
 
 import difflib
 import re
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from bench.plan.names import SENSING, kind_of, require, world_text
 from bench.text.errors import UsageError
-from bench.text.words import clean
-from diagnosis.logs.columns import LogError
 from diagnosis.logs.folder import check_folder
 from simulators import registry
 
@@ -57,17 +54,18 @@ def check_number(option: str, value: int | None) -> None:
         raise UsageError(f"`--{option}` must be at least 1, got {value}.")
 
 
-def check_tables(directory: Path) -> None:
-    """Refuses a folder without tables.
+def check_tables(*directories: Path) -> None:
+    """Refuses folders without tables.
 
     Raises:
         UsageError: There is no such folder, or it holds no results.parquet.
     """
-    if not (directory / "results.parquet").is_file():
-        raise UsageError(
-            f"{directory} holds no results.parquet.{_near(directory)} Give a folder that "
-            "`bench run` wrote its tables to, such as results/quick."
-        )
+    for directory in directories:
+        if not (directory / "results.parquet").is_file():
+            raise UsageError(
+                f"{directory} holds no results.parquet.{_near(directory)} Give a folder that "
+                "`bench run` wrote its tables to, such as results/quick."
+            )
 
 
 def check_flights(folders: Sequence[Path]) -> None:
@@ -78,7 +76,7 @@ def check_flights(folders: Sequence[Path]) -> None:
         LogError: vehicle.toml, flights/ or the headers of all files are wrong; one line for each.
     """
     for folder in folders:
-        if _earlier(folder) is not None or (folder.is_file() and folder.suffix == ".json"):
+        if earlier_diagnosis(folder) != folder or (folder.is_file() and folder.suffix == ".json"):
             raise UsageError(
                 f"{folder}: a folder with vehicle.toml and flights/ is expected. To write what to "
                 "change after an earlier diagnosis, give `bench diagnose` its folder and add "
@@ -96,19 +94,8 @@ def check_flights(folders: Sequence[Path]) -> None:
 
 def earlier_diagnosis(path: Path) -> Path:
     """The diagnosis.json in a folder that holds one and no flights; every other path as it is."""
-    return _earlier(path) or path
-
-
-def _earlier(path: Path) -> Path | None:
     file = path / "diagnosis.json"
-    return file if file.is_file() and not (path / "vehicle.toml").exists() else None
-
-
-def refuse_logs(error: LogError) -> int:
-    """Says what is wrong with logs, a line for each thing, and returns the exit status."""
-    for line in str(error).splitlines():
-        print(f"bench: {clean(line)}", file=sys.stderr)  # noqa: T201
-    return 2
+    return file if file.is_file() and not (path / "vehicle.toml").exists() else path
 
 
 def check_files(paths: Iterable[Path]) -> None:

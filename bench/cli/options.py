@@ -122,8 +122,6 @@ class Remedy:
             diagnosis, beside = load_diagnosis(found)
             out = out or beside
             folder = write_remedy(diagnosis, out, self.remedy, box, place, self.parameters)
-        except UsageError:
-            raise
         except ValueError as error:
             raise UsageError(str(error)) from None
         print(f"Remedy: {folder / 'remedy.md'}")  # noqa: T201

@@ -33,11 +33,9 @@ def hover_thrust(simulator: AbstractSimulator) -> float:
     return simulator.spec.mass * GRAVITY
 
 
-def wild_cmds(
-    simulator: AbstractSimulator, n_drones: int = N_DRONES, steps: int = STEPS, seed: int = 0
-) -> Float[Array, "time drones 4"]:
+def wild_cmds(simulator: AbstractSimulator, seed: int = 0) -> Float[Array, "time drones 4"]:
     """A new command around hover at every step; the first drone sinks."""
-    noise = jax.random.uniform(jax.random.key(seed), (steps, n_drones, 4), minval=-1.0)
+    noise = jax.random.uniform(jax.random.key(seed), (STEPS, N_DRONES, 4), minval=-1.0)
     hover = hover_thrust(simulator)
     cmds = noise * jnp.asarray([0.2, 0.2, 0.3, 0.15 * hover]) + jnp.asarray([0.0, 0.0, 0.0, hover])
     return cmds.at[:, 0, 3].multiply(0.5)
@@ -78,16 +76,8 @@ def flown(
 
 fly = eqx.filter_jit(flown)
 """`flown` as one compiled program."""
-
-
-@eqx.filter_jit
-def fly_worlds(
-    simulator: AbstractSimulator,
-    pos: Float[Array, "worlds drones 3"],
-    cmds: Float[Array, "worlds time drones 4"],
-) -> Flight:
-    """`flown` in many worlds at once."""
-    return jax.vmap(lambda p, c: flown(simulator, p, c))(pos, cmds)
+fly_worlds = eqx.filter_jit(eqx.filter_vmap(flown, in_axes=(None, 0, 0)))
+"""The same in many worlds at once."""
 
 
 def demand_structure(simulator: AbstractSimulator, what: str) -> None:

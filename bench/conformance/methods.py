@@ -18,6 +18,7 @@ import numpy as np
 
 from bench.conformance.suite import Check, declaration_checks, demand, equal, finite
 from bench.plan.keys import Setting
+from bench.plan.override import merged
 from bench.plan.settings import build
 from bench.store.record import load_policy, policy_bytes
 from bench.store.tables import SCHEMAS, STATUSES, UNITS
@@ -61,12 +62,7 @@ def short_settings(cls: type[Any], wanted: Mapping[str, Setting]) -> dict[str, S
     fields = {field.name: field.default for field in dataclasses.fields(cls) if field.init}
     found = {name: x for name, x in SMALL.items() if type(fields.get(name)) in (int, float)}
     found |= {name: dict(SHORT) for name, default in fields.items() if isinstance(default, BPTT)}
-    for name, value in wanted.items():
-        old = found.get(name)
-        if isinstance(old, dict) and isinstance(value, dict):
-            value = old | value
-        found[name] = value
-    return found
+    return merged(found, wanted)
 
 
 def behaviour(

@@ -23,6 +23,9 @@ from simulators.effects.card import load_cards
 from simulators.effects.contract import DOORS
 from simulators.vehicle import CONTROL_DT
 
+VECTORS = ("pos", "vel", "quat", "ang_vel", "thrust", "torque")
+"""Parts of a flight with a row for each drone."""
+
 
 def declarations(cls: type[Any]) -> list[Check]:
     """Checks of what the class says of itself; the others need them."""
@@ -36,7 +39,9 @@ def behaviour(cls: type[Any]) -> list[Check]:
     """Checks of resets, steps, restores, physics and doors."""
     sentences = {
         "a flight has one row per drone": _shapes,
-        "a step and a restore keep the structure of the state": _structure,
+        "a step and a restore keep the structure of the state": lambda s: flights.demand_structure(
+            s, "the state"
+        ),
         "a reset puts the team at rest and level": _rest,
         "a restore starts at the measured flight": _restores,
         "a step is the command of its action held for 20 ms, compiled or not": _step,
@@ -46,7 +51,9 @@ def behaviour(cls: type[Any]) -> list[Check]:
         "quaternions stay unit and flights finite": _finite,
         "the same flight twice is the same": _repeats,
         "many worlds at once equal one by one": flights.demand_worlds,
-        "renumbering the drones renumbers the flight": _renumbering,
+        "renumbering the drones renumbers the flight": lambda s: flights.demand_renumbering(
+            s, flights.apart(), VECTORS
+        ),
         "the final position can be differentiated by the commands": _gradient,
         "a duration of 0 s is refused": _duration,
     }
@@ -72,8 +79,8 @@ def _doors(cls: type[Any]) -> None:
     )
 
 
-def _flight(simulator: AbstractSimulator, seed: int = 0) -> object:
-    return flights.fly(simulator, flights.apart(), flights.wild_cmds(simulator, seed=seed))
+def _flight(simulator: AbstractSimulator) -> object:
+    return flights.fly(simulator, flights.apart(), flights.wild_cmds(simulator))
 
 
 def _shapes(simulator: AbstractSimulator) -> None:
@@ -91,10 +98,6 @@ def _shapes(simulator: AbstractSimulator) -> None:
                     f"after a {done} `flight().{name}` must have shape {shape} for N = {n}, "
                     f"got {got}",
                 )
-
-
-def _structure(simulator: AbstractSimulator) -> None:
-    flights.demand_structure(simulator, "the state")
 
 
 def _rest(simulator: AbstractSimulator) -> None:
@@ -182,11 +185,6 @@ def _finite(simulator: AbstractSimulator) -> None:
 
 def _repeats(simulator: AbstractSimulator) -> None:
     demand(equal(_flight(simulator), _flight(simulator)), "two equal flights differ")
-
-
-def _renumbering(simulator: AbstractSimulator) -> None:
-    names = ("pos", "vel", "quat", "ang_vel", "thrust", "torque")
-    flights.demand_renumbering(simulator, flights.apart(), names)
 
 
 def _gradient(simulator: AbstractSimulator) -> None:

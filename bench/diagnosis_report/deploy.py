@@ -74,7 +74,7 @@ def document(tables: Tables, cell: Cell) -> str:
     lines = [
         (
             way.label,
-            number(row["reward_mean"], 1),
+            number(row["reward"].mean, 1),
             f"{100 * shares[way]:.0f} %" if way in shares else MISSING,
             number(row["metrics"]["reward"], 1),
             number(row["metrics"]["crashes"], 2),

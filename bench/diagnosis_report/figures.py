@@ -12,7 +12,7 @@ from bench.report.pictures.svg import AFTER, BEFORE, INK, SOFT, Panel, render
 from bench.text.numbers import is_number, rounded, scale_of, with_unit
 from bench.text.words import clean, shorten
 from diagnosis.result import Diagnosis
-from diagnosis.result_parts import ChannelGap, RegimeGap
+from diagnosis.result_parts import ChannelGap, GapInTime, RegimeGap
 
 MOST_FLIGHTS = 6
 """Flights with a before/after panel."""
@@ -51,33 +51,26 @@ def time_panels(diagnosis: Diagnosis) -> list[Panel]:
     channels = {c.channel: c for c in diagnosis.where}
     lines = [x for x in diagnosis.details.gap_in_time if len(x.t) > 1 and x.channel in channels]
     lines.sort(key=lambda line: -channels[line.channel].share)
-    panels = []
-    for i, line in enumerate(lines[:MOST_CHANNELS]):
-        channel = channels[line.channel]
-        factor, unit = scale_of(line.unit)
-        t, gap = _numbers(line.t), factor * _numbers(line.gap)
-        band = [factor * _numbers(end) for end in (line.low, line.high)]
+    shown = enumerate(lines[:MOST_CHANNELS])
+    return [_time_panel(line, channels[line.channel], f"time-{i}") for i, line in shown]
 
-        def draw(
-            axes: Axes,
-            t: Any = t,
-            gap: Any = gap,
-            band: Any = band,
-            channel: ChannelGap = channel,
-            factor: float = factor,
-            unit: str = unit,
-        ) -> None:
-            if all(len(end) == len(t) for end in band):
-                axes.fill_between(t, *band, color=BEFORE, alpha=0.2, lw=0.0)
-            axes.plot(t, gap, color=BEFORE)
-            _noise_floor(axes, channel, factor)
-            _onset(axes, channel)
-            axes.set(xlabel="time since start [s]", ylabel=f"gap [{with_unit('', unit).strip()}]")
-            axes.set_ylim(bottom=0.0)
 
-        alt = _range_text(f"Gap of {clean(line.channel)} in time", gap, unit)
-        panels.append(Panel(clean(line.channel), render(draw, f"time-{i}"), alt))
-    return panels
+def _time_panel(line: GapInTime, channel: ChannelGap, salt: str) -> Panel:
+    factor, unit = scale_of(line.unit)
+    t, gap = _numbers(line.t), factor * _numbers(line.gap)
+    low, high = (factor * _numbers(end) for end in (line.low, line.high))
+
+    def draw(axes: Axes) -> None:
+        if len(low) == len(high) == len(t):
+            axes.fill_between(t, low, high, color=BEFORE, alpha=0.2, lw=0.0)
+        axes.plot(t, gap, color=BEFORE)
+        _noise_floor(axes, channel, factor)
+        _onset(axes, channel)
+        axes.set(xlabel="time since start [s]", ylabel=f"gap [{with_unit('', unit).strip()}]")
+        axes.set_ylim(bottom=0.0)
+
+    alt = _range_text(f"Gap of {clean(line.channel)} in time", gap, unit)
+    return Panel(clean(line.channel), render(draw, salt), alt)
 
 
 def regime_panels(diagnosis: Diagnosis) -> list[tuple[str, list[Panel]]]:

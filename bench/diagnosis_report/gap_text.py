@@ -126,12 +126,7 @@ def _model(diagnosis: Diagnosis) -> str:
     return TWIN if diagnosis.details.followed else "the simulator"
 
 
-def inputs_text(diagnosis: Diagnosis) -> list[str]:
-    """What the simulator flew with in place of what nobody logged or gave."""
-    return _measured_attitude(diagnosis) + _not_given(diagnosis)
-
-
-def _measured_attitude(diagnosis: Diagnosis) -> list[str]:
+def measured_attitude(diagnosis: Diagnosis) -> list[str]:
     """That the attitude was taken from the logs, where commands were, too, and what that hides."""
     if diagnosis.flights.driven_by != PRESCRIBED:
         return []
@@ -146,7 +141,7 @@ def _measured_attitude(diagnosis: Diagnosis) -> list[str]:
     return [said + more * unknown]
 
 
-def _not_given(diagnosis: Diagnosis) -> list[str]:
+def not_given(diagnosis: Diagnosis) -> list[str]:
     """The numbers that the data sheet of an own airframe leaves out, and what flies in their place.
 
     Beside a twin the vehicle is learned, so that they hardly matter there.

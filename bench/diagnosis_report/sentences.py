@@ -11,7 +11,7 @@ from bench.diagnosis_report.effect_words import (
     parameter_texts,
     parameter_words,
 )
-from bench.diagnosis_report.gap_text import drift_clause, inputs_text, outstanding
+from bench.diagnosis_report.gap_text import drift_clause, measured_attitude, not_given, outstanding
 from bench.text.numbers import (
     is_number,
     percent,
@@ -224,7 +224,8 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
         *_beside_effect(diagnosis),
         *_at_bounds(diagnosis),
         *_support(diagnosis),
-        *inputs_text(diagnosis),
+        *measured_attitude(diagnosis),
+        *not_given(diagnosis),
         *_twin(diagnosis),
         *_silent(diagnosis),
     ]

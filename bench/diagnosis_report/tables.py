@@ -167,21 +167,16 @@ def _candidate_notes(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.blamed and len(sets) > 1 and unnamed:
         labels = join(load_card(clean(name)).label for name in sorted(unnamed))
         notes.append(f"Each was tried beside {labels}, which the verdict does not blame.")
-    if diagnosis.blamed:
-        notes.append(_whose_probability(diagnosis))
+    if diagnosis.blamed and diagnosis.details.followed:
+        notes.append(
+            "The probability above is the sum over an effect and what looks like it, lowered by "
+            "the chance that undisturbed flights show some effect."
+        )
+    elif diagnosis.blamed:
+        notes.append("The probability of an effect is the sum over all sets that hold it.")
     if diagnosis.support:
         notes.append("Probabilities are too sure, because errors within one flight are alike.")
     return notes
-
-
-def _whose_probability(diagnosis: Diagnosis) -> str:
-    """What the probability of an effect is the sum of."""
-    if not diagnosis.details.followed:
-        return "The probability of an effect is the sum over all sets that hold it."
-    return (
-        "The probability above is the sum over an effect and what looks like it, lowered by the "
-        "chance that undisturbed flights show some effect."
-    )
 
 
 def support_table(diagnosis: Diagnosis) -> Table | None:

@@ -70,15 +70,9 @@ class RayExecutor(AbstractExecutor):
         self._tasks[reference] = self._given
         self._slots_of[self._given] = slot
 
-    def events(self, timeout: float) -> list[Message | Ended]:
-        """What happened since the last call; waits at most `timeout` seconds for something."""
-        deadline = time.monotonic() + timeout
-        while True:
-            left = max(0.0, deadline - time.monotonic())
-            ended = self._wait(min(POLL_S, left))
-            events = [*self._messages(), *(self._end(reference) for reference in ended)]
-            if events or left == 0.0:
-                return events
+    def _poll(self, left: float) -> list[Message | Ended]:
+        ended = self._wait(min(POLL_S, left))
+        return [*self._messages(), *map(self._end, ended)]
 
     def stop(self) -> None:
         """Ends all processes, whatever they are doing."""

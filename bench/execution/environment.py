@@ -79,3 +79,8 @@ def environment(accelerator: bool | None = None) -> dict[str, str]:
     ):  # else products of 32-bit numbers are rounded to 19 bits before
         defaults["JAX_DEFAULT_MATMUL_PRECISION"] = "highest"
     return {k: os.environ.get(k, v) for k, v in defaults.items()} | {"XLA_FLAGS": xla_flags()}
+
+
+def compute_here() -> None:
+    """Lets this process compute; only before JAX is imported."""
+    os.environ.update(environment())

@@ -15,87 +15,69 @@ from bench.store.record import Outcome
 from bench.store.store import Store
 
 
-def execute(
-    runs: Sequence[Run],
-    store: Store,
-    executor: AbstractExecutor,
-    display: SweepProgress,
-    done: Iterable[str] = (),
-    failed: Iterable[str] = (),
-    *,
-    check: Callable[[Run], str] = lambda run: "",
-    together: int = 1,
-    fail_fast: bool = False,
-) -> dict[str, str]:
-    """Executes `runs`; returns the status of each run that ended, by name.
+@dataclasses.dataclass
+class Execution:
+    """Executes runs.
 
     A run that fails, or whose worker dies, is stored as failed with its cause, and so are its
-    children; the others continue. With `fail_fast`, the first failure ends them, too. However this
-    function ends, committed runs stay, and the executor ends the runs in progress.
-
-    Args:
-        runs: What to run, parents before their children.
-        store: Where finished runs go and parents' policies come from.
-        executor: Does them.
-        display: Shows what happens.
-        done: Names of parents that are in the store already.
-        failed: Names of parents that are stored as failed and are not tried again.
-        check: Why a run that ended well may not stand; empty if it may. It is put in quarantine.
-        together: Most runs, alike but for their seed, that a worker does at once.
-        fail_fast: Whether the first failure ends everything.
+    children; the others continue. With `fail_fast`, the first failure ends them, too. However it
+    ends, committed runs stay, and the executor ends the runs in progress.
     """
-    schedule, failed = _Schedule(runs, done), list(failed)
-    execution = _Execution(schedule, store, executor, display, failed, check, together, fail_fast)
-    return execution.result()
 
-
-@dataclasses.dataclass
-class _Execution:
-    """The state of an execution: running, waiting and finished runs."""
-
-    _schedule: "_Schedule"
-    _store: Store
-    _executor: AbstractExecutor
-    _display: SweepProgress
-    _failed: Sequence[str]
-    _check: Callable[[Run], str]
-    _together: int
-    _fail_fast: bool
+    runs: Sequence[Run]
+    """What to run, parents before their children."""
+    store: Store
+    """Where finished runs go and parents' policies come from."""
+    executor: AbstractExecutor
+    """Does them."""
+    display: SweepProgress
+    """Shows what happens."""
+    done: Iterable[str] = ()
+    """Names of parents that are in the store already."""
+    failed: Sequence[str] = ()
+    """Names of parents that are stored as failed and are not tried again."""
+    check: Callable[[Run], str] = lambda run: ""
+    """Why a run that ended well may not stand; empty if it may. It is put in quarantine."""
+    together: int = 1
+    """Most runs, alike but for their seed, that a worker does at once."""
+    fail_fast: bool = False
+    """Whether the first failure ends everything."""
 
     def __post_init__(self) -> None:
+        self._schedule = _Schedule(self.runs, self.done)
         self._blocked: set[str] = set()
-        self._slots: dict[int, list[Run]] = {slot: [] for slot in range(self._executor.slots)}
+        self._slots: dict[int, list[Run]] = {slot: [] for slot in range(self.executor.slots)}
 
     def result(self) -> dict[str, str]:
         """Executes all runs and returns their statuses."""
-        for parent in self._failed:
+        for parent in self.failed:
             self._fail_children(parent, "failed")
         self._blocked = {*self._schedule.status}
         while not self._over():
             for slot, runs in self._slots.items():
-                if not runs and (given := self._schedule.next(self._together)):
+                if not runs and (given := self._schedule.next(self.together)):
                     self._start(slot, given)
             if not any(self._slots.values()):
                 break
-            for event in self._executor.events(timeout=1.0):
+            for event in self.executor.events(timeout=1.0):
                 if isinstance(event, Ended):
                     self._end(event)
                 else:
-                    self._display.progress(event.slot, *event.content)
-        return {name: s for name, s in self._schedule.status.items() if name not in self._failed}
+                    self.display.progress(event.slot, *event.content)
+        return {name: s for name, s in self._schedule.status.items() if name not in self.failed}
 
     def _over(self) -> bool:
         """Whether a new failure ends the execution (`fail_fast`)."""
         status = self._schedule.status
-        return self._fail_fast and any(
+        return self.fail_fast and any(
             status[name] == "failed" for name in status.keys() - self._blocked
         )
 
     def _start(self, slot: int, runs: list[Run]) -> None:
         self._slots[slot] = runs
-        task = functools.partial(do_runs, runs, self._store.directory)
-        self._executor.start(slot, task)
-        self._display.started(slot, runs)
+        task = functools.partial(do_runs, runs, self.store.directory)
+        self.executor.start(slot, task)
+        self.display.started(slot, runs)
 
     def _end(self, event: Ended) -> None:
         runs, self._slots[event.slot] = self._slots[event.slot], []
@@ -103,7 +85,7 @@ class _Execution:
         for run, done in zip(runs, lost if event.error else event.value, strict=True):
             if not done.error:
                 self._finish(run, done.status, done.cause)
-            elif (status := self._store.status(run.name)) not in ("", "failed"):
+            elif (status := self.store.status(run.name)) not in ("", "failed"):
                 self._finish(run, status, "")  # it died after it had committed
             elif status == "failed" and (cause := self._own_failure(run)):
                 self._finish(run, status, cause)  # by itself, before the others died
@@ -112,7 +94,7 @@ class _Execution:
 
     def _own_failure(self, run: Run) -> str:
         """Why a run failed by itself since it was started; empty if it did not."""
-        content = self._store.read(run.name)
+        content = self.store.read(run.name)
         begun = datetime.datetime.fromtimestamp(self._schedule.clock[run.name], datetime.UTC)
         late = datetime.datetime.fromisoformat(content["committed"]) >= begun
         return content["cause"] if late and not content["interrupted"] else ""
@@ -120,19 +102,19 @@ class _Execution:
     def _fail(self, run: Run, cause: str) -> None:
         """Stores a run as failed for a reason outside of the run."""
         try:
-            self._store.commit(run, Outcome("failed", cause=cause, interrupted=True))
+            self.store.commit(run, Outcome("failed", cause=cause, interrupted=True))
         except OSError as error:
             cause = f"{cause}; and this could not be stored: {error.strerror}"
         self._finish(run, "failed", cause)
 
     def _finish(self, run: Run, status: str, cause: str) -> None:
         """Notes the end of a run; a failed one takes its children along."""
-        reason = self._check(run) if status != "failed" else ""
+        reason = self.check(run) if status != "failed" else ""
         if reason:
-            self._store.quarantine(run.name, reason)
+            self.store.quarantine(run.name, reason)
             status, cause = "failed", reason
         seconds = time.monotonic() - self._schedule.started.get(run.name, time.monotonic())
-        self._display.finished(run, status, cause, seconds)
+        self.display.finished(run, status, cause, seconds)
         self._fail_children(run.name, status, reason)
 
     def _fail_children(self, parent: str, status: str, reason: str = "") -> None:

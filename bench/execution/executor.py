@@ -9,6 +9,7 @@ task come in their order, and all before its end, unless it was killed.
 import abc
 import dataclasses
 import os
+import time
 from collections.abc import Callable
 from typing import Any, Literal, Self
 
@@ -58,9 +59,18 @@ class AbstractExecutor(abc.ABC):
     def start(self, slot: int, task: Task) -> None:
         """Takes a task for a free slot and returns at once; `events` may have to start it."""
 
-    @abc.abstractmethod
     def events(self, timeout: float) -> list[Message | Ended]:
         """What happened since the last call; waits at most `timeout` seconds for something."""
+        deadline = time.monotonic() + timeout
+        while True:
+            left = max(0.0, deadline - time.monotonic())
+            found = self._poll(left)
+            if found or left == 0.0:
+                return found
+
+    @abc.abstractmethod
+    def _poll(self, left: float) -> list[Message | Ended]:
+        """What happened; waits a moment, and at most `left` seconds."""
 
     @abc.abstractmethod
     def stop(self) -> None:

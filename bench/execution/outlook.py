@@ -22,7 +22,7 @@ from bench.stats.forecast import (
     past_of_tables,
 )
 from bench.stats.statistics import Entry
-from bench.store.kept import KeptRuns
+from bench.store.kept import restorer
 from bench.store.missing import State, states
 from bench.store.resume import make_standing
 from bench.store.reuse import reusable
@@ -55,9 +55,9 @@ def show_plan(
     store = Store(tables_dir)
     found = states(plan.runs, store, recorded)
     failed = set() if retry_failed else _failed(found)
-    kept = KeptRuns([tables_dir, *reuse], recorded, lambda text: say(console, f"Warning: {text}"))
+    kept = restorer([tables_dir, *reuse], recorded, lambda text: say(console, f"Warning: {text}"))
     sound = {r.name: content for r in plan.runs if (content := store.content(r.name)) is not None}
-    again = make_standing(plan, sound, recorded, retry_failed, kept=kept.outcome).again
+    again = make_standing(plan, sound, recorded, retry_failed, kept=kept).again
     found = [s._replace(reason=TRAINED_AGAIN) if s.run in again else s for s in found]
     missing = [state for state in found if state.reason and state.run.name not in failed]
     past = {p.run: p for p in [*past_rows(tables_dir, console), *past_of_states(found)]}

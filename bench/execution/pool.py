@@ -13,7 +13,6 @@ import re
 import signal
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import Future
 from multiprocessing import Pipe
@@ -98,20 +97,14 @@ class LocalExecutor(AbstractExecutor):
         with handled(signal.SIGINT, signal.SIG_IGN):
             return process.pool.submit(_perform, task)
 
-    def events(self, timeout: float) -> list[Message | Ended]:
-        """What happened since the last call; waits at most `timeout` seconds for something."""
-        deadline = time.monotonic() + timeout
-        while True:
-            left = max(0.0, deadline - time.monotonic())
-            ended = self._wait(min(POLL_S, left))
-            events: list[Message | Ended] = [
-                Message(slot, content)
-                for slot, process in self._processes.items()
-                for content in _received(process.connection)
-            ]
-            events += [self._end(slot, future) for slot, future in ended]
-            if events or left == 0.0:
-                return events
+    def _poll(self, left: float) -> list[Message | Ended]:
+        ended = self._wait(min(POLL_S, left))
+        messages = [
+            Message(slot, content)
+            for slot, process in self._processes.items()
+            for content in _received(process.connection)
+        ]
+        return [*messages, *(self._end(slot, future) for slot, future in ended)]
 
     def stop(self) -> None:
         """Ends all processes, whatever they are doing."""

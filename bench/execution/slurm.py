@@ -89,23 +89,19 @@ class SlurmExecutor(AbstractExecutor):
             return
         self._waiting.append((slot, packed))
 
-    def events(self, timeout: float) -> list[Message | Ended]:
-        """What happened since the last call; waits at most `timeout` seconds for something."""
+    def _poll(self, left: float) -> list[Message | Ended]:
         self._submit()
-        deadline = time.monotonic() + timeout
-        while True:
-            found: list[Message | Ended] = [*self._lost]
-            self._lost.clear()
-            for job in [*self._jobs]:
-                done = self._is_done(job)  # before its messages are read: none is missed
-                found += self._messages(job)
-                if done:
-                    self._jobs.remove(job)
-                    found.append(_end(job))
-            left = max(0.0, deadline - time.monotonic())
-            if found or left == 0.0:
-                return found
+        found: list[Message | Ended] = [*self._lost]
+        self._lost.clear()
+        for job in [*self._jobs]:
+            done = self._is_done(job)  # before its messages are read: none is missed
+            found += self._messages(job)
+            if done:
+                self._jobs.remove(job)
+                found.append(_end(job))
+        if not found:
             time.sleep(min(POLL_S, left))
+        return found
 
     def stop(self) -> None:
         """Cancels all jobs, whatever they are doing; once more does nothing."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bench.execution.environment import seeds_together
-from bench.execution.execute import execute
+from bench.execution.execute import Execution
 from bench.execution.executor import AbstractExecutor, Name, usual_jobs
 from bench.execution.progress import SweepProgress
 from bench.plan.expansion import Plan
@@ -14,7 +14,8 @@ from bench.plan.planned_run import Run
 from bench.plan.provenance import moved, provenance
 from bench.report.terminal import rebuild_leaderboard, rebuild_report
 from bench.stats.against import Beside, beside
-from bench.store.kept import KeptRuns
+from bench.store.kept import restorer
+from bench.store.record import TRACEBACK
 from bench.store.resume import Standing, make_standing, reproduces, stale_lines
 from bench.store.reuse import reusable
 from bench.store.store import Store
@@ -59,8 +60,8 @@ def sweep(
         store.tidy()
         sound = store.sound(warn)
         recorded = recorded_tables(tables_dir).merged(reusable(plan, reuse))
-        kept = KeptRuns([tables_dir, *reuse], recorded, warn)
-        standing = make_standing(plan, sound, recorded, retry_failed, replace, kept.outcome)
+        kept = restorer([tables_dir, *reuse], recorded, warn)
+        standing = make_standing(plan, sound, recorded, retry_failed, replace, kept)
         if standing.outdated and not replace:
             raise UsageError(_refusal(standing, tables_dir))
         if standing.outdated:
@@ -69,7 +70,9 @@ def sweep(
         stale = stale_lines(standing.done, recorded, sound)
         for text in (*stale, *(f"Left out: {x}" for x in plan.broken)):
             warn(text)
-        _restore(standing, store, kept)
+        for run in standing.restored:
+            if (outcome := kept(run)) is not None:
+                store.commit(run, outcome)
         missing = [run for run in plan.runs if run in standing.missing or run in standing.again]
         logs = store.runs / ".logs"
         chosen = executor if missing else "local"  # which starts nothing before it is needed
@@ -118,13 +121,6 @@ def _make_way(standing: Standing, store: Store, sound: dict[str, dict]) -> None:
             del sound[run.name]
 
 
-def _restore(standing: Standing, store: Store, kept: KeptRuns) -> None:
-    """Commits parents that can be had from their kept policies."""
-    for run in standing.restored:
-        if (outcome := kept.outcome(run)) is not None:
-            store.commit(run, outcome)
-
-
 def _train(
     missing: Sequence[Run],
     standing: Standing,
@@ -147,7 +143,7 @@ def _train(
     ready = [run.name for run in standing.done if run.name not in again]
     failed = [run.name for run in standing.failed]
     with display:
-        return execute(
+        execution = Execution(
             missing,
             store,
             workers,
@@ -158,6 +154,7 @@ def _train(
             together=together,
             fail_fast=fail_fast,
         )
+        return execution.result()
 
 
 def _record(found: Tables, recorded: Tables, standing: Standing, tables_dir: Path) -> Tables:
@@ -188,7 +185,8 @@ def _say_failures(
     first = next((run for run in failed if causes.get(run.name)), failed[0])
     said = f"{first.label}: {causes.get(first.name, '')}"
     say(errors, f"{len(failed)} of {planned} runs failed; the first: {said}")
-    for path in [p for run in failed if (p := store.traceback(run.name))][:MOST_TRACEBACKS]:
+    paths = (store.runs / run.name / TRACEBACK for run in failed)
+    for path in [path for path in paths if path.is_file()][:MOST_TRACEBACKS]:
         say(errors, f"Traceback: {path}")
 
 

@@ -144,7 +144,10 @@ def train_and_evaluate(run: Run, store: Store, context: Context) -> Outcome:
     reality = parse_reality(run.reality)
     parents = _parents(run, store, task, nominal)
     setup = Setup(task, nominal, reality, parents, context)
-    trained = _deployed(parents[run.method]) if run.deploys else _trained(run, setup)
+    if run.deploys:  # what the parent trained, without its costs
+        trained = dataclasses.replace(parents[run.method], ledger=Ledger(), curves={})
+    else:
+        trained = _trained(run, setup)
     if trained.status not in STATUSES or trained.status == "failed":
         raise ValueError(
             f"'{run.method}' returned the status '{trained.status}'; it must be ok, diverged "
@@ -186,11 +189,6 @@ def _parents(
         template = make_policy(flown, nominal.spec, nominal.action_space, jax.random.key(0))
         found[name] = store.trained(parent, template, name in resumed_methods(run))
     return found
-
-
-def _deployed(parent: Trained) -> Trained:
-    """What a parent trained, without its costs, for a run that only deploys it."""
-    return dataclasses.replace(parent, ledger=Ledger(), curves={})
 
 
 def _trained_in(run: Run, store: Store, trained: Trained, setup: Setup) -> str:

@@ -139,6 +139,8 @@ class OnlyOneHolds(AbstractRule):
     factor: float
     """A class has collapsed if it loses more than so many times what the best class loses."""
 
+    one_refutes = False
+
     @property
     def text(self) -> str:
         return (
@@ -146,10 +148,6 @@ class OnlyOneHolds(AbstractRule):
             "every cell, and each other class more in some cell (paired differences over seeds, "
             "Holm-corrected)"
         )
-
-    @property
-    def one_refutes(self) -> bool:
-        return False
 
     def judge(self, tables: Tables, metric: str) -> Finding:
         classes = (*self.others, self.one)

@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
+from typing import ClassVar
 
 from bench.stats.statistics import estimate
 from bench.stats.verdicts import Verdict
@@ -42,10 +43,8 @@ class AbstractRule(abc.ABC):
     text: str
     """When it counts as supported."""
 
-    @property
-    def one_refutes(self) -> bool:
-        """Whether what was run can refute it, whatever the rest will be."""
-        return True
+    one_refutes: ClassVar[bool] = True
+    """Whether what was run can refute it, whatever the rest will be."""
 
     @abc.abstractmethod
     def judge(self, tables: Tables, metric: str) -> Finding:

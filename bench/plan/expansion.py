@@ -220,10 +220,14 @@ def _make_recipe(
             if plugin.split()[0] in ("residual", "simulator")
         }
         | {f"simulator {NOMINAL}": nominal},
-        "numerics": _numerics(),
+        "numerics": {
+            "x64": bool(jax.config.read("jax_enable_x64")),
+            "backend": jax.default_backend(),
+        },
     }
     resolved |= flying | ({"deploys": True} if row.deploys else {})
     resolved |= {"simulator": home} if home != REALITY else {}
+    candidates = registry.load_all("effect").values() if method_class.identifies else ()
     others = flying | ({"nominal": changed} if changed else {})
     if row.tracked:  # the key is of the controller's settings, the variant says only that it flies
         resolved["tracked"] = settings.describe_fields(PDTracker(), "The PD controller")
@@ -240,7 +244,7 @@ def _make_recipe(
             found
             | {"evaluation": Evaluation}
             | ({"controller": Followers} if row.tracked else {})
-            | (_candidates() if method_class.identifies else {})
+            | {f"effect {cls.__name__}": cls for cls in candidates}
         ),
         "cost": 0.5 if row.deploys else _cost(method_class, team_size),
         "reality": row.world or REALITY,
@@ -266,11 +270,6 @@ def _plugins(
     effects = map(type, (*reality.effects, *added))
     found |= {f"effect {effect.__name__}": effect for effect in effects}
     return found | ({"drawn team": DrawnState} if isinstance(reality, Drawn) else {})
-
-
-def _candidates() -> dict[str, type]:
-    """Every registered effect, by kind and name."""
-    return {f"effect {cls.__name__}": cls for cls in registry.load_all("effect").values()}
 
 
 def _flying(row: Row, reality: AbstractSimulator, home: str) -> dict[str, Setting]:
@@ -361,11 +360,6 @@ def _version(plugin: str, cls: type) -> str:
 def _defaults(plugin: str, cls: type) -> dict[str, Setting]:
     """All fields of a plug-in as JSON."""
     return _describe(cls, {}, f"Plug-in '{plugin}'")
-
-
-def _numerics() -> dict[str, Setting]:
-    """What of JAX's configuration changes numbers."""
-    return {"x64": bool(jax.config.read("jax_enable_x64")), "backend": jax.default_backend()}
 
 
 def _sources(found: Mapping[str, type]) -> dict[str, str]:

@@ -30,21 +30,21 @@ def overridden(suite: Suite, settings: Mapping[str, Setting]) -> Suite:
                 f"Setting '{name}' needs a field, such as {name}.KEY=VALUE, got {table!r}."
             )
         tables[name] = table
-    tables["settings"] = _merged(given, tables["settings"])
+    tables["settings"] = merged(given, tables["settings"])
 
     def changed(row: Row) -> Row:
-        own = {name: _merged(getattr(row, name), table) for name, table in tables.items()}
+        own = {name: merged(getattr(row, name), table) for name, table in tables.items()}
         return dataclasses.replace(row, **own)
 
     return dataclasses.replace(suite, methods=tuple(changed(row) for row in suite.methods))
 
 
-def _merged(base: Mapping[str, Setting], new: Mapping[str, Setting]) -> dict[str, Setting]:
+def merged(base: Mapping[str, Setting], new: Mapping[str, Setting]) -> dict[str, Setting]:
     """`base` with the fields of `new`, table by table."""
     found = dict(base)
     for key, value in new.items():
         old = found.get(key)
         if isinstance(old, dict) and isinstance(value, dict):
-            value = _merged(old, value)
+            value = merged(old, value)
         found[key] = value
     return found

@@ -78,14 +78,12 @@ def _is_text(line: ast.AST) -> bool:
 
 def _base(module: str, node: ast.ImportFrom) -> str:
     """The module after `from`, in full; empty where dots lead out of the package."""
-    if not node.level:
-        return node.module or ""
-    spec = importlib.util.find_spec(module)
-    parts = module.split(".")
-    # A package's own file stands inside of it already.
-    up = node.level - bool(spec is not None and spec.submodule_search_locations is not None)
-    base = parts[: len(parts) - up]
-    return ".".join([*base, node.module] if node.module else base) if base else ""
+    spec = importlib.util.find_spec(module) if node.level else None
+    try:
+        name = "." * node.level + (node.module or "")
+        return importlib.util.resolve_name(name, spec.parent if spec else None)
+    except ImportError:
+        return ""
 
 
 @functools.cache

@@ -20,6 +20,8 @@ KINDS = {
     "tuple_type": "a list",
 }
 """What pydantic expected, by its name of the error, in words."""
+_reader = functools.cache(pydantic.TypeAdapter)
+"""What pydantic makes of the annotations of a dataclass."""
 
 
 class SuiteError(UsageError):
@@ -39,12 +41,6 @@ def read_table(cls: type[T], table: object, where: str) -> T:
         # A misspelt key is missing, too; the spelling says more.
         wrong = min(error.errors(), key=lambda e: e["type"] == "missing")
         raise _refused(cls, wrong, where) from error
-
-
-@functools.cache
-def _reader(cls: type[T]) -> pydantic.TypeAdapter[T]:
-    """What pydantic makes of the annotations of a dataclass."""
-    return pydantic.TypeAdapter(cls)
 
 
 def _refused(cls: type, wrong: ErrorDetails, where: str) -> Exception:

@@ -104,7 +104,7 @@ def _best_of_cells(rows: Iterable[Row]) -> list[str]:
         best.setdefault(row["method"], []).append(cell.label)
     if not best:
         return []
-    one_seed = all(row["n"] == 1 for row in first.values())
+    one_seed = all(row["reward"].n == 1 for row in first.values())
     named = (
         f"**{markdown.escape(method)}** on {markdown.escape('; '.join(cells))}"
         for method, cells in best.items()

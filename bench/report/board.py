@@ -4,7 +4,7 @@ A column in which no row has anything is left out.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from bench.report.leaderboard import MAIN, Column, filled, split
 from bench.stats.leaderboard_rows import Row
@@ -18,13 +18,6 @@ PLACE = (
 """Where a row competes, before the columns of the leaderboard."""
 FILTERS = ("task", "N", "flown in", "method")
 """Columns that can be filtered by."""
-
-
-class Filter(NamedTuple):
-    """A choice above the board."""
-
-    heading: str
-    options: list[str]
 
 
 def boards(rows: Sequence[Row], opens: Mapping[tuple[Cell, Entry], str]) -> list[dict[str, Any]]:
@@ -46,7 +39,7 @@ def boards(rows: Sequence[Row], opens: Mapping[tuple[Cell, Entry], str]) -> list
     ]
 
 
-def filters(rows: Sequence[Row]) -> list[Filter]:
+def filters(rows: Sequence[Row]) -> list[tuple[str, list[str]]]:
     """What can be filtered by, with what there is; nothing by which all rows are the same."""
     text: dict[str, Callable[[Row], str]] = {c.heading: c.text for c in PLACE}
     text["method"] = lambda row: default_of(row["entry"]).label
@@ -55,7 +48,7 @@ def filters(rows: Sequence[Row]) -> list[Filter]:
         key = (lambda x: (len(x), x)) if heading == "N" else None
         options = sorted({text[heading](row) for row in rows}, key=key)
         if len(options) > 1:
-            found.append(Filter(heading, options))
+            found.append((heading, options))
     return found
 
 

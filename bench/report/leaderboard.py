@@ -143,16 +143,16 @@ def filled(columns: Iterable[Column], rows: Sequence[Row]) -> list[Column]:
 
 def _half(row: Row) -> float:
     """Half the interval of the settled reward."""
-    return 0.5 * (row["reward_high"] - row["reward_low"])
+    return 0.5 * (row["reward"].high - row["reward"].low)
 
 
 def _reward(row: Row) -> str:
-    if not row["n"]:
+    found = row["reward"]
+    if not found.n:
         return MISSING
-    if row["n"] == 1:
-        return f"{significant(row['reward_mean'], 3)} (n = 1)"
-    shown = mean_std(row["reward_mean"], row["reward_std"], places(_half(row)))
-    return f"{shown} (n = {row['n']})"
+    if found.n == 1:
+        return f"{significant(found.mean, 3)} (n = 1)"
+    return f"{mean_std(found.mean, found.std, places(_half(row)))} (n = {found.n})"
 
 
 def _apart(found: Estimate | None) -> str:
@@ -169,33 +169,24 @@ def _metric(heading: str, name: str, text: Callable[[float], str]) -> Column:
     return Column(heading, cell, lambda row: row["metrics"][name])
 
 
-def _axis(name: str, text: Callable[[float], str]) -> Column:
-    return _metric(AXES[name], name, text)
-
-
-def _three(value: float) -> str:
-    return significant(value, 3)
-
-
 _METHOD = Column("method", lambda row: row["method"], lambda row: row["method"], left=True)
-_REWARD = Column("settled reward (n)", _reward, lambda row: row["reward_mean"])
+_REWARD = Column("settled reward (n)", _reward, lambda row: row["reward"].mean)
 _INTERVAL = Column(
     "95 % t-interval",
-    lambda row: span(row["reward_low"], row["reward_high"], places(_half(row))),
-    lambda row: row["reward_low"],
+    lambda row: span(row["reward"].low, row["reward"].high, places(_half(row))),
+    lambda row: row["reward"].low,
 )
-_RUNS = Column("runs", lambda row: row["runs"], lambda row: row["runs"], left=True)
 _COSTS = (
-    _metric("reward", "reward", _three),
+    _metric("reward", "reward", lambda value: significant(value, 3)),
     _metric("settling time [s]", "settling_time", significant),
     _metric("position error [m]", "position_error", significant),
-    _axis("crashes", significant),
-    _axis("fleet_minutes", significant),
-    _axis("training_crashes", significant),
+    _metric(AXES["crashes"], "crashes", significant),
+    _metric(AXES["fleet_minutes"], "fleet_minutes", significant),
+    _metric(AXES["training_crashes"], "training_crashes", significant),
     _metric("LF training collisions", "lf_collisions", significant),
     _metric("epochs", "epochs", significant),
     _metric(TRAINING_TIME, "train_seconds", seconds),
-    _RUNS,
+    Column("runs", lambda row: row["runs"], lambda row: row["runs"], left=True),
 )
 COLUMNS = (
     Column(

@@ -35,8 +35,7 @@ def beside(own: Tables, others: Tables, name: str) -> Beside:
     twice = sorted({row["method"] for row in records(own.runs) if row["run"] not in kept})
     remarks = []
     if wanted:
-        labels = "; ".join(cell.label for cell in sorted(wanted))
-        remarks.append(f"Beside {len(chosen.runs)} runs of {name}, in {labels}.")
+        remarks.append(f"Beside {len(chosen.runs)} runs of {name}, in {_named(sorted(wanted))}.")
     if alone := sorted(mine - theirs):
         remarks.append(f"Nothing of {name} to compare with: {_named(alone)}.")
     remarks += [f"Not comparable: {cell.label}: {text}." for cell, text in differing.items()]

@@ -152,18 +152,11 @@ def _scores(tables: Tables) -> Values:
 
 def _bills(tables: Tables) -> dict[int, dict[Entry, float]]:
     """Mean bill of each method by default, by team size, ascending."""
-    found: dict[int, dict[Entry, float]] = {}
-    for (entry, n), minutes in minutes_of(tables).items():
-        found.setdefault(n, {})[entry] = estimate(minutes).mean
-    return dict(sorted(found.items()))
-
-
-def _affordable(
-    scores: Values, rewards: Values, bills: dict[Entry, float], team_size: int, budget: float
-) -> Choice | None:
-    """The choice among those whose bill is at most the budget."""
-    affordable = {e: m for e, m in bills.items() if m <= budget}
-    return _choose(scores, rewards, affordable, team_size, budget)
+    found: dict[int, dict[Entry, list[float]]] = {}
+    for cell, own in _default(undisturbed(tables, "fleet_minutes")).items():
+        for entry, seeds in own.items():
+            found.setdefault(cell.team_size, {}).setdefault(entry, []).extend(seeds.values())
+    return {n: {e: estimate(m).mean for e, m in own.items()} for n, own in sorted(found.items())}
 
 
 def _mean(cells: Iterable[Iterable[float]]) -> float:
@@ -173,15 +166,6 @@ def _mean(cells: Iterable[Iterable[float]]) -> float:
 
 def _who(choice: Choice) -> list[Entry]:
     return [choice.best, *(tie.entry for tie in choice.tied)]
-
-
-def minutes_of(tables: Tables) -> dict[tuple[Entry, int], list[float]]:
-    """Bills by entry and team size, of default settings in the undisturbed simulator."""
-    found: dict[tuple[Entry, int], list[float]] = {}
-    for cell, own in _default(undisturbed(tables, "fleet_minutes")).items():
-        for entry, seeds in own.items():
-            found.setdefault((entry, cell.team_size), []).extend(seeds.values())
-    return found
 
 
 def at_budgets(values: Values, fewest: int = 1) -> Values:
@@ -207,11 +191,13 @@ def _default(values: Values) -> Values:
     }
 
 
-def _choose(
+def _affordable(
     scores: Values, rewards: Values, bills: dict[Entry, float], team_size: int, budget: float
 ) -> Choice | None:
+    """The choice among those whose bill is at most the budget."""
     cells = [cell for cell, own in scores.items() if own and cell.team_size == team_size]
-    entries = [e for e in bills if all(e in scores[cell] for cell in cells)]
+    affordable = [e for e, minutes in bills.items() if minutes <= budget]
+    entries = [e for e in affordable if all(e in scores[cell] for cell in cells)]
     if not entries or not cells:
         return None
     mean = {e: _mean(scores[cell][e].values() for cell in cells) for e in entries}

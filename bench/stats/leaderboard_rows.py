@@ -13,7 +13,6 @@ from bench.stats.ranking import Rank, ranks
 from bench.stats.scores import PRIMARY, UPPER
 from bench.stats.statistics import (
     Cell,
-    Endings,
     Entry,
     Estimate,
     default_of,
@@ -69,12 +68,8 @@ class Row(TypedDict):
     """The same with default settings, which a variant is compared with; None where it is that."""
     beside_default: Estimate | None
     """Settled reward less that of `default`; None without such a row."""
-    reward_mean: float
-    reward_std: float
-    reward_low: float
-    reward_high: float
-    n: int
-    """Seeds in the means."""
+    reward: Estimate
+    """Settled reward; its `n` is the number of seeds in all means."""
     metrics: dict[str, float]
     """Means of `METRICS`."""
     axis_ranks: dict[str, Rank | None]
@@ -96,15 +91,23 @@ def leaderboard_rows(tables: Tables) -> list[Row]:
         axes = _axis_ranks(own)
         found = []
         for entry in {*samples, *how}:
-            row = _row(cell, entry, samples, how.get(entry, {}))
-            row["rank"] = rank.get(entry)
-            row["best"] = row["rank"] is not None and row["rank"].first == 1
-            row["axis_ranks"] = {axis: rank_on.get(entry) for axis, rank_on in axes.items()}
-            row["metrics"] = {
-                name: estimate(values.get(entry, {}).values()).mean for name, values in own.items()
-            }
+            sample, default, place = samples.get(entry, {}), default_of(entry), rank.get(entry)
+            base = samples.get(default) if sample and default != entry else None
+            row = Row(
+                cell=cell,
+                entry=entry,
+                method=entry.label,
+                rank=place,
+                best=place is not None and place.first == 1,
+                default=None if default == entry else default,
+                beside_default=difference(sample, base) if base else None,
+                reward=estimate(sample.values()),
+                metrics={n: estimate(v.get(entry, {}).values()).mean for n, v in own.items()},
+                axis_ranks={axis: rank_on.get(entry) for axis, rank_on in axes.items()},
+                runs=endings_text(how.get(entry, {}), set(sample)),
+            )
             found.append(row)
-        rows += sorted(found, key=lambda row: (row["n"] == 0, -_finite(row), row["method"]))
+        rows += sorted(found, key=_order)
     return rows
 
 
@@ -112,7 +115,7 @@ def best_rows(rows: Iterable[Row]) -> dict[Cell, Row]:
     """The first row of each cell with a number, of methods with their default settings."""
     found: dict[Cell, Row] = {}
     for row in rows:
-        if row["n"] and row["default"] is None and row["entry"].method != UPPER:
+        if row["reward"].n and row["default"] is None and row["entry"].method != UPPER:
             found.setdefault(row["cell"], row)
     return found
 
@@ -123,7 +126,8 @@ def _axis_ranks(
     """Ranks by axis."""
     values = dict(metrics)
     for axis in OF_TRAINING:
-        values[axis] = {e: own for e, own in values[axis].items() if not _deployed(e)}
+        flown = values[axis].items()
+        values[axis] = {e: own for e, own in flown if not without_world(e.variant)[1]}
     return {
         axis: ranks(
             {e: {s: -x for s, x in own.items()} for e, own in _competing(values[axis]).items()}
@@ -132,44 +136,11 @@ def _axis_ranks(
     }
 
 
-def _deployed(entry: Entry) -> bool:
-    """Whether rows of the entry train nothing, and deploy another run's policy in a world."""
-    return without_world(entry.variant)[1]
-
-
 def _competing(values: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Mapping[int, float]]:
     """Values of the entries that have a rank."""
     return {e: own for e, own in values.items() if e.method != UPPER and default_of(e) == e}
 
 
-def _row(
-    cell: Cell, entry: Entry, samples: Mapping[Entry, Mapping[int, float]], ended: Endings
-) -> Row:
-    """A row without what rests on the other rows of its cell."""
-    sample, default = samples.get(entry, {}), default_of(entry)
-    reward = estimate(sample.values())
-    return Row(
-        cell=cell,
-        entry=entry,
-        method=entry.label,
-        rank=None,
-        best=False,
-        default=None if default == entry else default,
-        beside_default=(
-            difference(sample, samples[default])
-            if default != entry and default in samples and sample
-            else None
-        ),
-        reward_mean=reward.mean,
-        reward_std=reward.std,
-        reward_low=reward.low,
-        reward_high=reward.high,
-        n=reward.n,
-        metrics={},
-        axis_ranks={},
-        runs=endings_text(ended, set(sample)),
-    )
-
-
-def _finite(row: Row) -> float:
-    return row["reward_mean"] if row["n"] else 0.0
+def _order(row: Row) -> tuple[bool, float, str]:
+    none = row["reward"].n == 0
+    return none, 0.0 if none else -row["reward"].mean, row["method"]

@@ -79,8 +79,6 @@ class PooledRow(NamedTuple):
 class Pool(NamedTuple):
     """Entries that flew the same cells in one world."""
 
-    simulator: str
-    deployed_effects: str
     cells: list[Cell]
     rows: list[PooledRow]
     """Higher mean score first."""
@@ -195,7 +193,6 @@ def _pool(
             )
         )
     return Pool(
-        *world,
         cells=cells,
         rows=rows,
         thresholds=thresholds,

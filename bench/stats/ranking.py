@@ -18,6 +18,7 @@ Sources: Mogstad et al. (2024), "Inference for ranks" (intervals of ranks from d
 of means); Piepho (2004), "compact letter display".
 """
 
+import itertools
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -58,14 +59,11 @@ def ranks(samples: Mapping[Entry, Mapping[int, float]]) -> dict[Entry, Rank]:
     """
     kept = {entry: values for entry, values in samples.items() if len(values) >= FEWEST_SEEDS}
     order = sorted(kept, key=lambda entry: (-estimate(kept[entry].values()).mean, entry))
-    apart = {
-        (i, j): difference(kept[order[i]], kept[order[j]])
-        for i in range(len(order))
-        for j in range(i + 1, len(order))
-    }
+    pairs = itertools.combinations(range(len(order)), 2)
+    apart = {(i, j): difference(kept[order[i]], kept[order[j]]) for i, j in pairs}
     above = np.zeros((len(order), len(order)), dtype=bool)
-    for (i, j), found in apart.items():
-        above[i, j] = found.low > 0.0
+    for pair, found in apart.items():
+        above[pair] = found.low > 0.0
     places = zip(order, intervals(above), letters(above), strict=True)
     return {
         entry: Rank(i + 1, *ends, ties, apart.get((0, i)))

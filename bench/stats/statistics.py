@@ -24,6 +24,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from bench.plan.planned_run import REALITY
 from bench.plan.realities import joined, shortened
 from bench.store.tables import Tables
 from bench.text.errors import UsageError
@@ -37,8 +38,6 @@ LEVEL = 0.95
 """Coverage of every interval."""
 FEWEST_SEEDS = 2
 """Seeds that an entry needs in a cell, where cells are compared or pooled."""
-REALITY = "crazyflow"
-"""The default high-fidelity simulator, which labels leave out."""
 _EFFECT = r"\w+\((?:[^()]|\([^()]*\))*\)"
 _WORLD = re.compile(rf"(?:reality|deployed_in)=(\w+)(?:\+({_EFFECT}(?:; {_EFFECT})*))?")
 
@@ -222,17 +221,7 @@ def entry_of(row: Mapping[str, Any]) -> Entry:
 
 def cell_of(row: Mapping[str, Any]) -> Cell:
     """The cell that a row of `results` belongs to."""
-    return Cell(
-        str(row["task"]),
-        int(row["team_size"]),
-        str(row["simulator"]),
-        str(row["deployed_effects"]),
-    )
-
-
-def names_world(variant: str) -> bool:
-    """Whether a variant names the world in which its policy is deployed."""
-    return bool(_WORLD.search(variant))
+    return Cell(*(row[name] for name in Cell._fields))
 
 
 def without_world(variant: str) -> tuple[str, bool]:
@@ -270,7 +259,7 @@ def home_of(tables: Tables) -> str:
     found = {
         row["simulator"]
         for row in records(named.drop_duplicates("run"))
-        if not names_world(row["variant"])
+        if not _WORLD.search(row["variant"])
     }
     return REALITY if REALITY in found or not found else min(found)
 

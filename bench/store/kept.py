@@ -116,51 +116,47 @@ def save_kept(path: Path, kept: Mapping[str, KeptRun]) -> None:
     part.replace(path)
 
 
-class KeptRuns:
-    """The kept runs of folders of tables, as outcomes that a store can commit."""
+def restorer(
+    folders: Sequence[Path], recorded: Tables, warn: Callable[[str], None]
+) -> Callable[[Run], Outcome | None]:
+    """What gives the outcome that a finished run left, as a store can commit; None for none.
 
-    def __init__(
-        self, folders: Sequence[Path], recorded: Tables, warn: Callable[[str], None]
-    ) -> None:
-        """Nothing is read yet.
+    It comes from the row of the run and its kept policy. Its residual is missing where the file
+    does not hold it.
 
-        Args:
-            folders: Folders of tables; the first that kept a run counts.
-            recorded: The rows of the runs.
-            warn: Called with a line on each kept run that cannot be used.
-        """
-        self._folders = [Path(folder) for folder in folders]
-        self._recorded = recorded
-        self._warn = warn
-        self._found: dict[str, Outcome | None] = {}
+    Args:
+        folders: Folders of tables; the first that kept a run counts.
+        recorded: The rows of the runs.
+        warn: Called with a line on each kept run that cannot be used.
+    """
+    found: dict[str, Outcome | None] = {}
 
-    def outcome(self, run: Run) -> Outcome | None:
-        """What a finished run left, from its row and its kept policy; None if it is not there.
-
-        Its residual is missing where the file does not hold it.
-        """
-        if run.name not in self._found:
+    def restored(run: Run) -> Outcome | None:
+        if run.name not in found:
             try:
-                self._found[run.name] = self._outcome(run)
+                found[run.name] = _restored(run, folders, recorded)
             except (UsageError, UnreadableRunError) as error:
-                self._found[run.name] = None
-                self._warn(f"{run.name} cannot be restored from its kept policy: {error}")
-        return self._found[run.name]
+                found[run.name] = None
+                warn(f"{run.name} cannot be restored from its kept policy: {error}")
+        return found[run.name]
 
-    def _outcome(self, run: Run) -> Outcome | None:
-        rows = self._recorded.runs.loc[self._recorded.runs["run"].eq(run.name)]
-        if run.variant or len(rows) != 1:
-            return None
-        row: dict[str, Any] = rows.iloc[0].to_dict()
-        if row["key"] != run.key or row["status"] == "failed":
-            return None
-        for folder in self._folders:
-            path = path_of(folder, run.task, run.team_size)
-            own = load_kept(path, run.name).get(run.name)
-            # A policy with another time belongs to a row that has been replaced.
-            if own is not None and own.committed in ("", row["committed"]):
-                return _outcome(run, own, row, self._recorded, path)
+    return restored
+
+
+def _restored(run: Run, folders: Sequence[Path], recorded: Tables) -> Outcome | None:
+    rows = recorded.runs.loc[recorded.runs["run"].eq(run.name)]
+    if run.variant or len(rows) != 1:
         return None
+    row: dict[str, Any] = rows.iloc[0].to_dict()
+    if row["key"] != run.key or row["status"] == "failed":
+        return None
+    for folder in folders:
+        path = path_of(folder, run.task, run.team_size)
+        own = load_kept(path, run.name).get(run.name)
+        # A policy with another time belongs to a row that has been replaced.
+        if own is not None and own.committed in ("", row["committed"]):
+            return _outcome(run, own, row, recorded, path)
+    return None
 
 
 def _outcome(
@@ -174,12 +170,10 @@ def _outcome(
     if own.residual:
         residual = blank(registry.load("residual", run.residual)())
         residual = with_arrays(residual, own.residual, f"the residual of {where}")
-    results = recorded.results.loc[recorded.results["run"].eq(run.name)]
-    metrics = recorded.metrics(run.name)
-    of_run = lambda table: table.loc[table["run"].eq(run.name)].reset_index(drop=True)  # noqa: E731
+    rows, metrics = recorded.of_runs([run.name]), recorded.metrics(run.name)
     trained = Trained(
         policy=policy_of(own.policy, template, where),
-        ledger=_ledger(metrics, int(results["calibration_flights"].iloc[0])),
+        ledger=_ledger(metrics, int(rows.results["calibration_flights"].iloc[0])),
         curves={},
         status=row["status"],
         residual=residual,
@@ -192,10 +186,10 @@ def _outcome(
     return Outcome(
         status=row["status"],
         trained=trained,
-        trained_effects=results["trained_effects"].iloc[0],
+        trained_effects=rows.results["trained_effects"].iloc[0],
         metrics=metrics,
-        curves=of_run(recorded.curves),
-        trajectory=of_run(recorded.trajectories),
+        curves=rows.curves,
+        trajectory=rows.trajectories,
         origin=_origin(row),
     )
 

@@ -34,10 +34,10 @@ def states(runs: list[Run], store: Store, recorded: Tables) -> list[State]:
     causes = recorded.column("cause")
     by_prefix: dict[str, list[str]] = {}
     for name in store.names():
-        by_prefix.setdefault(_prefix(name), []).append(name)
+        by_prefix.setdefault(name.rpartition("-")[0], []).append(name)
 
     def state(run: Run) -> State:
-        alike = by_prefix.get(_prefix(run.name), [])
+        alike = by_prefix.get(run.name.rpartition("-")[0], [])  # without its key
         if run.name in finished:
             return State(run, {"run": run.name}, "")
         if run.name in alike:
@@ -103,8 +103,3 @@ def _text(flat: Mapping[str, Any], path: str) -> str:
         return "absent"
     text = json.dumps(flat[path])
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
-
-
-def _prefix(name: str) -> str:
-    """The name of a run's folder without its key."""
-    return name.rpartition("-")[0]

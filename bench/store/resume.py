@@ -68,7 +68,7 @@ def make_standing(
         foreign = with_children(foreign_rows(plan, recorded), plan.runs) & rows
         standing.outdated.update({name: name for name in foreign})
         rows -= foreign
-        sound = _without_foreign(sound, {name: by_name[name] for name in foreign})
+        sound = {n: c for n, c in sound.items() if n not in foreign or made_by(by_name[n], c)}
     causes = recorded.column("cause")
     for run in plan.runs:
         content = sound.get(run.name) or failed_row(run.name, causes)
@@ -78,15 +78,8 @@ def make_standing(
             standing.missing.append(run)
         else:
             standing.failed.append(run)
-    done = {run.name for run in standing.done}
-    resumed = resumed_names(standing.missing)
-
-    def lost(run: Run) -> bool:
-        # The row may be of an earlier attempt than the folder, which then holds a failure.
-        return run.name in done and unfit(run.name, sound.get(run.name), resumed)
-
-    again, restored = lost_parents(standing.missing, by_name, lost, kept, resumed)
-    return dataclasses.replace(standing, again=again, restored=restored)
+    _add_lost_parents(standing, by_name, sound, kept)
+    return standing
 
 
 def with_children(names: Collection[str], runs: Iterable[Run]) -> set[str]:
@@ -96,15 +89,6 @@ def with_children(names: Collection[str], runs: Iterable[Run]) -> set[str]:
         if not found.isdisjoint(run.parents.values()):
             found.add(run.name)
     return found
-
-
-def _without_foreign(sound: Mapping[str, dict], foreign: Mapping[str, Run]) -> Mapping[str, dict]:
-    """`sound` without the folders that are of other programs or machines, as their rows are."""
-    return {
-        name: content
-        for name, content in sound.items()
-        if name not in foreign or made_by(foreign[name], content)
-    }
 
 
 def resumed_names(runs: Iterable[Run]) -> frozenset[str]:
@@ -117,49 +101,29 @@ def resumed_methods(run: Run) -> tuple[str, ...]:
     return () if run.deploys else registry.load("method", run.method).resumes_from
 
 
-def unfit(name: str, content: Mapping[str, Any] | None, resumed: Collection[str]) -> bool:
-    """Whether the folder of a run is not there, or no child could start from what it holds.
-
-    Args:
-        name: The run.
-        content: Content of its run.json; None without a folder.
-        resumed: Names of the runs whose residual is wanted.
-    """
-    if content is None or content["status"] == "failed":
-        return True
-    return name in resumed and "residual.npz" not in content["files"]
-
-
-def lost_parents(
-    missing: Iterable[Run],
+def _add_lost_parents(
+    standing: Standing,
     by_name: Mapping[str, Run],
-    lost: Callable[[Run], bool],
+    sound: Mapping[str, dict],
     kept: Callable[[Run], Outcome | None],
-    resumed: Collection[str],
-) -> tuple[list[Run], list[Run]]:
-    """Parents of missing runs that are trained again, and those that are restored instead.
-
-    Args:
-        missing: Runs that are to do.
-        by_name: All runs of the plan.
-        lost: Whether a run is finished, but no child could start from what its folder holds.
-        kept: What can be restored of a run from its kept policy.
-        resumed: Names of the runs whose residual is wanted, too.
-    """
-    again: list[Run] = []
-    restored: list[Run] = []
-    wanted = [by_name[name] for run in missing for name in run.parents.values()]
+) -> None:
+    """Adds finished parents of missing runs from whose folder no child could start."""
+    done, resumed = {run.name for run in standing.done}, resumed_names(standing.missing)
+    wanted = [by_name[name] for run in standing.missing for name in run.parents.values()]
     while wanted:
         run = wanted.pop()
-        if run in again or run in restored or not lost(run):
+        # The row may be of an earlier attempt than the folder, which then holds a failure.
+        content = sound.get(run.name, {"status": "failed"})
+        bare = run.name in resumed and "residual.npz" not in content.get("files", ())
+        lost = run.name in done and (content["status"] == "failed" or bare)
+        if run in standing.again or run in standing.restored or not lost:
             continue
         left = (outcome := kept(run)) and outcome.trained
         if left and (left.residual is not None or run.name not in resumed):
-            restored.append(run)
+            standing.restored.append(run)
         else:
-            again.append(run)
+            standing.again.append(run)
             wanted += [by_name[name] for name in run.parents.values()]
-    return again, restored
 
 
 def finished_rows(recorded: Tables) -> set[str]:

@@ -6,9 +6,8 @@ the arrays stand: JSON, in which classes and functions are named as `module:name
 pickled, no code is stored: whoever loads the policy needs the package that it came from.
 """
 
-import functools
-import importlib
 import json
+import pkgutil
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -84,7 +83,7 @@ def _name(thing: Any, where: str) -> str:
         name = getattr(thing, "__qualname__", None) or getattr(thing, "__name__", "")
         text = f"{module}:{name}"
         try:
-            if _found(text) is thing:
+            if pkgutil.resolve_name(text) is thing:
                 return text
         except (ImportError, AttributeError, ValueError):
             continue
@@ -92,11 +91,6 @@ def _name(thing: Any, where: str) -> str:
         f"{where} is {thing!r:.60}, which cannot be found by name, so that the policy could not be "
         "loaded again. Define it at the top of a module."
     )
-
-
-def _found(text: str) -> Any:
-    module, _, name = text.partition(":")
-    return functools.reduce(getattr, name.split("."), importlib.import_module(module))
 
 
 def _rebuilt(node: dict[str, Any], arrays: Iterator[np.ndarray]) -> Any:
@@ -111,8 +105,8 @@ def _rebuilt(node: dict[str, Any], arrays: Iterator[np.ndarray]) -> Any:
         if kind.__name__ in node:
             return kind(_rebuilt(x, arrays) for x in node[kind.__name__])
     if "function" in node:
-        return _found(node["function"])
-    cls = _found(node["class"])
+        return pkgutil.resolve_name(node["function"])
+    cls = pkgutil.resolve_name(node["class"])
     if not (isinstance(cls, type) and issubclass(cls, eqx.Module)):
         raise ValueError(f"{node['class']} is no equinox module")
     made = object.__new__(cls)

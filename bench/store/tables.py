@@ -214,11 +214,8 @@ class Tables:
 
     def identities(self) -> dict[tuple, str]:
         """Name of the run of each identity (`IDENTITY`)."""
-        columns = (self.runs[column] for column in IDENTITY)
-        return {
-            tuple(identity): run
-            for identity, run in zip(zip(*columns, strict=True), self.runs["run"], strict=True)
-        }
+        rows = self.runs[["run", *IDENTITY]].itertuples(index=False, name=None)
+        return {tuple(identity): run for run, *identity in rows}
 
     def metrics(self, run: str) -> dict[str, float]:
         """Metric -> value of one run."""

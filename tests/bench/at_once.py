@@ -28,7 +28,7 @@ class AtOnce(AbstractExecutor):
         self.left -= 1
         self.ended.append(self.do(slot, task))
 
-    def events(self, timeout):
+    def _poll(self, left):
         ended, self.ended = self.ended, []
         return ended
 

@@ -8,7 +8,7 @@ from at_once import AtOnce
 from outcomes import FailingDisk
 from rich.console import Console
 
-from bench.execution.execute import execute
+from bench.execution.execute import Execution
 from bench.execution.executor import Ended
 from bench.execution.progress import SweepProgress
 from bench.execution.worker import do_run
@@ -24,7 +24,7 @@ def test_a_full_disk_costs_the_runs_that_cannot_be_stored(plugins, tmp_path, mon
     runs = expand(Suite("test", "", ("spread",), (2,), 2, (Row("child"),))).runs
     store = Store(tmp_path, FailingDisk())
     console = Console(file=io.StringIO(), width=200)
-    status = execute(runs, store, full, SweepProgress(runs, console))
+    status = Execution(runs, store, full, SweepProgress(runs, console)).result()
     assert status == {run.name: "failed" for run in runs}
     assert store.names() == []
     text = console.file.getvalue()
@@ -44,7 +44,7 @@ def test_what_failed_by_itself_stays_so_when_its_group_dies_later(plugins, tmp_p
         return Ended(slot, error="its worker process was ended by SIGKILL")
 
     display = SweepProgress(runs, Console(file=io.StringIO(), width=200))
-    status = execute(runs, store, AtOnce(fail_and_die), display, together=3)
+    status = Execution(runs, store, AtOnce(fail_and_die), display, together=3).result()
     assert status == {run.name: "failed" for run in runs}
     found = [store.read(run.name) for run in runs]
     assert [content["interrupted"] for content in found] == [False, True, True]
@@ -60,7 +60,7 @@ def test_a_child_of_two_that_failed_earlier_fails_once(plugins, tmp_path, monkey
     display = SweepProgress([child, grand], Console(quiet=True))
     monkeypatch.setattr(display, "finished", lambda run, *_: ended.append(run.name))
     store, failed = Store(tmp_path), ["one", "other"]
-    status = execute([child, grand], store, AtOnce(pytest.fail), display, failed=failed)
+    status = Execution([child, grand], store, AtOnce(pytest.fail), display, failed=failed).result()
     assert status == {child.name: "failed", grand.name: "failed"}
     assert ended == [child.name, grand.name]
     assert store.read(child.name)["cause"] == "parent one failed"

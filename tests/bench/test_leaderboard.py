@@ -37,8 +37,8 @@ def test_rows_are_ordered_by_the_settled_reward_and_show_the_whole_one():
     sheet = Sheet().add("late", rewards=(-50.0, -51.0), reward=-100.0, settling_time=4.0)
     sheet.add("early", rewards=(-60.0, -61.0), reward=-70.0, settling_time=0.5)
     late, early = leaderboard_rows(sheet.tables())
-    assert (late["method"], late["rank"].text, late["reward_mean"]) == ("late", "1", -50.5)
-    assert (early["method"], early["rank"].text, early["reward_mean"]) == ("early", "2", -60.5)
+    assert (late["method"], late["rank"].text, late["reward"].mean) == ("late", "1", -50.5)
+    assert (early["method"], early["rank"].text, early["reward"].mean) == ("early", "2", -60.5)
     shown = {column.heading: column.text(late) for column in COLUMNS}
     assert shown["settled reward (n)"] == "-50 ± 1 (n = 2)"
     assert (shown["reward"], shown["settling time [s]"]) == ("-100", "4")
@@ -93,13 +93,13 @@ def test_the_document_says_which_programs_made_its_rows_and_where():
 def test_a_method_whose_runs_all_failed_is_listed_last():
     tables = Sheet().add().add("hf_scratch", rewards=(0.0, 0.0), status="failed").tables()
     row = leaderboard_rows(tables)[-1]
-    assert (row["method"], row["n"], row["rank"], row["runs"]) == (
+    assert (row["method"], row["reward"].n, row["rank"], row["runs"]) == (
         "hf_scratch",
         0,
         None,
         "2 failed (seed 0, 1)",
     )
-    assert math.isnan(row["reward_mean"])
+    assert math.isnan(row["reward"].mean)
 
 
 def test_a_run_that_failed_is_listed_only_where_it_was_meant_to_fly():
@@ -112,7 +112,7 @@ def test_a_run_that_failed_is_listed_only_where_it_was_meant_to_fly():
 
 def test_a_finished_run_without_a_finite_reward_is_named():
     row = leaderboard_rows(Sheet().add(rewards=(-1.0, math.nan)).tables())[0]
-    assert (row["n"], row["runs"]) == (1, "2 ok, no reward from seed 1")
+    assert (row["reward"].n, row["runs"]) == (1, "2 ok, no reward from seed 1")
 
 
 def test_no_rows_make_a_leaderboard_that_says_so(tmp_path):

@@ -222,7 +222,7 @@ def test_worlds_are_pooled_apart():
     windy = tables.results.assign(deployed_effects="wind(x=1)", value=values)
     results = pd.concat([tables.results, windy], ignore_index=True)
     both = pools(Tables(results, tables.curves, tables.trajectories, tables.runs))
-    assert [pool.deployed_effects for pool in both] == ["", "wind(x=1)"]
+    assert [pool.cells[0].deployed_effects for pool in both] == ["", "wind(x=1)"]
     assert both[0].rows[0].iqm.value > both[1].rows[0].iqm.value
 
 

@@ -16,7 +16,7 @@ from bench.execution.sweep import _make_way
 from bench.execution.worker import _parents
 from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
-from bench.store.kept import KeptRun, KeptRuns, load_kept, path_of, save_kept
+from bench.store.kept import KeptRun, load_kept, path_of, restorer, save_kept
 from bench.store.resume import make_standing
 from bench.store.store import Store
 from bench.store.tables import Tables
@@ -175,7 +175,7 @@ def _figure8_policy():
 
 def restored(store, run):
     said = []
-    left = KeptRuns([store.directory], Tables.load(store.directory), said.append).outcome(run)
+    left = restorer([store.directory], Tables.load(store.directory), said.append)(run)
     assert said == []
     return left
 
@@ -216,13 +216,13 @@ def test_only_who_starts_from_a_residual_needs_one(hybrid):
     save_kept(path, {parent.name: KeptRun(load_kept(path)[parent.name].policy, [], "")})
     forget(store.directory)
     recorded = Tables.load(store.directory)
-    kept = KeptRuns([store.directory], recorded, print)
+    kept = restorer([store.directory], recorded, print)
     hybrid = Row("hybrid", residual="mlp", deployed_in="crazyflow+mass(e=0.2)")
     deployed = expand(Suite("s", "", ("figure8",), (3,), 1, (hybrid,)))
 
     def standing(plan):
         store_again = Store(store.directory)
-        return make_standing(plan, store_again.sound(print), recorded, kept=kept.outcome)
+        return make_standing(plan, store_again.sound(print), recorded, kept=kept)
 
     before = standing(deployed)
     assert [run.name for run in before.restored] == [parent.name]

@@ -42,8 +42,7 @@ def plan(
         Folder of tables whose finished runs count as finished here; may be repeated.
     """
     check_number("jobs", jobs)
-    for folder in reuse or ():
-        check_tables(folder)
+    check_tables(*(reuse or ()))
     chosen = (part or Part()).of(suite)
     from rich.console import Console
 

@@ -72,8 +72,7 @@ def run(
             raise UsageError(
                 f"--out and --against are both {out}; own rows need a folder of their own."
             )
-    for folder in reuse or ():
-        check_tables(folder)
+    check_tables(*(reuse or ()))
     chosen = (part or Part()).of(suite or (against.resolve().name if against else "quick"))
     tables_dir = out or Path("results") / chosen.name
     documents_dir = out or Path("reports") / chosen.name

@@ -8,19 +8,13 @@ import cyclopts
 
 from bench.cli.checks import check_files, check_tables
 
-NOTES = (
-    "Markdown file that says why, such as reports/paper_notes.md: it becomes the page NAME_why.md, "
-    "and the answers list its headings."
-)
-"""Help of `--notes`: a docstring has no parameter of that name, only a section."""
-
 
 def claims(
     directories: Annotated[list[Path], cyclopts.Parameter(negative=())],
     /,
     *,
     out: Path | None = None,
-    notes: Annotated[Path | None, cyclopts.Parameter(help=NOTES)] = None,
+    notes: Path | None = None,
 ) -> int:
     """Judge the paper's claims by the tables of suites; write answers and what they rest on.
 
@@ -32,9 +26,11 @@ def claims(
     out
         Markdown file to write; default: reports/NAME.md if the first folder is results/NAME, else
         claims.md in it. The tables of all cells are written beside it, as NAME_cells.md.
+    notes
+        Markdown file that says why, such as reports/paper_notes.md: it becomes the page
+        NAME_why.md, and the answers list its headings.
     """
-    for directory in directories:
-        check_tables(directory)
+    check_tables(*directories)
     check_files([notes] if notes else [])
     from bench.paper.page import write_claims
     from bench.store.tables import Tables

@@ -1,11 +1,11 @@
 """`bench deploy`: kept policies flown in any reality."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 from bench.cli.checks import check_names, check_reality, check_tables
 from bench.cli.options import Repeatable
+from bench.execution.environment import compute_here
 
 
 def deploy(
@@ -37,9 +37,7 @@ def deploy(
     check_names("method", method or ())
     if reality:
         check_reality(reality)
-    from bench.execution.environment import environment
-
-    os.environ.update(environment())
+    compute_here()
     from rich.console import Console
 
     from bench.execution.policies import deploy as deploy_policies

@@ -27,8 +27,7 @@ def worlds(
     notes
         Markdown file to append, such as reports/worlds_notes.md.
     """
-    for directory in directories:
-        check_tables(directory)
+    check_tables(*directories)
     path = out or Path("reports") / "worlds.md"
     if path.suffix == ".html":
         raise UsageError(f"Markdown is written to {path} and HTML beside it: name the former.")

@@ -1,10 +1,10 @@
 """`bench check`: the conformance suite on a plug-in."""
 
-import os
 from typing import Annotated
 
 from bench.cli.checks import check_names, check_registered
 from bench.cli.options import Repeatable
+from bench.execution.environment import compute_here
 
 
 def check(
@@ -29,9 +29,7 @@ def check(
     """
     check_registered(plugin)
     check_names("simulator", simulator or ())
-    from bench.execution.environment import environment
-
-    os.environ.update(environment())
+    compute_here()
     from bench.conformance.command import check as check_plugin
 
     return check_plugin(plugin, setting or (), simulator or ())

@@ -1,6 +1,5 @@
 """`bench diagnose`: why a simulator and real flights differ."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +11,7 @@ from bench.cli.checks import (
     earlier_diagnosis,
 )
 from bench.cli.options import Remedy, Repeatable
+from bench.execution.environment import compute_here
 from bench.text.errors import UsageError
 
 
@@ -62,16 +62,14 @@ def diagnose(
     """
     if (flights is None) == (deploy is None) or (deploy is None) != (reality is None):
         raise UsageError("Give either a folder of flights, or --deploy TASK with --reality.")
+    others = {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
     if deploy is None:
         check_unused({"--team-size": team_size, "--seeds": seeds}, "without --deploy")
     else:
-        given = {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
-        check_unused(given | {"--remedy": change.remedy}, "with --deploy")
+        check_unused(others | {"--remedy": change.remedy}, "with --deploy")
     if change.remedy is not None and flights is not None:
         flights = earlier_diagnosis(flights)
-    change.check(
-        flights, {"--simulator": simulator, "--reference": reference, "--exclude": exclude}
-    )
+    change.check(flights, others)
     check_names("simulator", [simulator] if simulator else ())
     check_names("effect", exclude or ())
     check_names("task", [deploy] if deploy else ())
@@ -79,9 +77,7 @@ def diagnose(
         check_reality(reality)
     folders = (None if change.of_file(flights) else flights, reference)
     check_flights([folder for folder in folders if folder is not None])
-    from bench.execution.environment import environment
-
-    os.environ.update(environment())
+    compute_here()
     if flights is not None:
         from bench.diagnosis_report.command import place_of, run_diagnosis
 

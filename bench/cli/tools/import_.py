@@ -84,28 +84,22 @@ def import_(
         raise UsageError(f"`--full-thrust` must be above 0 N, got {full_thrust:g}.")
     if above is not None and not 0.0 <= above < 1e4:
         raise UsageError(f"`--above` must be at least 0 m, got {above:g}.")
-    return _import(
+    text = _vehicle(out, vehicle, drone, mass)
+    parse_vehicle(text, "vehicle.toml")
+    from diagnosis.importing.convert import import_logs
+    from diagnosis.importing.report import summary
+
+    found = import_logs(
         sources,
         out,
-        _vehicle(out, vehicle, drone, mass),
+        text,
         kind=format,
         full_thrust=full_thrust,
-        topics=topic or (),
+        topics=_topics(topic or ()),
         columns=columns,
         truncated=truncated,
         above=above,
     )
-
-
-def _import(
-    sources: tuple[Path, ...], out: Path, vehicle: str, topics: Sequence[str], **options: object
-) -> int:
-    """Exit status: 0, or 2 where nothing was usable."""
-    parse_vehicle(vehicle, "vehicle.toml")
-    from diagnosis.importing.convert import import_logs
-    from diagnosis.importing.report import summary
-
-    found = import_logs(sources, out, vehicle, topics=_topics(topics), **options)  # type: ignore[arg-type]
     for left in found.left_out:
         print(f"bench: left out: {clean(left.reason)}", file=sys.stderr)  # noqa: T201
     for flight in found.flights:

@@ -1,10 +1,10 @@
 """`bench profile`: where an epoch of training goes."""
 
-import os
 from typing import Annotated
 
 from bench.cli.checks import check_names
 from bench.cli.options import Repeatable
+from bench.execution.environment import compute_here
 
 
 def profile(
@@ -35,9 +35,7 @@ def profile(
     check_names("method", [method])
     check_names("task", [task])
     settings = nested(parse_settings(setting or ()))
-    from bench.execution.environment import environment
-
-    os.environ.update(environment())
+    compute_here()
     from bench.report.profile import run_profile
 
     return run_profile(method, task, team_size or (3, 12, 18), settings)

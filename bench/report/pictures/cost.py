@@ -40,25 +40,14 @@ PAGE_SIZE = (4.8, 3.0)
 """Width and height of a panel on a page [in]."""
 
 
-class Point(NamedTuple):
-    """What an entry is worth and what it flies, at one team size."""
-
-    entry: Entry
-    minutes: float
-    """Mean bill over tasks and seeds [fleet-minutes]."""
-    gap: float
-    """Mean over tasks of the mean over seeds."""
-    spread: float | None
-    """Root mean square over tasks of the standard deviation over seeds; None with one seed."""
-
-
 class Mark(NamedTuple):
     """A method at a budget, as it is drawn."""
 
     entry: Entry
     minutes: float
-    """Its bill [fleet-minutes]."""
+    """Its bill, a mean over tasks and seeds on a page [fleet-minutes]."""
     value: float
+    """A reward; on a page a gap, mean over tasks of the mean over seeds."""
     bars: Any
     """Error bars as matplotlib takes them; None: without."""
 
@@ -81,7 +70,7 @@ def cost_panels(tables: Tables) -> tuple[list[Panel], list[Key]]:
     panels = []
     for n, own in sorted(found.items()):
 
-        def draw(panel: Axes, own: list[Point] = own) -> None:
+        def draw(panel: Axes, own: list[Mark] = own) -> None:
             _draw(panel, own, entries)
             panel.set_ylabel(axis)
             _scale(panel, found)
@@ -89,20 +78,20 @@ def cost_panels(tables: Tables) -> tuple[list[Panel], list[Key]]:
             plain_ticks(panel.yaxis)
 
         said = "; ".join(
-            f"{p.entry.label} {significant(p.gap)} at {significant(p.minutes)} fleet-minutes"
-            for p in sorted(own, key=lambda p: p.gap)
+            f"{p.entry.label} {significant(p.value)} at {significant(p.minutes)} fleet-minutes"
+            for p in sorted(own, key=lambda p: p.value)
         )
         svg = render(draw, f"cost-{n}", PAGE_SIZE)
         panels.append(Panel(f"N = {n}", svg, f"{axis[0].upper()}{axis[1:]}, N = {n}: {said}."))
     return panels, legend(entries, entries)
 
 
-def points(tables: Tables, values: Values | None = None) -> dict[int, list[Point]]:
+def points(tables: Tables, values: Values | None = None) -> dict[int, list[Mark]]:
     """What is drawn, by team size: gaps of scores, or of `values`, of which 1 is the best."""
     scores = seed_values(scored(tables), "score") if values is None else values
     scores = at_budgets(at_home(scores, tables))
     bills = at_budgets(undisturbed(tables, "fleet_minutes"), FEWEST_SEEDS if values is None else 1)
-    found: dict[int, list[Point]] = {}
+    found: dict[int, list[Mark]] = {}
     for n in sorted({cell.team_size for cell in scores}):
         cells = [cell for cell in scores if cell.team_size == n]
         for entry in sorted({e for cell in cells for e in scores[cell]}):
@@ -113,16 +102,16 @@ def points(tables: Tables, values: Values | None = None) -> dict[int, list[Point
     return found
 
 
-def _entries(found: dict[int, list[Point]]) -> list[Entry]:
+def _entries(found: dict[int, list[Mark]]) -> list[Entry]:
     """Who is drawn, in order, whatever the budget."""
     return ordered({p.entry._replace(variant="") for own in found.values() for p in own})
 
 
-def _point(entry: Entry, minutes: list[float], own: list[Any]) -> Point:
+def _point(entry: Entry, minutes: list[float], own: list[Any]) -> Mark:
     squares = [x.std**2 for x in own if x.has_interval]
     score = float(np.mean([x.mean for x in own]))
-    spread = float(np.sqrt(np.mean(squares))) if squares else None
-    return Point(entry, float(np.mean(minutes)), 1.0 - score, spread)
+    spread = float(np.sqrt(np.mean(squares))) if squares else None  # None with one seed
+    return Mark(entry, float(np.mean(minutes)), 1.0 - score, spread)
 
 
 def draw_marks(
@@ -165,17 +154,16 @@ def up_to(panel: Axes, largest: float) -> None:
     panel.set_xlim(-0.05, max(1.0, 3.0 * largest))
 
 
-def _draw(panel: Axes, own: list[Point], entries: list[Entry]) -> None:
-    marks = [Mark(p.entry, p.minutes, p.gap, p.spread) for p in own]
-    for mark, line in draw_marks(panel, marks, entries, on_page, lambda entry: entry.label):
+def _draw(panel: Axes, own: list[Mark], entries: list[Entry]) -> None:
+    for mark, line in draw_marks(panel, own, entries, on_page, lambda entry: entry.label):
         said = f"{mark.entry.label}: {number(mark.value, 4)}, {significant(mark.minutes)} min"
         name(line, said)
     panel.axhline(0.0, color="#999999", linewidth=0.8, linestyle=":")
 
 
-def _scale(panel: Axes, found: dict[int, list[Point]]) -> None:
+def _scale(panel: Axes, found: dict[int, list[Mark]]) -> None:
     """Logarithmic, best on top; bars that reach beyond all means do not set the range."""
-    gaps = [p.gap for own in found.values() for p in own]
+    gaps = [p.value for own in found.values() for p in own]
     panel.set_yscale("symlog", linthresh=FINEST)
     panel.set_ylim(2.0 * max(*gaps, FINEST), min(2.0 * min(gaps), -FINEST))
     up_to(panel, max(p.minutes for own in found.values() for p in own))

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from bench.report.pictures.looks import Key, legend, on_page, ordered
 from bench.report.pictures.svg import Panel, name, render
-from bench.stats.statistics import Cell, Entry, cell_of, entry_of, records
+from bench.stats.statistics import Cell, Entry, entry_of, records
 from bench.store.tables import Tables
 
 CURVES_INTRO = (
@@ -101,10 +101,4 @@ def by_run(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 def owners(runs: pd.DataFrame) -> dict[str, tuple[Cell, Entry]]:
     """Cell and entry of each run; the world it was evaluated in is left open."""
-    return {
-        row["run"]: (
-            cell_of({"simulator": "crazyflow", "deployed_effects": "", **row}),
-            entry_of(row),
-        )
-        for row in records(runs)
-    }
+    return {r["run"]: (Cell(r["task"], r["team_size"]), entry_of(r)) for r in records(runs)}

@@ -74,11 +74,4 @@ def _about(row: Mapping[str, object], results: pd.DataFrame) -> dict[str, Value]
         found |= {column: first[column] for column in WORLD}
     for text in texts:
         found |= flatten(json.loads(str(row[text])), f"{text}.")
-    return {key: _plain(value) for key, value in found.items()}
-
-
-def _plain(value: object) -> Value:
-    """A value as the tools take it: numbers of numpy as numbers, lists and None as text."""
-    if hasattr(value, "item"):
-        value = value.item()  # pyright: ignore[reportAttributeAccessIssue]
-    return value if isinstance(value, str | int | float | bool) else json.dumps(value)
+    return {k: v if isinstance(v, Value) else json.dumps(v) for k, v in found.items()}

@@ -12,7 +12,7 @@ from bench.paper.choosing import (
     whom,
 )
 from bench.paper.values import HOTSTART, HYBRID, LF, SCRATCH, name_of
-from bench.stats.choices import BUDGETS, better_settings, choices, minutes_of, on_task
+from bench.stats.choices import BUDGETS, better_settings, choices, on_task
 from bench.stats.scores import UPPER
 from bench.stats.statistics import Entry
 from bench.text import markdown
@@ -169,7 +169,6 @@ def test_where_nothing_can_be_afforded_there_is_no_choice():
 def test_the_bill_is_the_mean_over_tasks_and_seeds():
     sheet = Scores().bound("spread", "circle")
     sheet.give(HYBRID, 0.6, 40.0).give(HYBRID, 0.6, 60.0, task="circle")
-    assert minutes_of(sheet.tables()) == {(HYBRID, 3): [60.0] * 3 + [40.0] * 3}
     assert chosen(sheet) == [(50.0, "hybrid")]
 
 
