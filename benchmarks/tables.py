@@ -16,9 +16,8 @@ import pandas as pd
 import seaborn
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from bench.paper.figures import STYLE
+from bench.paper.figures import STYLE, saved
 from bench.report.pictures.looks import COLORS
-from blind.report.canvas import saved
 
 TABLE = Path("results/performance/benchmarks.parquet")
 FIGURE = Path("reports/performance/scale.png")

@@ -5,6 +5,7 @@ import json
 import os
 
 import pytest
+from outcomes import outcome
 
 from bench.plan.expansion import expand
 from bench.plan.suite import Row, Suite
@@ -25,14 +26,7 @@ def planned():
 
 
 @pytest.fixture(scope="module")
-def outcome():
-    import outcomes
-
-    return outcomes.outcome
-
-
-@pytest.fixture(scope="module")
-def store(planned, outcome, tmp_path_factory):
+def store(planned, tmp_path_factory):
     """One is committed, the others have its files and a run.json of their own."""
     store = Store(tmp_path_factory.mktemp("results"))
     first, *others = planned[:N_RUNS]
@@ -48,7 +42,7 @@ def store(planned, outcome, tmp_path_factory):
     return store
 
 
-def test_one_more_run_is_committed(benchmark, store, planned, outcome):
+def test_one_more_run_is_committed(benchmark, store, planned):
     ended = outcome(planned[0])
     more = iter(planned[N_RUNS:])
     assert benchmark.pedantic(lambda: store.commit(next(more), ended), rounds=20)

@@ -53,12 +53,7 @@ def fly(reality: AbstractSimulator, flights: int, seconds: float, seed: int) -> 
             pos=np.asarray(flown.pos)[:, 0] + noise["pos"],
             vel=np.asarray(flown.vel)[:, 0] + noise["vel"],
             quat=np.asarray(rpy_to_quat(jnp.asarray(rpy + noise["attitude"])), float),
-            ang_vel=None,
-            acc=None,
             cmd=np.asarray(cmd, float)[:, 0],
-            rotor_vel=None,
-            pwm=None,
-            battery=None,
         )
         logs.append(FlightLog(f"flight_{i + 1}", (drone,)))
     return logs

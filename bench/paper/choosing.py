@@ -39,8 +39,7 @@ TUNED = (
 """What is said of settings that are better than all defaults."""
 BETTER_SETTINGS = (
     "The table has the methods' default settings only. Other settings score higher than every "
-    "default that spends as much flight or less, though not always than their own default, which "
-    "spends more"
+    "method with default settings that spends as much flight or less"
 )
 """What is said where the names of such settings follow."""
 BETTER = "Settings that score higher than all defaults"
@@ -98,7 +97,7 @@ def whom(
     if better:
         names = dict.fromkeys(
             f"{markdown.escape(name_of_method(b.entry))} with `{b.entry.variant}` and "
-            f"{b.team_size} drones"
+            f"{b.team_size} drones ({markdown.escape(', '.join(b.tasks))})"
             for b in better
         )
         where = f"[where, and by how much]({cells}#{markdown.anchor(BETTER)})"
@@ -130,8 +129,8 @@ def by_task(found: Mapping[str, Sequence[Choice]]) -> list[str]:
         "The best method where only one task is flown, with the team sizes for which it is the "
         "best. `bench choose --task` gives its score, and the methods that are not shown to be "
         "worse. Means over tasks, as above, hide this: a method that diverges on one task loses "
-        "there what it gains on the others. A method is in no column that allows less flight than "
-        "it needs, and with many drones training in high fidelity may need more than any column.",
+        "there what it gains on the others. A method stands only in columns that allow the flight "
+        "it needs; training in high fidelity may need more than any of them with many drones.",
     ]
 
 

@@ -101,8 +101,8 @@ CLAIMS = (
     Claim(
         PAPER,
         "Of the paper's methods, Hybrid needs the least HF flight, scratch the most",
-        "Hybrid 20 fleet-minutes at N = 3 (40 by its own numbers) and 190 at N = 18; hot start 70 "
-        "to 1100; scratch 300 to 5900",
+        "Hybrid 20 fleet-minutes at N = 3 (40 by the flights that it states) and 190 at N = 18; "
+        "hot start 70 to 1100; scratch 300 to 5900",
         Cheaper((HYBRID, HOTSTART, SCRATCH)),
         SIZES,
         BILLS,

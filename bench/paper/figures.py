@@ -25,13 +25,39 @@ from bench.stats.statistics import (
 )
 from bench.store.tables import Tables
 
+SUMMARY = (
+    "Settled reward and share of training steps in contact against team size. There is one column "
+    "for each task. Points are means over seeds, bars reach from the worst to the best seed. "
+    "Contacts are of methods that train in high fidelity; methods that were run in less than a "
+    "quarter of the cells are left out"
+)
+"""What the figure of the grid shows."""
+WORLDS = (
+    "Settled reward (further right is better, logarithmic) on drones that are off their "
+    "specification: a row for each world (sizes in SI units, masses as shares), a column for each "
+    "task, a dot for each seed. *Recalibrated*, *grey box* and *hot start* flew "
+    "the changed drone before"
+)
+"""What the figure of the off-spec drones shows."""
+FLIGHTS = (
+    "How much more Hybrid loses with few calibration flights than with the whole pool, with one "
+    "panel for each team size. Points are means over seeds with one standard deviation. 0 flights: "
+    "the LF baseline. Dashed lines: 10 and 15 %, within which the paper's claims are. The axis is "
+    "logarithmic beyond 10 %"
+)
+"""What the figure of the budgets shows."""
+SETTINGS = (
+    "What a single setting changes: the settled reward less that of the default setting, in "
+    "percent of the default's; right is better. Bars are 95 % t-intervals of the difference, "
+    "paired by seed; the axis is logarithmic beyond 10 %"
+)
+"""What the figure of the settings shows."""
 STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
 """Settings of a figure in a file."""
 CONTACT = "training_crash_step_rate"
 """Share of training steps in contact; drawn of methods that train in high fidelity."""
 ROWS = {
     PRIMARY: "settled reward",
-    "fleet_minutes": "HF flight\n[fleet-minutes]",
     CONTACT: "training steps\nin contact [%]",
 }
 """Metrics from top to bottom, and their axis labels."""
@@ -41,7 +67,7 @@ where the best settle, to -600 of a training that diverged."""
 
 
 def write_summary(tables: Tables, path: Path) -> bool:
-    """Writes a PNG: settled reward (logarithmic) and cost against team size, a column a task.
+    """Writes a PNG: settled reward (logarithmic) and contacts against team size, a column a task.
 
     Means over seeds with one standard deviation; default settings. Nothing is written, and False
     returned, where there is nothing to draw.
@@ -59,6 +85,9 @@ def write_summary(tables: Tables, path: Path) -> bool:
     shown = pd.DataFrame(row for row in rows if row["entry"] not in settings)
     if shown.empty:
         return False
+    everybody = ordered(shown["entry"])
+    cells = shown[["entry", "task", "team_size"]].drop_duplicates()["entry"].value_counts()
+    shown = shown.loc[shown["entry"].map(4 * cells).ge(cells.max())]
     # Contact of methods that have any: the others never train in high fidelity.
     crashed = shown["metric"].eq(CONTACT)
     any_contact = shown.loc[crashed & shown["value"].gt(0.0), "entry"].unique()
@@ -74,18 +103,18 @@ def write_summary(tables: Tables, path: Path) -> bool:
             y="value",
             hue="method",
             hue_order=list(names.values()),
-            palette={name: look_of(e, entries)[0] for e, name in names.items()},
+            palette={name: look_of(e, everybody)[0] for e, name in names.items()},
             style="method",
             style_order=list(names.values()),
-            markers={name: look_of(e, entries)[1] for e, name in names.items()},
+            markers={name: look_of(e, everybody)[1] for e, name in names.items()},
             dashes=False,
             errorbar=_ends,
             err_style="bars",
             row="metric",
             row_order=list(ROWS),
             col="task",
-            height=2.1,
-            aspect=1.25,
+            height=2.8,
+            aspect=0.95,
             facet_kws={"sharey": False, "margin_titles": False},
         )
         grid.set_titles("{col_name}")
@@ -95,17 +124,19 @@ def write_summary(tables: Tables, path: Path) -> bool:
         for panel in grid.axes[0]:
             panel.set_yscale("symlog", linthresh=LINEAR)
             panel.set_yticks([-1000, -100, -10, -1])
-            top = max(0.0, shown.loc[shown["metric"].eq(PRIMARY), "value"].max())
-            panel.set_ylim(1.5 * min(panel.dataLim.y0, -1.0), top)
+            panel.set_ylim(*reward_span(panel))
             panel.yaxis.set_major_formatter("{x:g}")
-        for panel in grid.axes[1]:
-            panel.set_yscale("symlog", linthresh=1)
-            panel.set_ylim(-0.2, max(10.0, 2.0 * panel.dataLim.y1))
         for panel in grid.axes[1:].flat:
             panel.set_title("")
         grid.set_axis_labels("team size N", None)
         _save(grid, path)
     return True
+
+
+def reward_span(panel: Axes) -> tuple[float, float]:
+    """From below the worst to above the best of what a panel shows, on a scale as of `LINEAR`."""
+    low, high = panel.dataLim.y0, panel.dataLim.y1
+    return 1.5 * min(low, -1.0), max(0.6 * high, high)
 
 
 def _ends(values: pd.Series) -> tuple[float, float]:
@@ -249,9 +280,7 @@ def write_settings(tables: Tables, path: Path) -> bool:
     axes.set_xticks([-1000, -100, -10, 0, 10, 100])
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set_xlabel("settled reward beside the default [%] (right is better)")
-    figure.savefig(path, dpi=110, bbox_inches="tight")
-    plt.close(figure)
-    return True
+    return saved(figure, path, tight=True)
 
 
 def write_gaps(
@@ -266,15 +295,17 @@ def write_gaps(
     """
     series = {
         # An interval that reaches a score of 1 would have no end on a logarithmic axis.
-        world: [(i, mean, max(low, 0.1 * mean), high) for i, (mean, low, high) in enumerate(values)]
-        for world, values in gaps.items()
+        world: [
+            (i + 0.6 * (k + 0.5) / len(gaps) - 0.3, mean, max(low, 0.1 * mean), high)
+            for i, (mean, low, high) in enumerate(values)
+        ]
+        for k, (world, values) in enumerate(gaps.items())
     }
     colors = seaborn.color_palette("colorblind", len(series))
     looks = [(color, MARKERS[i % len(MARKERS)]) for i, color in enumerate(colors)]
     figure, axes = _intervals(names, series, looks)
     axes.set(xscale="log", xlabel="1 minus the score, mean over the cells (left is better)")
-    figure.savefig(path, dpi=110, bbox_inches="tight")
-    plt.close(figure)
+    saved(figure, path, tight=True)
 
 
 def _intervals(
@@ -287,7 +318,7 @@ def _intervals(
     An end that is no number is not drawn.
     """
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(6.0, 0.8 + 0.3 * len(names)))
+        figure, axes = plt.subplots(figsize=(6.0, 0.8 + 0.4 * len(names)))
         for (label, points), (color, mark) in zip(series.items(), looks, strict=True):
             at, mean, low, high = np.asarray(points, float).T
             axes.errorbar(
@@ -307,12 +338,18 @@ FEW = re.compile(r"flights=(\d+)")
 """Variant of a Hybrid of which nothing differs but the number of flights."""
 
 
+def saved(figure: Figure, path: Path, *, tight: bool = False) -> bool:
+    """True, after the figure was written, without margins if it is to be tight, and closed."""
+    figure.savefig(path, dpi=110, bbox_inches="tight" if tight else None)
+    plt.close(figure)
+    return True
+
+
 def _save(grid: seaborn.FacetGrid, path: Path) -> None:
     """Writes the picture, whose legend needs no title."""
     if grid.legend is not None:
         grid.legend.set_title("")
-    grid.savefig(path, dpi=110)
-    plt.close(grid.figure)
+    saved(grid.figure, path, tight=True)
 
 
 def plain(name: str) -> str:

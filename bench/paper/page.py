@@ -8,7 +8,7 @@ written as Markdown and as HTML.
 import dataclasses
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,13 +22,25 @@ from bench.paper.choosing import (
 )
 from bench.paper.claims import BILLS, BUDGET, CLAIMS, GRID, OFF_SPEC, OWN, PAPER, Claim
 from bench.paper.figures import (
+    FLIGHTS,
+    SETTINGS,
+    SUMMARY,
+    WORLDS,
     write_flights,
     write_settings,
     write_summary,
     write_worlds,
 )
-from bench.paper.pictures import write_cost, write_pipeline, write_top_views
+from bench.paper.pictures import (
+    COST,
+    PIPELINE,
+    VIEWS,
+    write_cost,
+    write_pipeline,
+    write_top_views,
+)
 from bench.paper.rule import Finding
+from bench.paper.values import WORDS
 from bench.report.leaderboard import made_by
 from bench.report.page import write_both
 from bench.stats.choices import Better, Choice, better_settings, choices, on_task
@@ -47,6 +59,15 @@ CELLS = "The paper's claims, cell by cell"
 """Title of the second page."""
 WHY = "Why: experiments behind the answers"
 """Title of the third page."""
+THE_PAPER = 'The paper (Mednikov and Gal, "Calibrate Once, Fly Any Team", arXiv 2609.17265)'
+"""Whose claims the page judges."""
+ENDED = {
+    "ok": "finished",
+    "budget": "used all their epochs while the reward still improved",
+    "diverged": "diverged",
+    "failed": "failed",
+}
+"""How a run ended, in words."""
 HOLDS = "What holds"
 """Heading of the list of claims by verdict."""
 BY_CONSTRUCTION = (
@@ -55,39 +76,6 @@ BY_CONSTRUCTION = (
 """What is said of claims that no measurement could refute."""
 SOURCE = "Where the rows come from"
 """Heading of the table of commits and machines."""
-COST = (
-    "Settled reward against high-fidelity flight, a panel for each task and team size; up and to "
-    "the left is better. Points are medians over seeds, bars reach from the worst to the best "
-    "seed. Both axes are logarithmic, except near 0. Small markers are other budgets of the same "
-    "method: fewer or more calibration flights, or trainings that were cut off"
-)
-"""What the first figure shows."""
-SUMMARY = (
-    "Settled reward, high-fidelity flight and share of training steps in contact against team "
-    "size. There is one column for each task. Points are means over seeds, bars reach from the "
-    "worst to the best seed. Contacts are of methods that train in high fidelity"
-)
-"""What the second figure shows."""
-WORLDS = (
-    "Settled reward (further right is better, logarithmic) on drones that are off their "
-    "specification: a row for each world (sizes in SI units, masses as shares), a column for each "
-    "task, a dot for each seed. *Recalibrated*, *grey box* and *hot start* flew "
-    "the changed drone before"
-)
-"""What the figure of the off-spec drones shows."""
-FLIGHTS = (
-    "How much more Hybrid loses with few calibration flights than with the whole pool, with one "
-    "panel for each team size. Points are means over seeds with one standard deviation. 0 flights: "
-    "the LF baseline. Dashed lines: 10 and 15 %, within which the paper's claims are. The axis is "
-    "logarithmic beyond 10 %"
-)
-"""What the figure of the budgets shows."""
-SETTINGS = (
-    "What a single setting changes: the settled reward less that of the default setting, in "
-    "percent of the default's; right is better. Bars are 95 % t-intervals of the difference, "
-    "paired by seed; the axis is logarithmic beyond 10 %"
-)
-"""What the figure of the settings shows."""
 HOW = (
     "Every number is computed from the tables of the sweep. The settled reward, from 2 s on, is "
     "judged first; the verdict by the whole return stands beside it. A claim about every cell (a "
@@ -101,18 +89,6 @@ HOW = (
     "the whole return. Contacts are flags in this simulator: drones never push each other."
 )
 """How verdicts are made."""
-
-
-PIPELINE = (
-    "How a policy is trained without flying it in high fidelity: Hybrid, the paper's pipeline, "
-    "above, and grey box below"
-)
-"""What the drawing of the pipeline shows."""
-VIEWS = (
-    "One evaluation episode of five drones from above, a column a task: circles where drones "
-    "start, stars where they end, older positions fainter"
-)
-"""What the top views show."""
 FIGURES = {
     "pipeline": (PIPELINE, write_pipeline),
     "views": (VIEWS, write_top_views),
@@ -138,6 +114,19 @@ class Judged(NamedTuple):
     """The verdict if the cells that were run were all."""
     whole_so_far: Verdict
     """The same by the return of the whole episode."""
+
+    @property
+    def word(self) -> str:
+        """The verdict as Markdown."""
+        return self._word(self.finding.verdict, self.so_far)
+
+    @property
+    def whole_word(self) -> str:
+        """The same by the return of the whole episode."""
+        return self._word(self.whole.verdict, self.whole_so_far)
+
+    def _word(self, verdict: Verdict, so_far: Verdict) -> str:
+        return "true by construction" if by_construction(self, so_far) else word_of(verdict, so_far)
 
 
 def judged(tables: Tables) -> list[Judged]:
@@ -273,7 +262,7 @@ def document(
         figures: Paragraphs of each figure, by its name in `FIGURES`.
         cells: Name of the page that has all cells.
     """
-    parts = [f"# {title_of(own.tables)}", *_flown_elsewhere(own.tables), _count(own.found)]
+    parts = [f"# {title_of(own.tables)}", *_flown_elsewhere(own.tables), _count(own.found), WORDS]
     parts += whom(own.chosen, own.tables, own.better, cells)
     parts += by_task(own.alone)
     parts += [*_answer(own.found), *figures.get("cost", []), *reasons]
@@ -292,10 +281,9 @@ def document(
                 _title(j, cells),
                 j.claim.stated,
                 j.finding.ours,
-                word_of(j.finding.verdict, j.so_far),
+                j.word,
                 # Its numbers stand above unless the whole return has others.
-                word_of(j.whole.verdict, j.whole_so_far)
-                + (f": {j.whole.ours}" if j.whole.ours != j.finding.ours else ""),
+                j.whole_word + (f": {j.whole.ours}" if j.whole.ours != j.finding.ours else ""),
             )
             for j in claims
         ]
@@ -332,35 +320,32 @@ def _title(j: Judged, cells: str) -> str:
 
 
 def _count(found: Sequence[Judged]) -> str:
-    """How many claims of the paper stand, and how many of ours, in two sentences."""
+    """How many claims of the paper stand, and how many of ours."""
     ours = [j for j in found if j.claim.section == OWN]
     papers = [j for j in found if j not in ours]
-    which = f"[which](#{markdown.anchor(HOLDS)})"
     return (
-        f"Of the paper's {len(papers)} claims {_verdicts(papers)}. Of {len(ours)} more, which we "
-        f"ask beyond the paper, {_verdicts(ours)} ({which})."
+        f"{THE_PAPER} makes {len(papers)} claims that can be tested here. By the settled reward, "
+        f"which leaves out take-off, {_verdicts(j.word for j in papers)} "
+        f"([which](#{markdown.anchor(HOLDS)})). By the return of the whole episode, the paper's "
+        f"own measure, {_verdicts(j.whole_word for j in papers)}. Of {len(ours)} claims that we "
+        f"add, {_verdicts(j.word for j in ours)} by the settled reward."
     )
 
 
-def _verdicts(found: Sequence[Judged]) -> str:
+def _verdicts(words: Iterable[str]) -> str:
     """How many claims have each verdict."""
-    words = [
-        "true by construction"
-        if _by_construction(j)
-        else word_of(j.finding.verdict, j.so_far).strip("*")
-        for j in found
-    ]
-    return join([f"{n} {'is' if n == 1 else 'are'} {word}" for word, n in Counter(words).items()])
+    counts = Counter(word.strip("*") for word in words)
+    return join([f"{n} {'is' if n == 1 else 'are'} {word}" for word, n in counts.items()])
 
 
-def _by_construction(j: Judged) -> bool:
+def by_construction(j: Judged, so_far: Verdict) -> bool:
     """Whether a supported claim is about what settings fix, and no measurement could refute it."""
-    return j.claim.of == BILLS and j.so_far is Verdict.SUPPORTED
+    return j.claim.of == BILLS and so_far is Verdict.SUPPORTED
 
 
 def _answer(found: Sequence[Judged]) -> list[str]:
     """Which claims stand: a list of verdicts, and below each the claims."""
-    given = [j for j in found if _by_construction(j)]
+    given = [j for j in found if by_construction(j, j.so_far)]
     found = [j for j in found if j not in given]
     undecided = [j for j in found if j.finding.verdict is Verdict.UNDECIDED]
     open_ = {
@@ -395,6 +380,6 @@ def word_of(verdict: Verdict, so_far: Verdict = Verdict.UNDECIDED) -> str:
 
 
 def _ended(tables: Tables) -> str:
-    counts = tables.runs["status"].value_counts().sort_index()
-    ended = ", ".join(f"{n} {status}" for status, n in counts.items())
+    counts = tables.runs["status"].value_counts().sort_index(ascending=False)
+    ended = ", ".join(f"{n} {ENDED[str(status)]}" for status, n in counts.items())
     return f"{len(tables.runs)} runs{f': {ended}' if ended else ''}."

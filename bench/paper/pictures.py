@@ -6,6 +6,7 @@ keeps of the trajectories in OUT, a folder that `bench run` wrote to, those that
 """
 
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from bench.paper.figures import LINEAR, STYLE, plain
+from bench.paper.figures import LINEAR, STYLE, plain, reward_span, saved
 from bench.paper.values import GREY_BOX, HYBRID, NAMES, name_of
 from bench.report.pictures.cost import Mark, draw_marks, up_to
 from bench.report.pictures.looks import look_of, ordered
@@ -25,6 +26,24 @@ from bench.stats.scores import PRIMARY, undisturbed
 from bench.stats.statistics import FEWEST_SEEDS, Entry, entry_of, estimate, records
 from bench.store.tables import FEW_TRAJECTORIES, Tables
 
+COST = (
+    "Settled reward against high-fidelity flight, a panel for each task and team size; up and to "
+    "the left is better. Points are medians over seeds, bars reach from the worst to the best "
+    "seed. Both axes are logarithmic, except near 0. Small markers are other budgets of the same "
+    "method: fewer or more calibration flights, or trainings that were cut off. Methods that were "
+    "run in half of the panels or fewer are left out"
+)
+"""What the figure of the cost shows."""
+PIPELINE = (
+    "How a policy is trained without flying it in high fidelity: Hybrid, the paper's pipeline, "
+    "above, and grey box below"
+)
+"""What the drawing of the pipeline shows."""
+VIEWS = (
+    "One evaluation episode of five drones from above, a column a task: circles where drones "
+    "start, stars where they end, older positions fainter"
+)
+"""What the top views show."""
 TEAM_SIZE = 5
 """Number of drones of the top views, as in the paper."""
 LOW, HIGH, BOTH = "#dbe9f6", "#fde3cf", "#e3e3e3"
@@ -86,9 +105,7 @@ def write_pipeline(_: Tables, path: Path) -> bool:
             x = 4 * GAP + 1.35 * i
             axes.add_patch(Rectangle((x, 2.05), 0.22, 0.14, facecolor=color, edgecolor="#666666"))
             axes.text(x + 0.3, 2.12, text, va="center", fontsize=8.5)
-        figure.savefig(path, dpi=110)
-        plt.close(figure)
-    return True
+        return saved(figure, path)
 
 
 def write_cost(tables: Tables, path: Path) -> bool:
@@ -111,14 +128,21 @@ def write_cost(tables: Tables, path: Path) -> bool:
     if not marks:
         return False
     teams, tasks = _fullest(marks), sorted({task for _, task in marks})
-    entries = ordered({m.entry._replace(variant="") for own in marks.values() for m in own})
+    panels = [own for (n, _), own in marks.items() if n in teams]
+    run = Counter(e for own in panels for e in {m.entry._replace(variant="") for m in own})
+    entries = ordered(e for e in run if 2 * run[e] > len(panels))
+    everybody = ordered(m.entry._replace(variant="") for own in marks.values() for m in own)
+
+    def look(entry: Entry, _: object) -> tuple[str, str]:
+        return look_of(entry, everybody)
+
     with plt.rc_context(STYLE):
         size = (2.5 * len(tasks) + 1.7, 2.5 * len(teams) + 0.3)
         figure, axes = plt.subplots(len(teams), len(tasks), figsize=size, squeeze=False)
         for row, n in zip(axes, teams, strict=True):
             for panel, task in zip(row, tasks, strict=True):
                 own = marks.get((n, task), [])
-                draw_marks(panel, own, entries, look_of, lambda entry: plain(name_of(entry)))
+                draw_marks(panel, own, entries, look, lambda entry: plain(name_of(entry)))
                 panel.set_title(f"{plain(task)}, N = {n}")
                 if not own:
                     panel.text(0.5, 0.5, "not run", ha="center", transform=panel.transAxes)
@@ -139,9 +163,7 @@ def write_cost(tables: Tables, path: Path) -> bool:
             frameon=False,
         )
         figure.tight_layout()
-        figure.savefig(path, dpi=110, bbox_inches="tight")
-        plt.close(figure)
-    return True
+        return saved(figure, path, tight=True)
 
 
 def _mark(entry: Entry, minutes: float, rewards: list[float]) -> Mark:
@@ -167,8 +189,9 @@ def _fullest(marks: Mapping[tuple[int, str], Sequence[Mark]]) -> list[int]:
 def _scale(panel: Axes) -> None:
     """Logarithmic, but near 0; the best on top."""
     panel.set_yscale("symlog", linthresh=LINEAR)
-    panel.set_ylim(1.5 * min(panel.dataLim.y0, -1.0), max(0.0, panel.dataLim.y1))
-    panel.set_yticks([y for y in (-1000, -100, -10, -1, 0) if y >= panel.get_ylim()[0]])
+    bottom, top = reward_span(panel)
+    panel.set_ylim(bottom, top)
+    panel.set_yticks([y for y in (-1000, -100, -10, -1, 0) if bottom <= y <= top])
     up_to(panel, panel.dataLim.x1)
     panel.set_xticks([x for x in (0, 1, 10, 100, 1000) if x <= panel.get_xlim()[1]])
     for axis in (panel.xaxis, panel.yaxis):
@@ -198,9 +221,7 @@ def write_top_views(tables: Tables, path: Path, team_size: int = TEAM_SIZE) -> b
         for panel, task in zip(axes[0], tasks, strict=True):
             panel.set_title(task)
         figure.tight_layout()
-        figure.savefig(path, dpi=110)
-        plt.close(figure)
-    return True
+        return saved(figure, path)
 
 
 def keep_flights(tables: Tables, directory: Path, team_size: int = TEAM_SIZE) -> None:

@@ -122,11 +122,12 @@ class Above(AbstractRule):
             cell: difference(a, b).mean * math.copysign(1.0, test.mean) for cell, a, b in pairs
         }
         against = sum(x < 0.0 for x in apart.values())
-        few = ""
+        few, worse = "", self.second if test.mean >= 0.0 else self.first
         if 2 * against > len(pairs):
             most = max(apart, key=lambda cell: apart[cell])
             few = (
-                f". In {against} of these it is the other way round; {most.label} decides the mean"
+                f". In {against} of these {NAMES[worse]} is better, and the mean is what it is "
+                f"because of {most.label}"
             )
         text = (
             f"; {NAMES[self.first]}'s score is {number(abs(test.mean), 4)} "
@@ -143,6 +144,8 @@ class GapNarrows(AbstractRule):
     behind: Entry
     ahead: Entry
 
+    one_refutes = False
+
     @property
     def text(self) -> str:
         return (
@@ -150,10 +153,6 @@ class GapNarrows(AbstractRule):
             "over all tasks, is smaller for the largest team that flew all of them than for the "
             "smallest (paired over seeds)"
         )
-
-    @property
-    def one_refutes(self) -> bool:
-        return False
 
     def judge(self, tables: Tables, metric: str) -> Finding:
         gaps = gaps_by_size(undisturbed(tables, metric), self.behind, self.ahead)

@@ -36,6 +36,18 @@ NAMES = {
     Entry("hybrid", "history"): "Hybrid (history)",
 }
 """How a page calls them."""
+WORDS = (
+    "*LF baseline* trains in a point mass (low fidelity, LF), *domain randomization* in one whose "
+    "parameters are drawn anew each episode. *HF scratch* and *hot start* train "
+    "in the high-fidelity simulator (HF), hot start from the LF baseline's policy. *Hybrid*, the "
+    "paper's method, trains in a point mass that a learned force corrects; the force is fitted to "
+    "calibration flights of one drone, by an ensemble of networks unless affine or SINDy stands in "
+    "brackets. *Hybrid once* fits it once for every task and team. *Grey box*, ours, trains in a "
+    "point mass with named effects, identified from three calibration flights of ten seconds. "
+    "A *fleet-minute* is one drone in the air for one minute. The *settled reward* is the sum of "
+    "the reward from 2 s on; 0 would be perfect. N is the number of drones."
+)
+"""The words of a page, for who begins with it."""
 
 Source = Callable[[Tables, str], Values]
 """Values of a metric."""

@@ -19,7 +19,7 @@ from rich.text import Text
 from bench.paper.claims import DEPLOYED, OWN, PAPER
 from bench.paper.figures import write_gaps
 from bench.paper.page import judged, word_of
-from bench.paper.values import name_of_method
+from bench.paper.values import WORDS, name_of_method
 from bench.paper.world_views import (
     AS_IS,
     FEWEST_WORLDS,
@@ -113,7 +113,7 @@ def document(
     parts = [f"# {title}", "## In short", lead, *_summary(made, cells, claims)]
     if picture:
         parts += [f"![{GAPS}]({picture})", f"*{GAPS}.*"]
-    parts += ["## Scores"]
+    parts += [WORDS, "## Scores"]
     parts += [
         "Means over the cells named above, which every method here flew in every world, with the "
         "95 % interval over seeds where there are at least two. Bold methods are Pareto-optimal: "

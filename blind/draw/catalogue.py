@@ -116,15 +116,6 @@ LIBRARY: dict[str, Draw] = {
 }
 """Effects of the library that the generator has its own physics for."""
 
-FAMILIES: tuple[frozenset[str], ...] = (
-    frozenset({"mass", "thrust_gain"}),
-    frozenset({"inertia", "motor_lag", "attitude_lag", "delay"}),
-    frozenset({"center_of_mass", "trim"}),
-    frozenset({"drag", "quadratic_drag", "rotor_drag"}),
-    frozenset({"wind", "gust"}),
-)
-"""Effects that short flights can hardly tell apart; pairs are drawn from different families."""
-
 BORROWING = "crazyflow"
 """The reality that flies effects of the library by their own classes."""
 
@@ -137,8 +128,6 @@ def known(reality: str) -> tuple[str, ...]:
 
 def alike(a: str, b: str) -> bool:
     """Whether short flights can hardly tell two effects apart; pairs are of others."""
-    if a in LIBRARY and b in LIBRARY:
-        return any({a, b} <= family for family in FAMILIES)
     return bool({*load_card(a).families} & {*load_card(b).families})
 
 
@@ -176,11 +165,7 @@ def make_disturbance(
 
     Phases of periodic wind and turbulence differ from flight to flight.
     """
-    parts: list[dict[str, jax.Array]] = [{}, {}, {}]
-    for effect in effects:
-        for i, fields in enumerate(_fields(effect)):
-            parts[i].update({name: jnp.asarray(value, float) for name, value in fields.items()})
-    neutral = (CommandDisturbance(), PlantDisturbance(), WrenchDisturbance())
+    fields = {k: jnp.asarray(v, float) for e in effects for k, v in _fields(e).items()}
     borrowed = tuple(
         registry.load("effect", effect.name)(**effect.parameters)
         for effect in effects
@@ -189,8 +174,8 @@ def make_disturbance(
     phases = rng.uniform(0.0, 2 * np.pi, n_flights)
     seeds = rng.integers(0, 2**31 - 1, n_flights)
     made = tuple(
-        dataclasses.replace(n, **part)  # pyright: ignore[reportArgumentType]
-        for n, part in zip(neutral, parts, strict=True)
+        dataclasses.replace(kind(), **{k: fields[k] for k in vars(kind()) if k in fields})
+        for kind in (CommandDisturbance, PlantDisturbance, WrenchDisturbance)
     )
     command, plant, wrench, *borrowed = jax.tree.map(
         lambda x: _spread(x, n_flights), (*made, *borrowed)
@@ -210,35 +195,27 @@ def _spread(value: float | int | jax.Array, n_flights: int) -> jax.Array:
     return jnp.broadcast_to(array, (n_flights, *array.shape))
 
 
-def _fields(effect: Withheld) -> tuple[Mapping, Mapping, Mapping]:
+def _fields(effect: Withheld) -> Mapping:
     """Fields of the command, plant and wrench class that an effect sets."""
     if _is_borrowed(effect.name):
-        return {}, {}, {}
+        return {}
     p = effect.parameters
     horizontal = [np.cos(p.get("angle", 0.0)), np.sin(p.get("angle", 0.0)), 0.0]
-    if effect.name in _COMMANDS:
-        return _COMMANDS[effect.name](p), {}, {}
-    if effect.name in _PLANT:
-        return {}, {_PLANT[effect.name]: next(iter(p.values()))}, {}
-    return {}, {}, _WRENCHES[effect.name](p, np.asarray(horizontal))
+    return _SET[effect.name](p, np.asarray(horizontal))
 
 
-_COMMANDS: dict[str, Callable[[Parameters], Mapping]] = {
-    "attitude_lag": lambda p: {"lag": p["tau"]},
-    "attitude_gain": lambda p: {"tilt_gain": p["g"]},
-    "trim": lambda p: {"trim": [p["roll"], p["pitch"]]},
-    "yaw_misalignment": lambda p: {"yaw_offset": p["angle"]},
-    "delay": lambda p: {"delay": p["seconds"]},
-    "thrust_play": lambda p: {"play": p["newton"]},
-}
-_PLANT = {
-    "mass": "excess_mass",
-    "thrust_gain": "excess_thrust",
-    "inertia": "excess_inertia",
-    "motor_lag": "motor_slowness",
-    "battery": "discharge",
-}
-_WRENCHES: dict[str, Callable[[Parameters, np.ndarray], Mapping]] = {
+_SET: dict[str, Callable[[Parameters, np.ndarray], Mapping]] = {
+    "attitude_lag": lambda p, way: {"lag": p["tau"]},
+    "attitude_gain": lambda p, way: {"tilt_gain": p["g"]},
+    "trim": lambda p, way: {"trim": [p["roll"], p["pitch"]]},
+    "yaw_misalignment": lambda p, way: {"yaw_offset": p["angle"]},
+    "delay": lambda p, way: {"delay": p["seconds"]},
+    "thrust_play": lambda p, way: {"play": p["newton"]},
+    "mass": lambda p, way: {"excess_mass": p["e"]},
+    "thrust_gain": lambda p, way: {"excess_thrust": p["e"]},
+    "inertia": lambda p, way: {"excess_inertia": p["e"]},
+    "motor_lag": lambda p, way: {"motor_slowness": p["scale"]},
+    "battery": lambda p, way: {"discharge": p["rate"]},
     "center_of_mass": lambda p, way: {"offset": [p["x"], p["y"]]},
     "drag": lambda p, way: {"drag": p["c"]},
     "quadratic_drag": lambda p, way: {"quadratic_drag": p["k"]},

@@ -13,6 +13,8 @@ import numpy as np
 from blind.draw.catalogue import SIZES, Draw, Parameters, directed, fixed, signed
 from blind.fly import log_faults as made
 from diagnosis.logs.flights import DroneLog, FlightSet, VehicleFile
+from diagnosis.logs.units import FOOT
+from simulators.vehicle import GRAVITY
 
 ONE_SIZE = ("whole",)
 """Size of a fault that is there or not."""
@@ -78,18 +80,19 @@ def _mass(p: Parameters) -> Truths:
     return {"mass": {"e": p["e"]}, "thrust_gain": {"e": 1.0 / (1.0 + p["e"]) - 1.0}}
 
 
-def _whole(change: Callable[[DroneLog], DroneLog], part: str, *needs: str) -> Fault:
-    """A fault that has no size."""
-    return Fault(
-        lambda size, rng, seconds: {},
-        lambda log, p, v: change(log),
-        needs,
-        parts=(part,),
-        sizes=ONE_SIZE,
-    )
+def _whole(
+    part: str, needs: tuple[str, ...] = (), **columns: Callable[[np.ndarray], np.ndarray]
+) -> Fault:
+    """A fault without a size that makes something else of some columns of a log."""
+
+    def change(log: DroneLog, p: Parameters, v: VehicleFile) -> DroneLog:
+        there = {n: x for n in columns if (x := getattr(log, n)) is not None}
+        return dataclasses.replace(log, **{n: columns[n](x) for n, x in there.items()})
+
+    return Fault(lambda size, rng, seconds: {}, change, needs, parts=(part,), sizes=ONE_SIZE)
 
 
-FAULTS: Mapping[str, Fault] = {
+ALL: Mapping[str, Fault] = {
     "thrust_gain": Fault(
         signed("e", 0.025, 0.05, 0.1),
         lambda log, p, v: made.more_thrust(log, p["e"], v.spec),
@@ -159,27 +162,31 @@ FAULTS: Mapping[str, Fault] = {
         # Thrust is nearly a square of the duty, so that the effects have no single true number.
         lambda p: {"thrust_gain": {}, "mass": {}},
     ),
-    "body_velocity": _whole(made.body_velocity, "velocity"),
-    "degrees": _whole(made.degrees, "attitude command", "cmd"),
-    "grams": _whole(made.grams, "thrust", "cmd"),
-    "feet": _whole(made.feet, "position"),
-    "feet_per_second": _whole(made.feet_per_second, "velocity"),
+    "body_velocity": dataclasses.replace(
+        _whole("velocity"), change=lambda log, p, v: made.body_velocity(log)
+    ),
+    "degrees": _whole("attitude command", ("cmd",), cmd=lambda x: x * [*[180.0 / np.pi] * 3, 1.0]),
+    "grams": _whole("thrust", ("cmd",), cmd=lambda x: x * [1.0, 1.0, 1.0, 1000.0 / GRAVITY]),
+    "feet": _whole("position", pos=lambda x: x / FOOT, vel=lambda x: x / FOOT),
+    "feet_per_second": _whole("velocity", vel=lambda x: x / FOOT),
+    "swapped_tilt": _whole("attitude command", ("cmd",), cmd=lambda x: x[:, [1, 0, 2, 3]]),
+    "flipped_pitch": _whole("attitude command", ("cmd",), cmd=lambda x: x * [1.0, -1.0, 1.0, 1.0]),
+    "flipped_axis": _whole(
+        "attitude", pos=lambda x: x * [1.0, -1.0, 1.0], vel=lambda x: x * [1.0, -1.0, 1.0]
+    ),
+    "swapped_axes": _whole(
+        "attitude", pos=lambda x: x[:, [1, 0, 2]], vel=lambda x: x[:, [1, 0, 2]]
+    ),
+    "inverse_attitude": _whole("attitude", quat=lambda x: x * [-1.0, -1.0, -1.0, 1.0]),
+    "scalar_first": _whole("attitude", quat=lambda x: np.roll(x, 1, axis=1)),
+    "mirrored_motors": _whole(
+        "motor order",
+        ("pwm", "rotor_vel"),
+        pwm=lambda x: x[:, [3, 2, 1, 0]],
+        rotor_vel=lambda x: x[:, [3, 2, 1, 0]],
+    ),
 }
-"""Faults that are drawn; a log holds what a fault changes, or the fault is not drawn for it."""
-
-ORDERS: Mapping[str, Fault] = {
-    "swapped_tilt": _whole(made.swapped_tilt, "attitude command", "cmd"),
-    "flipped_pitch": _whole(made.flipped_pitch, "attitude command", "cmd"),
-    "flipped_axis": _whole(made.flipped_axis, "attitude"),
-    "swapped_axes": _whole(made.swapped_axes, "attitude"),
-    "inverse_attitude": _whole(made.inverse_attitude, "attitude"),
-    "scalar_first": _whole(made.scalar_first, "attitude"),
-    "mirrored_motors": _whole(made.mirrored_motors, "motor order", "pwm", "rotor_vel"),
-}
-"""Faults of order and sign, drawn too: a diagnosis that knows interfaces names them."""
-
-ALL: Mapping[str, Fault] = {**FAULTS, **ORDERS}
-"""Every fault by name."""
+"""Every fault by name. A log holds what a fault changes, or the fault is not drawn for it."""
 
 
 def able(flights: FlightSet) -> list[str]:

@@ -9,18 +9,18 @@
 | `OUT/runs/references/N` | such flights for the diagnoses: a set for several cases, or for one |
 | `OUT/runs/answers/ID` | documents of a diagnosis and `status.json` |
 | `OUT/runs/measures/ID.json` | what the case allows, measured with its label |
+| `OUT/runs/baselines` | what baselines answer |
 
 A draw goes on elsewhere from `run.json`, `labels/labels.json` and `answers`: flights that are gone
 are flown again from its seeds.
 """
 
-import dataclasses
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 from bench.text.errors import UsageError
+from bench.text.pages import write_text
 from blind.draw.cases import KINDS, Case, digest, reference_sets_in
 
 DEFAULT_COUNTS = {"single": 126, "pair": 60, "clean": 75, "unknown": 30, "excluded": 30}
@@ -31,62 +31,17 @@ INJECTED = "injected"
 """Folder in it with tables of faults that were injected into logs, a folder a flight set."""
 
 
-@dataclasses.dataclass(frozen=True)
 class Folders:
-    """The folders of one blind run."""
+    """The folders of one blind run; what they hold stands at the top of this module."""
 
-    out: Path
-    """Where tables go."""
-
-    @property
-    def runs(self) -> Path:
-        """Everything that is too large to keep."""
-        return self.out / "runs"
-
-    @property
-    def state(self) -> Path:
-        """What was drawn."""
-        return self.runs / "run.json"
-
-    @property
-    def cases(self) -> Path:
-        """Flights, a folder a case."""
-        return self.runs / "cases"
-
-    @property
-    def labels(self) -> Path:
-        """The file with what the cases are."""
-        return self.runs / "labels" / "labels.json"
-
-    @property
-    def answers(self) -> Path:
-        """Diagnoses, a folder a case."""
-        return self.runs / "answers"
-
-    @property
-    def measures(self) -> Path:
-        """What cases allow, a file a case."""
-        return self.runs / "measures"
-
-    @property
-    def baselines(self) -> Path:
-        """What baselines answer."""
-        return self.runs / "baselines"
-
-    @property
-    def reference(self) -> Path:
-        """Flights of the undisturbed vehicle beside which baselines answer."""
-        return self.runs / "reference"
-
-    @property
-    def references(self) -> Path:
-        """Sets of flights of the undisturbed vehicle beside which cases are diagnosed."""
-        return self.runs / "references"
-
-    @property
-    def undisturbed(self) -> Path:
-        """More of them, a folder a flight set, on which baselines are calibrated."""
-        return self.runs / "undisturbed"
+    def __init__(self, out: Path) -> None:
+        self.out, self.runs = out, out / "runs"
+        self.state = self.runs / "run.json"
+        self.labels = self.runs / "labels" / "labels.json"
+        self.cases, self.answers = self.runs / "cases", self.runs / "answers"
+        self.measures, self.baselines = self.runs / "measures", self.runs / "baselines"
+        self.reference, self.references = self.runs / "reference", self.runs / "references"
+        self.undisturbed = self.runs / "undisturbed"
 
     def flown(self) -> list[Path]:
         """Cases whose flights are there, with and without noise."""
@@ -141,14 +96,12 @@ def _whole(folder: Path) -> list[Path]:
     return [path for path in sorted(folder.glob("*")) if path.suffix == ""]
 
 
-def scaled_counts(total: int | None) -> dict[str, int]:
+def scaled_counts(total: int) -> dict[str, int]:
     """Cases of each kind that add up to `total`, in the usual proportions, one of each at least.
 
     Raises:
         UsageError: There are fewer cases than kinds.
     """
-    if total is None:
-        return dict(DEFAULT_COUNTS)
     if total < len(KINDS):
         raise UsageError(f"`--cases` must be at least {len(KINDS)}, one of each kind, got {total}.")
     usual = sum(DEFAULT_COUNTS.values())
@@ -164,7 +117,4 @@ def scaled_counts(total: int | None) -> dict[str, int]:
 
 def write_json(path: Path, content: Any) -> None:
     """Writes a JSON file that is there whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps(content, indent=1), encoding="utf-8")
-    os.replace(part, path)
+    write_text(path, json.dumps(content, indent=1))

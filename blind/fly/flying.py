@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from blind.fly import realities
 from blind.fly.realities import DT, HOVER, MASS, AbstractReality, Disturbance
 from blind.fly.references import TrackedPath
+from diagnosis.logs.columns import GROUPS
 from simulators.vehicle import GRAVITY
 
 CHUNK = 5000
@@ -100,12 +101,12 @@ def fly(
     targets = np.stack([[_target(ref, padded) for ref in drones] for drones in references])
     noises = noise.draw(rng, (len(references), len(references[0]), padded))
     inputs = _Inputs(*map(jnp.asarray, (ticks, targets.swapaxes(1, 2), noises.swapaxes(1, 2))))
-    program = _program(reality)
-    carry = program.start(disturbance, inputs.target[:, 0])
+    begin, run = _program(reality)
+    carry = begin(disturbance, inputs.target[:, 0])
     parts = []
     for start in range(0, padded, CHUNK):
         chunk = jax.tree.map(lambda x, s=start: x[:, s : s + CHUNK], inputs)
-        carry, rows = program.run(disturbance, carry, chunk)
+        carry, rows = run(disturbance, carry, chunk)
         parts.append(jax.tree.map(np.asarray, rows))
     rows = jax.tree.map(lambda *xs: np.concatenate(xs, axis=1), *parts)
     return [
@@ -177,15 +178,9 @@ def disturbed_estimate(
     return jnp.concatenate([pos_vel, turned, truth[:, 10:] + noise[:, 9:]], axis=1)
 
 
-class _Program(eqx.Module):
-    """Start and flight, compiled once per number of flights and drones."""
-
-    start: Any
-    run: Any
-
-
 @functools.cache
-def _program(name: str) -> _Program:
+def _program(name: str) -> tuple[Any, Any]:
+    """Start and flight, compiled once per number of flights and drones."""
     reality: AbstractReality = realities.load(name)
 
     def start(disturbance: Disturbance, target: Array) -> tuple:
@@ -204,7 +199,7 @@ def _program(name: str) -> _Program:
 
         return jax.lax.scan(step, carry, inputs)
 
-    return _Program(jax.jit(jax.vmap(start)), jax.jit(jax.vmap(run)))
+    return jax.jit(jax.vmap(start)), jax.jit(jax.vmap(run))
 
 
 def _flown(at: np.ndarray, rows: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Flown:
@@ -229,10 +224,5 @@ def to_frame(
     return pd.concat(frames, ignore_index=True)
 
 
-COLUMNS = [
-    *(f"{name}_{axis}" for name in ("pos", "vel") for axis in "xyz"),
-    *(f"quat_{axis}" for axis in "xyzw"),
-    *(f"ang_vel_{axis}" for axis in "xyz"),
-    *(f"cmd_{name}" for name in ("roll", "pitch", "yaw", "thrust")),
-]
+COLUMNS = [name for group in ("pos", "vel", "quat", "ang_vel", "cmd") for name in GROUPS[group]]
 """State and command columns of the log format, in order."""

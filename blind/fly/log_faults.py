@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from diagnosis.logs.flights import DroneLog
 from diagnosis.logs.inputs import VOLTS
-from diagnosis.logs.units import FOOT
-from simulators.vehicle import GRAVITY, VehicleSpec
+from simulators.vehicle import VehicleSpec
 
 SLACK = 1e-3
 """Share of a row's period by which times may be off; stamps of an epoch have steps of 0.2 us."""
@@ -106,69 +105,6 @@ def turned_path(log: DroneLog, angle: float) -> DroneLog:
 def body_velocity(log: DroneLog) -> DroneLog:
     """Velocity in the body frame."""
     return dataclasses.replace(log, vel=Rotation.from_quat(log.quat).apply(log.vel, inverse=True))
-
-
-def swapped_tilt(log: DroneLog) -> DroneLog:
-    """Roll commands in the column of pitch, and pitch commands in that of roll."""
-    return dataclasses.replace(log, cmd=_there(log.cmd)[:, [1, 0, 2, 3]])
-
-
-def flipped_pitch(log: DroneLog) -> DroneLog:
-    """Pitch commands with the opposite sign, which the Crazyflie's own convention has."""
-    return dataclasses.replace(log, cmd=_there(log.cmd) * np.asarray([1.0, -1.0, 1.0, 1.0]))
-
-
-def degrees(log: DroneLog) -> DroneLog:
-    """Commanded angles in degrees."""
-    return dataclasses.replace(log, cmd=_there(log.cmd) * np.asarray([*[180.0 / np.pi] * 3, 1.0]))
-
-
-def grams(log: DroneLog) -> DroneLog:
-    """Commanded thrust in grams force."""
-    scale = np.asarray([1.0, 1.0, 1.0, 1000.0 / GRAVITY])
-    return dataclasses.replace(log, cmd=_there(log.cmd) * scale)
-
-
-def feet(log: DroneLog) -> DroneLog:
-    """Positions in feet, velocities in feet per second."""
-    return dataclasses.replace(feet_per_second(log), pos=log.pos / FOOT)
-
-
-def feet_per_second(log: DroneLog) -> DroneLog:
-    """Velocities in feet per second, beside positions in metres."""
-    return dataclasses.replace(log, vel=log.vel / FOOT)
-
-
-def flipped_axis(log: DroneLog) -> DroneLog:
-    """Position and velocity with y pointing to the right."""
-    mirror = np.asarray([1.0, -1.0, 1.0])
-    return dataclasses.replace(log, pos=log.pos * mirror, vel=log.vel * mirror)
-
-
-def swapped_axes(log: DroneLog) -> DroneLog:
-    """Position and velocity with x in the column of y, and y in that of x."""
-    order = [1, 0, 2]
-    return dataclasses.replace(log, pos=log.pos[:, order], vel=log.vel[:, order])
-
-
-def inverse_attitude(log: DroneLog) -> DroneLog:
-    """Attitude from world to body."""
-    return dataclasses.replace(log, quat=log.quat * np.asarray([-1.0, -1.0, -1.0, 1.0]))
-
-
-def scalar_first(log: DroneLog) -> DroneLog:
-    """Quaternions in the order w, x, y, z."""
-    return dataclasses.replace(log, quat=np.roll(log.quat, 1, axis=1))
-
-
-def mirrored_motors(log: DroneLog) -> DroneLog:
-    """Motors numbered the other way round: 1 and 4, 2 and 3 exchanged."""
-    order, changed = [3, 2, 1, 0], {}
-    for name in ("pwm", "rotor_vel"):
-        value = getattr(log, name)
-        if value is not None:
-            changed[name] = value[:, order]
-    return dataclasses.replace(log, **changed)
 
 
 def _there(x: np.ndarray | None) -> np.ndarray:

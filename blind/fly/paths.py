@@ -4,18 +4,15 @@ Every function takes the times of the physics steps [s] and gives the `TrackedPa
 Steps of attitude and thrust are added to the controller's commands and are as sharp as these.
 """
 
-import functools
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from blind.fly.references import TrackedPath
-from diagnosis.remedies import flight_paths
-from diagnosis.remedies.flight_paths import HEIGHT, Targets, swaying
+from diagnosis.remedies.flight_paths import Targets, Times, hover
 
 Array = np.ndarray
-Times = Float[np.ndarray, " steps"]
 
 STEP_EVERY = 0.4
 """Time between two steps of attitude or thrust [s]."""
@@ -25,20 +22,22 @@ THRUST = 0.3
 """Size of a step of thrust over hover thrust, likewise [-]."""
 
 
+def tracked(path: Callable[[Times], Targets | TrackedPath], t: Times) -> TrackedPath:
+    """What a controller is told of a path; steps are as they are."""
+    found = path(t)
+    return _tracked(t, found) if isinstance(found, Targets) else found
+
+
 def attitude_steps(t: Times) -> TrackedPath:
     """Steps of roll and pitch of 0.3 rad every 0.4 s in hover."""
-    return _tracked(t, _hovering(t), tilt=_steps(t, np.ones(len(t), bool)))
+    return _tracked(t, hover(t), tilt=_steps(t, np.ones(len(t), bool)))
 
 
 def both_steps(t: Times) -> TrackedPath:
     """Steps of attitude and of thrust in turn, 2.4 s each."""
     tilting = _count(t) % 12 < 6
     thrust = np.where(tilting, 0.0, THRUST * _square(t))
-    return _tracked(t, _hovering(t), tilt=_steps(t, tilting), thrust=thrust)
-
-
-def _hovering(t: Times) -> Targets:
-    return Targets(swaying(t, HEIGHT), np.zeros(len(t)))
+    return _tracked(t, hover(t), tilt=_steps(t, tilting), thrust=thrust)
 
 
 def _square(t: Times) -> Times:
@@ -65,22 +64,3 @@ def _tracked(
     dither = np.zeros((len(t), 4))
     dither[:, :2], dither[:, 3] = tilt, thrust
     return TrackedPath(targets.pos, vel, np.gradient(vel, t, axis=0), targets.yaw, dither)
-
-
-def _tracking(path: Callable[[Times], Targets]) -> Callable[[Times], TrackedPath]:
-    @functools.wraps(path)
-    def tracked(t: Times) -> TrackedPath:
-        return _tracked(t, path(t))
-
-    return tracked
-
-
-hover = _tracking(flight_paths.hover)
-hover_low = _tracking(flight_paths.hover_low)
-slow_lines = _tracking(flight_paths.slow_lines)
-fast_lines = _tracking(flight_paths.fast_lines)
-two_speeds = _tracking(flight_paths.two_speeds)
-pumping = _tracking(flight_paths.pumping)
-tumbling = _tracking(flight_paths.tumbling)
-turning = _tracking(flight_paths.turning)
-heights = _tracking(flight_paths.heights)

@@ -11,7 +11,6 @@ diagnosis; the same call goes on where an earlier one ended.
 import argparse
 import dataclasses
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -22,10 +21,9 @@ from rich.console import Console
 from rich.progress import track
 
 from bench.stats.statistics import records
-from blind.draw.cases import Case, draw_cases, fly_case, write_flights
+from blind.draw.cases import Case, draw_cases, fly_case, read_back
 from diagnosis.decision import Decision
 from diagnosis.engine import diagnose
-from diagnosis.logs.flights import load_flights
 from diagnosis.result import Diagnosis
 
 SEED = 20261130
@@ -63,10 +61,7 @@ def drawn(n: int) -> list[Case]:
 
 def rows_of(number: int, case: Case) -> Iterator[dict[str, object]]:
     """The answer to a case as it is, and with redrawn guesses."""
-    with tempfile.TemporaryDirectory() as folder:
-        flown = Path(folder) / "flown"
-        write_flights(flown, [one.logged for one in fly_case(case)])
-        flights = load_flights(flown)
+    flights = read_back([one.logged for one in fly_case(case)])
     told = {"case": number, "kind": case.kind, "flown": " + ".join(x.name for x in case.effects)}
     rng = np.random.default_rng([SEED, number])
     first = diagnose(flights)

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Mapping
 
 from blind.draw.catalogue import Parameters
-from blind.draw.faults import FAULTS
+from blind.draw.faults import ALL
 from blind.power.splits import parser_of, random_splits, read
 from blind.score.scoring import proportion
 from diagnosis.interface.faults import checks, interface_faults
@@ -45,14 +45,14 @@ def count(flights: FlightSet, splits: int, sizes: tuple[int, int], seed: int) ->
 
     Splits have as many reference and target flights as `sizes` say.
     """
-    fitting = {words: one for words, one in WRITTEN.items() if FAULTS[one[0]].fits(flights)}
+    fitting = {words: one for words, one in WRITTEN.items() if ALL[one[0]].fits(flights)}
     named = dict.fromkeys([NOTHING, *fitting], 0)
     for parts in random_splits(flights.flights, splits, sizes, seed, "checking splits"):
         before, after = (dataclasses.replace(flights, flights=tuple(part)) for part in parts)
         then = checks(before)
         named[NOTHING] += bool(interface_faults(after, before, then=then))
         for words, (name, parameters) in fitting.items():
-            fault = FAULTS[name]
+            fault = ALL[name]
             found = interface_faults(fault.apply(after, parameters), before, then=then)
             named[words] += any(one.part in fault.parts for one in found)
     return named

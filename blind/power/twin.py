@@ -17,7 +17,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import numpy as np
 
 from blind.draw.catalogue import Parameters
-from blind.draw.faults import FAULTS
+from blind.draw.faults import ALL
 from blind.power.splits import parser_of, random_splits, read
 from blind.score.scoring import proportion
 from diagnosis.decision import Decision
@@ -50,11 +50,11 @@ class Studied:
     @property
     def effect(self) -> str:
         """Registered name of the effect that describes it best."""
-        return next(iter(FAULTS[self.fault].answers({**self.others, self.parameter: self.aim})))
+        return next(iter(ALL[self.fault].answers({**self.others, self.parameter: self.aim})))
 
     def apply(self, flights: FlightSet, size: float) -> FlightSet:
         """The flights as they would have been logged with a fault of that size."""
-        return FAULTS[self.fault].apply(flights, {**self.others, self.parameter: size})
+        return ALL[self.fault].apply(flights, {**self.others, self.parameter: size})
 
 
 STUDIED: Mapping[str, Studied] = {
@@ -165,7 +165,7 @@ def told(flights: FlightSet, replay: Replay) -> list[str]:
     return [
         name
         for name, studied in STUDIED.items()
-        if FAULTS[studied.fault].fits(flights) and studied.effect in replay.library.candidates
+        if ALL[studied.fault].fits(flights) and studied.effect in replay.library.candidates
     ]
 
 
@@ -308,16 +308,13 @@ def main() -> None:
     parser = parser_of("python -m blind.power.twin", __doc__, 200, 0)
     parser.add_argument("--fault-splits", type=int, default=40, help="splits with every fault")
     parser.add_argument(
-        "--scales", type=float, nargs="*", default=[1.0, -1.0], help="sizes over those aimed at"
-    )
-    parser.add_argument(
         "--faults", nargs="*", choices=STUDIED, default=[*STUDIED], help="those to put in"
     )
     parser.add_argument(
         "--once", action="store_true", help="do not fly again at what is found, which is faster"
     )
     given, flights, sizes = read(parser)
-    flown, twin_of = fly(flights, given.scales, given.faults)
+    flown, twin_of = fly(flights, (1.0, -1.0), given.faults)
     counts = given.splits, given.fault_splits
     tallies = measure(flown, twin_of, *counts, sizes, given.seed, given.once)
     sys.stdout.write(f"{write_table(tallies)}\n\n{write_together(tallies)}\n")

@@ -20,10 +20,9 @@ def failures(tables: Tables, remarks: Mapping[str, str]) -> list[str]:
     if not wrong:
         return ["None."]
     sure = sum(bool(row["decidable"]) for row in wrong)
-    intro = (
-        f"{len(wrong)} of {len(tables.cases)} cases were not answered exactly, {sure} of them "
-        "decidable."
-    )
+    were = "was" if len(wrong) == 1 else "were"
+    n = len(tables.cases)
+    intro = f"{len(wrong)} of {n} cases {were} not answered exactly; decidable: {sure}."
     parts = [intro]
     for row in wrong:
         parts += [f"#### {row['case']}", "\n".join(_lines(row))]

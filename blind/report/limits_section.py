@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from bench.paper.figures import saved
 from bench.report.pictures.looks import COLORS
 from bench.stats.statistics import records
 from bench.text import markdown
 from bench.text.numbers import MISSING, percent
-from blind.report.canvas import OUR_COLOR, saved
-from blind.report.sections import measured_by
+from blind.report.sections import OUR_COLOR, measured_by
 from blind.report.tables import Tables
 from blind.score.scoring import proportion
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from bench.paper.figures import saved
 from bench.report.pictures.looks import COLORS
 from bench.stats.statistics import records
 from bench.text import markdown
-from blind.report.canvas import OUR_COLOR, saved
-from blind.report.sections import measured_by
+from blind.report.sections import OUR_COLOR, measured_by
 from blind.report.tables import Tables
 from diagnosis.decision import Decision
 

@@ -4,7 +4,6 @@ The first says what was right, how it was counted and what went wrong; the secon
 effect, the baselines, and how small effects may be.
 """
 
-import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -68,8 +67,12 @@ def write_report(
     for tables in found:
         own = write_pictures(tables, path.with_name(path.stem))
         pictures += [picture for picture, _ in own]
-        shown = {p.stem: (f"{path.stem}/{p.name}", caption) for p, caption in own}
-        drawn.append((tables, _Figures(tables.run["reality"], shown)))
+        prefix = f"{tables.run['reality']}_"
+        figures = {
+            p.stem.removeprefix(prefix): [f"![{text}]({path.stem}/{p.name})", f"*{text}.*"]
+            for p, text in own
+        }
+        drawn.append((tables, figures))
 
     more = f"By effect and size, and beside baselines: [{DETAILS}]({details.name})."
     answers = [f"# {TITLE}", *in_short(found, injected), more]
@@ -89,52 +92,40 @@ def write_report(
     return path
 
 
-@dataclasses.dataclass(frozen=True)
-class _Figures:
-    """Pictures of one reality."""
-
-    reality: str
-    shown: Mapping[str, tuple[str, str]]
-    """Link and caption by file name."""
-
-    def of(self, kind: str) -> list[str]:
-        """A picture with its caption, where there is one."""
-        if f"{self.reality}_{kind}" not in self.shown:
-            return []
-        link, caption = self.shown[f"{self.reality}_{kind}"]
-        return [f"![{caption}]({link})", f"*{caption}.*"]
+Figures = Mapping[str, list[str]]
+"""Link and caption of the pictures that there are, by what they show."""
 
 
-def _answers(tables: Tables, figures: _Figures, remarks: Mapping[str, str]) -> list[str]:
+def _answers(tables: Tables, figures: Figures, remarks: Mapping[str, str]) -> list[str]:
     """How many answers are right in one reality, and which are not."""
     return [
         f"## Reality: {markdown.escape(tables.run['reality'])}",
         *sections.facts(tables),
         "### Aims and what was measured",
         *sections.aims(tables),
-        *figures.of("aims"),
+        *figures.get("aims", []),
         "### Failures, one by one",
         *failures.failures(tables, remarks),
     ]
 
 
-def _by_effect(tables: Tables, figures: _Figures) -> list[str]:
+def _by_effect(tables: Tables, figures: Figures) -> list[str]:
     """Numbers by effect of one reality."""
     return [
         f"## Reality: {markdown.escape(tables.run['reality'])}",
         "### Beside simple baselines",
         *sections.baselines(tables),
         "### Which effects",
-        *figures.of("confusion"),
+        *figures.get("confusion", []),
         *sections.by_effect(tables),
         "### How large",
         *sections.parameters(tables),
-        *figures.of("errors"),
+        *figures.get("errors", []),
         "### How sure",
         *sections.reliability(tables),
-        *figures.of("reliability"),
-        *limits.section(tables, figures.of("limits")),
-        *next_flight.section(tables, figures.of("next_flight")),
+        *figures.get("reliability", []),
+        *limits.section(tables, figures.get("limits", [])),
+        *next_flight.section(tables, figures.get("next_flight", [])),
     ]
 
 

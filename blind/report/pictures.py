@@ -10,16 +10,18 @@ import pandas as pd
 import seaborn
 from matplotlib.axes import Axes
 
-from bench.paper.figures import STYLE
+from bench.paper.figures import STYLE, saved
 from bench.report.pictures.looks import COLORS
 from bench.stats.statistics import records
 from blind.report import limits_section as limits
 from blind.report import next_flight_section as next_flight
-from blind.report.canvas import OUR_COLOR, saved
-from blind.report.sections import asked
+from blind.report.sections import COVERAGE, INTERVALS, OUR_COLOR, asked
 from blind.report.tables import OURS, Tables
 
-AIMS = "Scores on decidable cases with 95 % Clopper-Pearson intervals; the bar is the aim"
+AIMS = (
+    "Scores with 95 % Clopper-Pearson intervals, on decidable cases (share of intervals: on all "
+    "true effects that were named); the black bar is the aim, two bars its ends"
+)
 CONFUSION = (
     "Single effects: what was true (rows), and what was answered (columns), in cases. Answers with "
     "more than one effect stand under the most probable one"
@@ -78,7 +80,8 @@ def _aims(tables: Tables, path: Path) -> bool:
         )
     for i, name in enumerate(scores):
         aim = float(shown.loc[shown["score"] == name, "aim"].iloc[0])
-        axes.plot([aim, aim], [i - 0.42, i + 0.32], color="black", lw=2)
+        for end in COVERAGE if name == INTERVALS else (aim,):
+            axes.plot([end, end], [i - 0.42, i + 0.32], color="black", lw=2)
     axes.set(yticks=range(len(scores)), yticklabels=scores, xlim=(-0.02, 1.02), xlabel="share")
     axes.invert_yaxis()
     figure.legend(loc="outside upper center", ncols=len(everybody), fontsize=8, frameon=False)

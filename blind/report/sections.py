@@ -18,6 +18,8 @@ from blind.draw.catalogue import LIBRARY
 from blind.report.tables import OURS, Json, Tables
 from blind.score.scoring import Proportion, proportion
 
+OUR_COLOR = "#00527f"
+"""The accent of the pages."""
 INTERVALS = "truth inside 95 % intervals"
 COVERAGE = (0.93, 0.97)
 """Share of intervals that should hold the truth."""
@@ -274,10 +276,10 @@ def _near(cases: pd.DataFrame) -> tuple[str, ...]:
     ratios = _ratios(cases)
     near = proportion(int(np.sum(ratios >= SHRUNK)), len(ratios))
     least = np.nanmin(ratios, initial=math.inf)
-    name = f"drift shrinks by at least {percent(SHRUNK, 1)} as much as with the true effect"
+    name = f"drift: the answer takes at least {percent(SHRUNK, 1)} of what the true effect takes"
     name += f" (worst case: {percent(float(least), 1)})" if near.n else ""
     if grows := int(_asked(cases).sum()) - len(ratios):
-        name += f"; {count(grows, 'case')} left out, in which the true effect does not shrink it"
+        name += f"; {count(grows, 'case')} left out, in which that is nothing"
     return (name, *_shown_share(near), MISSING, MISSING)
 
 
@@ -290,7 +292,7 @@ def _calibrated(tables: Tables) -> tuple[str, ...]:
     true = proportion(hits, n)
     late = "missed, on the safe side" if stated < true.low else "**missed**"
     word = MISSING if not n else "met" if true.low <= stated <= true.high else late
-    aim = f"{percent(stated, 1)}, the mean stated"
+    aim = f"{percent(stated, 1)}, the mean of what was stated"
     return ("named effects that are true", *_shown_share(true), aim, word)
 
 

@@ -148,19 +148,16 @@ def _evidence(case: Case, answer: Json) -> dict[str, Any]:
     effects = answer.get("effects", ())
     candidates = list(answer.get("candidates", ()))[:MOST_CANDIDATES]
     shrink = answer.get("shrink") or {}
-    details = answer.get("details") or {}
     return {
         "drones": case.drones,
         "truth_parameters": json.dumps({e.name: e.parameters for e in case.effects}),
         "answer_parameters": json.dumps({e["name"]: e["parameters"] for e in effects}),
         "probabilities": json.dumps({e["name"]: e.get("probability") for e in effects}),
         "aliases": json.dumps({e["name"]: e.get("aliases", []) for e in effects}),
-        "candidates": json.dumps(
-            [{k: c.get(k) for k in ("effects", "probability", "evidence")} for c in candidates]
-        ),
+        "candidates": json.dumps(candidates),
         "unexplained_share": answer.get("unexplained_share"),
-        "structure": (details.get("structure") or {}).get("after"),
-        "dispersion": details.get("dispersion"),
+        "structure": answer.get("structure"),
+        "dispersion": answer.get("dispersion"),
         "shrink_low": shrink.get("low"),
         "shrink_high": shrink.get("high"),
     }

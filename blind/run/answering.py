@@ -52,36 +52,6 @@ def missing(folders: Folders, cases: Mapping[str, C]) -> list[C]:
     return [case for name, case in cases.items() if not (folders.answers / name / STATUS).is_file()]
 
 
-def answer_all(
-    folders: Folders,
-    cases: Sequence[C],
-    jobs: int,
-    on_end: Callable[[C, Mapping[str, Any]], None],
-    reference_of: Callable[[C], Path | None] = lambda _: None,
-    exclude_of: Callable[[C], Sequence[str]] = lambda _: (),
-) -> None:
-    """Diagnoses cases, `jobs` at a time; `on_end` gets each case with its status.
-
-    `reference_of` says beside which flights of the undisturbed vehicle a case is diagnosed, and
-    `exclude_of` without which effects.
-    """
-    sources = sources_digest()
-    by_name = {case.id: case for case in cases}
-    with tempfile.TemporaryDirectory(prefix="flights-") as temporary:
-        work = Path(temporary)
-
-        def make(case: C) -> Callable[[], Task]:
-            flights, reference = folders.cases / case.id, reference_of(case)
-            return lambda: _task(flights, work, exclude_of(case), reference)
-
-        def end(ended: Ended) -> None:
-            status = _kept(ended, work / ended.name, folders.answers, sources)
-            shutil.rmtree(work / ended.name)
-            on_end(by_name[ended.name], status)
-
-        run_tasks([make(case) for case in cases], jobs, end, TIMEOUT)
-
-
 def answer_shown(
     folders: Folders,
     cases: Mapping[str, C],
@@ -91,25 +61,31 @@ def answer_shown(
     exclude_of: Callable[[C], Sequence[str]] = lambda _: (),
     name_of: Callable[[C], str] = lambda case: case.id,
 ) -> None:
-    """Diagnoses the cases that have no answer yet, with a progress bar that calls each by name."""
-    left = missing(folders, cases)
+    """Diagnoses the cases that have no answer yet, with a progress bar that calls each by name.
+
+    `reference_of` says beside which flights of the undisturbed vehicle a case is diagnosed, and
+    `exclude_of` without which effects.
+    """
+    left, sources = missing(folders, cases), sources_digest()
     done = len(cases) - len(left)
     if done:
         console.print(f"{done} of {len(cases)} cases have an answer already.", highlight=False)
-    with CasesProgress("diagnosing", len(cases), console, done) as display:
+    with (
+        CasesProgress("diagnosing", len(cases), console, done) as display,
+        tempfile.TemporaryDirectory(prefix="flights-") as temporary,
+    ):
+        work = Path(temporary)
 
-        def on_end(case: C, status: Mapping[str, Any]) -> None:
-            display.finished(name_of(case), status["cause"], status["seconds"])
+        def end(ended: Ended) -> None:
+            status = _kept(ended, work / ended.name, folders.answers, sources)
+            shutil.rmtree(work / ended.name)
+            display.finished(name_of(cases[ended.name]), status["cause"], status["seconds"])
 
-        answer_all(folders, left, jobs, on_end, reference_of, exclude_of)
-
-
-def read_answers(
-    folders: Folders, cases: Collection[str]
-) -> tuple[dict[str, Mapping[str, Any]], dict[str, dict[str, Any]]]:
-    """The diagnoses that did not fail, and how each ended, by case."""
-    contents, statuses = read_documents(folders, cases)
-    return {name: scored_form(content) for name, content in contents.items()}, statuses
+        tasks = (
+            _task(folders.cases / case.id, work, exclude_of(case), reference_of(case))
+            for case in left
+        )
+        run_tasks(tasks, jobs, end, TIMEOUT)
 
 
 def read_documents(

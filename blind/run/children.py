@@ -2,13 +2,13 @@
 
 import contextlib
 import dataclasses
+import itertools
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -71,27 +71,29 @@ def scrubbed() -> dict[str, str]:
 
 
 def run_tasks(
-    tasks: Iterable[Callable[[], Task]],
+    tasks: Iterable[Task],
     jobs: int,
     on_end: Callable[[Ended], None],
     timeout: float | None = None,
     on_poll: Callable[[], None] = lambda: None,
 ) -> None:
-    """Runs all tasks, `jobs` at a time; each is made just before it starts.
+    """Runs all tasks, `jobs` at a time; each is taken just before it starts.
 
     Args:
-        tasks: Makers of tasks.
+        tasks: What to run.
         jobs: Number of processes.
         on_end: Called with how each ended.
         timeout: Time after which a process is killed [s].
         on_poll: Called about ten times a second.
     """
-    waiting, running = deque(tasks), list[_Running]()
+    waiting, running = iter(tasks), list[_Running]()
     try:
-        while waiting or running:
-            while waiting and len(running) < jobs:
+        while True:
+            for task in itertools.islice(waiting, jobs - len(running)):
                 place = min(set(range(jobs)) - {child.place for child in running})
-                running.append(_start(waiting.popleft()(), place, jobs))
+                running.append(_start(task, place, jobs))
+            if not running:
+                return
             for child in list(running):
                 ended = _ended(child, timeout)
                 if ended is not None:
@@ -103,13 +105,6 @@ def run_tasks(
     finally:
         for child in running:
             _kill(child.process)
-
-
-def run_one(task: Task, on_poll: Callable[[], None] = lambda: None) -> str:
-    """Why a task failed, after running it; empty if it ended with status 0."""
-    causes: list[str] = []
-    run_tasks([lambda: task], 1, lambda ended: causes.append(ended.cause), on_poll=on_poll)
-    return causes[0]
 
 
 def leave_with_parent() -> None:

@@ -11,17 +11,18 @@ from rich.console import Console
 from bench.execution.executor import cores
 from bench.text.errors import UsageError
 from blind.draw.cases import Case
-from blind.draw.folders import INJECTED, RESULTS, Folders, scaled_counts
+from blind.draw.folders import DEFAULT_COUNTS, INJECTED, RESULTS, Folders, scaled_counts
 from blind.fly.realities import REALITIES
 from blind.report.injected_section import InjectedTables, is_injected, write_injected
 from blind.report.page import write_report
 from blind.report.tables import Tables, make_tables, save_labels
 from blind.run.answer_baselines import answer_baselines
-from blind.run.answering import answer_shown, read_answers, sources_digest
-from blind.run.children import Task, python, run_one
+from blind.run.answering import answer_shown, read_documents, sources_digest
+from blind.run.children import Ended, Task, python, run_tasks
 from blind.run.display import CasesProgress
 from blind.run.measuring import measure_all, read_measures, unmeasured
 from blind.run.place import alone, answer_sealed, check_draw, tell_end
+from blind.score.answers import scored_form
 
 DOCUMENT = Path("reports") / "blind.md"
 """The report on the runs in `RESULTS`."""
@@ -57,7 +58,7 @@ def run_blind(
     console = Console()
     with alone(folders):
         if not folders.state.is_file():
-            _generate(folders, reality, counts or scaled_counts(None), seed, console)
+            _generate(folders, reality, counts or DEFAULT_COUNTS, seed, console)
         return _work(folders, jobs or cores(), console, out, notes)
 
 
@@ -72,7 +73,9 @@ def _work(
             if folders.read_state().get("generator") != sources_digest(with_generator=True):
                 console.print("[red]Another version of the program drew them.[/]")
             _fly(folders, {"out": str(folders.out.resolve())}, len(labels), console)
-        _answer(folders, labels, jobs, console)
+        answer_shown(
+            folders, labels, jobs, console, folders.reference_of, lambda case: case.exclude
+        )
 
     labels = answer_sealed(folders, Case.of, answer, console)
     if labels is None:
@@ -144,14 +147,11 @@ def _fly(folders: Folders, settings: Mapping[str, Any], total: int, console: Con
     """Flies in a process of its own, that leaves nothing behind in this one."""
     arguments = python("-m", "blind.run.generate", json.dumps(settings))
     task = Task("generate", arguments, folders.runs, folders.runs / "logs" / "generate")
+    ended: list[Ended] = []
     with CasesProgress("flying cases", total, console) as display:
-        cause = run_one(task, lambda: display.at(len(folders.flown())))
-    if cause:
-        raise UsageError(f"The cases could not be flown, {cause}")
-
-
-def _answer(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:
-    answer_shown(folders, labels, jobs, console, folders.reference_of, lambda case: case.exclude)
+        run_tasks([task], 1, ended.append, on_poll=lambda: display.at(len(folders.flown())))
+    if ended[0].cause:
+        raise UsageError(f"The cases could not be flown, {ended[0].cause}")
 
 
 def _measure(folders: Folders, labels: Mapping[str, Case], jobs: int, console: Console) -> None:
@@ -176,7 +176,8 @@ def _finish(
     console: Console,
 ) -> int:
     """Exit status after writing tables and report."""
-    answers, statuses = read_answers(folders, labels)
+    documents, statuses = read_documents(folders, labels)
+    answers = {name: scored_form(content) for name, content in documents.items()}
     measures = read_measures(folders, labels)
     state = folders.read_state()
     state["measured_by"] = sorted({found.get("program", "") for found in measures.values()})

@@ -13,7 +13,7 @@ from typing import Any
 
 from blind.draw.cases import Case, read_labels
 from blind.draw.folders import Folders, write_json
-from blind.run.children import Ended, Task, end, leave_with_parent, python, run_tasks
+from blind.run.children import Task, end, leave_with_parent, python, run_tasks
 
 
 def unmeasured(folders: Folders, cases: Mapping[str, Case]) -> list[Case]:
@@ -31,18 +31,16 @@ def measure_all(
     shares = [order[i : i + size] for i in range(0, len(order), size)]
     runs = folders.runs.resolve()
 
-    def make(number: int, share: list[Case]) -> Callable[[], Task]:
+    def task(number: int, share: list[Case]) -> Task:
         settings = {"out": str(folders.out.resolve()), "names": [case.id for case in share]}
         command = python("-m", "blind.run.measuring", json.dumps(settings))
-        return lambda: Task(str(number), command, runs, runs / "logs" / f"measuring-{number}")
-
-    def ended(_: Ended) -> None:
-        pass  # What is missing afterwards says more than a status.
+        return Task(str(number), command, runs, runs / "logs" / f"measuring-{number}")
 
     def count() -> None:
         on_done(sum(_file(folders, case.id).is_file() for case in cases))
 
-    run_tasks([make(i, s) for i, s in enumerate(shares)], jobs, ended, on_poll=count)
+    tasks = [task(i, share) for i, share in enumerate(shares)]
+    run_tasks(tasks, jobs, lambda _: None, on_poll=count)  # what is missing says more than a status
     count()
 
 

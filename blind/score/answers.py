@@ -29,10 +29,8 @@ def scored_form(content: Mapping[str, Any]) -> Mapping[str, Any]:
         ],
         "unexplained_share": remainder.share,
         "shrink": {"percent": shrink.percent, "low": shrink.low, "high": shrink.high},
-        "details": {
-            "structure": {"after": remainder.structure},
-            "dispersion": found.details.dispersion,
-        },
+        "structure": remainder.structure,
+        "dispersion": found.details.dispersion,
     }
 
 

@@ -23,7 +23,7 @@ import numpy as np
 import pysindy
 from jaxtyping import Float
 
-from blind.score.dictionary import ONSETS, SIGNATURES, Signature, gust_from, regression
+from blind.score.dictionary import ONSETS, SIGNATURES, gust_from, regression
 from diagnosis.logs.flights import FlightSet
 
 Array = np.ndarray
@@ -157,21 +157,15 @@ def _parameters(finding: Finding, effect: str, seconds: float) -> dict[str, Any]
     given = {}
     for i in _columns(effect):
         value, error = float(finding.coefficients[i]), 1.96 * float(finding.errors[i])
-        given[SIGNATURES[i].parameter] = _interval(SIGNATURES[i], value, error)
+        given[SIGNATURES[i].parameter] = _interval(SIGNATURES[i].unit, value, error)
     if effect == "gust":
         half = 0.5 * seconds * float(ONSETS[1] - ONSETS[0])
-        onset = Signature("gust", "onset", "s")
-        given["onset"] = _interval(onset, finding.onset * seconds, half)
+        given["onset"] = _interval("s", finding.onset * seconds, half)
     return given
 
 
-def _interval(signature: Signature, value: float, error: float) -> dict[str, Any]:
-    return {
-        "value": value,
-        "low": value - error,
-        "high": value + error,
-        "unit": signature.unit,
-    }
+def _interval(unit: str, value: float, error: float) -> dict[str, Any]:
+    return {"value": value, "low": value - error, "high": value + error, "unit": unit}
 
 
 def _columns(effect: str) -> list[int]:

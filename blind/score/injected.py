@@ -47,7 +47,8 @@ def injected_rows(
         found = Diagnosis.of_json(answers[name]) if name in answers else None
         judged.append(_judge(case, found, statuses[name]))
         if found is not None:
-            numbers += _compared(case, found)
+            own = {"case": case.id, "fault": case.fault, "size": case.size}
+            numbers += beside_truth(own, found.blamed, case.answers)
     columns = ["case", "fault", "size", "effect", "parameter", "true", "value", "low", "high"]
     return pd.DataFrame(judged), pd.DataFrame(numbers, columns=[*columns, "use", "inside"])
 
@@ -121,9 +122,3 @@ def _judge(case: Injected, found: Diagnosis | None, status: Json) -> Row:
 
 def _describes(case: Injected, effect: Effect) -> bool:
     return bool({effect.name, *effect.aliases} & set(case.answers))
-
-
-def _compared(case: Injected, found: Diagnosis) -> list[Row]:
-    """Numbers of blamed effects that describe the fault, beside the true ones."""
-    own = {"case": case.id, "fault": case.fault, "size": case.size}
-    return beside_truth(own, found.blamed, case.answers)

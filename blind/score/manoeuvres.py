@@ -26,6 +26,7 @@ from diagnosis.fit.evidence import Evidence
 from diagnosis.fit.fit import Set
 from diagnosis.fit.search import Fits, refit
 from diagnosis.logs.flights import FlightSet
+from diagnosis.remedies import flight_paths
 from diagnosis.replay.believed import nominal_simulator
 from diagnosis.replay.library import make_library
 from diagnosis.replay.replay import Replay, make_replay
@@ -44,7 +45,7 @@ Parameters = Mapping[str, float]
 class Flights:
     """Flights that all follow the same targets."""
 
-    path: Callable[[np.ndarray], TrackedPath]
+    path: Callable[[np.ndarray], flight_paths.Targets | TrackedPath]
     """Targets at times [s]."""
     n: int = 1
     """Number of flights."""
@@ -100,24 +101,22 @@ _LIFT: Mapping[str, Parameters] = {"thrust_gain": {"e": 0.05}, "mass": {"e": -0.
 """More thrust over mass, as near the ground."""
 _DRIFT: Mapping[str, Parameters] = {"clock_drift": {"rate": 0.01}}
 """As much as the buffer of commands holds after the ten seconds of a flight."""
-_HOVER, _LOW = Flights(paths.hover), Flights(paths.hover_low)
-_MINUTE, _SIX = Flights(paths.hover, seconds=60.0), Flights(paths.hover, n=6)
+_HOVER, _LOW = Flights(flight_paths.hover), Flights(flight_paths.hover_low)
+_MINUTE, _SIX = Flights(flight_paths.hover, seconds=60.0), Flights(flight_paths.hover, n=6)
 _BOTH = Trial(Flights(paths.both_steps), _HOVER)
 _SHARP = Trial(Flights(paths.attitude_steps), _HOVER)
-_HEIGHTS = Trial(Flights(paths.heights), _LOW, _LIFT)
-_TUMBLING = Trial(Flights(paths.tumbling), _HOVER, _VERTICAL)
+_SPEEDS = Trial(Flights(flight_paths.two_speeds), Flights(flight_paths.slow_lines))
+_HEIGHTS = Trial(Flights(flight_paths.heights), _LOW, _LIFT)
+_TUMBLING = Trial(Flights(flight_paths.tumbling), _HOVER, _VERTICAL)
 
 TRIALS: Mapping[frozenset[str], Trial] = {
     frozenset(pair): trial
     for pair, trial in (
-        (("mass", "thrust_gain"), Trial(Flights(paths.fast_lines), _HOVER)),
-        (("drag", "quadratic_drag"), Trial(Flights(paths.two_speeds), Flights(paths.slow_lines))),
-        (
-            ("quadratic_drag", "rotor_drag"),
-            Trial(Flights(paths.two_speeds), Flights(paths.slow_lines)),
-        ),
-        (("drag", "rotor_drag"), Trial(Flights(paths.tumbling), _HOVER)),
-        (("wind", "gust"), Trial(Flights(paths.hover, onset=5.0), _HOVER)),
+        (("mass", "thrust_gain"), Trial(Flights(flight_paths.fast_lines), _HOVER)),
+        (("drag", "quadratic_drag"), _SPEEDS),
+        (("quadratic_drag", "rotor_drag"), _SPEEDS),
+        (("drag", "rotor_drag"), Trial(Flights(flight_paths.tumbling), _HOVER)),
+        (("wind", "gust"), Trial(Flights(flight_paths.hover, onset=5.0), _HOVER)),
         (("attitude_lag", "delay"), _SHARP),
         (("attitude_lag", "motor_lag"), _BOTH),
         (("delay", "motor_lag"), _BOTH),
@@ -125,8 +124,8 @@ TRIALS: Mapping[frozenset[str], Trial] = {
         (("attitude_lag", "inertia"), _SHARP),
         (("delay", "inertia"), _SHARP),
         (("clock_drift", "delay"), Trial(Flights(paths.attitude_steps), _HOVER, _DRIFT)),
-        (("trim", "center_of_mass"), Trial(Flights(paths.pumping), _HOVER)),
-        (("trim", "wind"), Trial(Flights(paths.turning), _HOVER)),
+        (("trim", "center_of_mass"), Trial(Flights(flight_paths.pumping), _HOVER)),
+        (("trim", "wind"), Trial(Flights(flight_paths.turning), _HOVER)),
         (("battery", "thrust_gain"), Trial(_MINUTE, _SIX)),
         (("battery", "mass"), Trial(_MINUTE, _SIX)),
         (("ground_effect", "thrust_gain"), _HEIGHTS),
@@ -219,6 +218,8 @@ def _fly(effect: Withheld, flights: Flights) -> FlightSet:
     tables: list[Any] = []
     for _ in range(flights.n):
         disturbance = catalogue.make_disturbance((effect,), 1, rng)
-        flown = flying.fly(OWN, disturbance, [[flights.path(t)]], flying.Noise(), rng)
+        flown = flying.fly(
+            OWN, disturbance, [[paths.tracked(flights.path, t)]], flying.Noise(), rng
+        )
         tables.append(flown[0].true)
     return read_back(tables)

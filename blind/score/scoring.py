@@ -182,16 +182,12 @@ def _compared(case: Case, answer: Answer | None, bounds: Bounds) -> list[Row]:
                 if effect["name"] == truth.name and p in given and given[p]["low"] is not None
             ]
             for i, found in enumerate(compare(truth, effect["name"], values)):
-                own = {
-                    "case": case.id,
-                    "reference": case.reference,
-                    "effect": truth.name,
-                    "size": case.size,
-                }
-                own |= {**dataclasses.asdict(found), "over_bound": over_bound(truth, found, bounds)}
-                own["half_width"] = _half_width(truth, found, given)
-                counts = {"inside": sum(inside), "intervals": len(inside)} if i == 0 else {}
-                rows.append({"inside": 0, "intervals": 0, **own, **counts})
+                row = {"case": case.id, "reference": case.reference, "effect": truth.name}
+                row |= {"size": case.size, **dataclasses.asdict(found)}
+                row["over_bound"] = over_bound(truth, found, bounds)
+                row["half_width"] = _half_width(truth, found, given)
+                counted = inside if i == 0 else []
+                rows.append({**row, "inside": sum(counted), "intervals": len(counted)})
     return rows
 
 

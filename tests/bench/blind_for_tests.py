@@ -1,10 +1,12 @@
 """A blind run for tests: cases as if flown, a stub in the place of `bench diagnose`, tables."""
 
+from rich.console import Console
+
 from blind.draw.cases import Case, read_labels, write_labels
 from blind.draw.catalogue import Withheld
 from blind.draw.folders import Folders, write_json
 from blind.report.tables import make_tables
-from blind.run.answering import answer_all, missing
+from blind.run.answering import answer_shown, missing, read_documents
 
 STUB = """
 import json, os, pathlib, sys
@@ -64,10 +66,9 @@ def made(out, *cases):
 def answered(folders):
     """Statuses by case after answering what is missing."""
     cases = read_labels(folders.labels, Case.of)
-    found = {}
-    left = missing(folders, cases)
-    answer_all(folders, left, 2, lambda one, status: found.update({one.id: status}))
-    return found
+    left = {case.id for case in missing(folders, cases)}
+    answer_shown(folders, cases, 2, Console(quiet=True))
+    return {name: s for name, s in read_documents(folders, cases)[1].items() if name in left}
 
 
 def measured(*_):

@@ -27,7 +27,7 @@ from blind.report.page import write_report
 from blind.report.tables import OURS, Tables
 from blind.run import answering
 from blind.run import command as blind
-from blind.run.answering import STATUS, missing, read_answers
+from blind.run.answering import STATUS, missing, read_documents
 from blind.run.children import scrubbed
 
 
@@ -143,7 +143,7 @@ def test_flights_that_are_gone_are_flown_again_before_the_diagnoses(
 
     monkeypatch.setattr(blind, "_fly", fly)
     assert blind.run_blind(None, "crazyflow", tmp_path, None, 1) == 0
-    assert set(read_answers(folders, {MASS.id: MASS, CLEAN.id: CLEAN})[0]) == {MASS.id, CLEAN.id}
+    assert set(read_documents(folders, [MASS.id, CLEAN.id])[0]) == {MASS.id, CLEAN.id}
 
 
 def test_a_run_with_a_failed_diagnosis_says_so(tmp_path, stub, no_measuring, capsys):
@@ -250,7 +250,8 @@ def test_shrink_and_probability_are_counted_case_by_case():
     given = tables({MASS.id: answer("drag"), GAIN.id: answer(), CLEAN.id: answer()})
     line = sections._calibrated(given)
     assert line[1] == "0/1"
-    assert line[4:] == ("90.0 %, the mean stated", "met")  # one case of one proves nothing
+    # One case of one proves nothing.
+    assert line[4:] == ("90.0 %, the mean of what was stated", "met")
 
 
 def test_the_first_screen_counts_what_is_right(tmp_path):

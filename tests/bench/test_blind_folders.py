@@ -10,7 +10,6 @@ from blind.draw.folders import DEFAULT_COUNTS, Folders, scaled_counts, write_jso
 
 
 def test_counts_keep_proportions_and_every_kind():
-    assert scaled_counts(None) == DEFAULT_COUNTS
     assert scaled_counts(sum(DEFAULT_COUNTS.values())) == DEFAULT_COUNTS
     for total in (5, 6, 40, 107, 640):
         counts = scaled_counts(total)

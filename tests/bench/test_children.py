@@ -21,7 +21,7 @@ from pathlib import Path
 from blind.run.children import Task, python, run_tasks
 here = Path(sys.argv[1])
 command = python(*(str(here / name) for name in ("child.py", "lock", "there")))
-run_tasks([lambda: Task("one", command, here, here)], 1, print)
+run_tasks([Task("one", command, here, here)], 1, print)
 """
 WAIT = 120.0
 

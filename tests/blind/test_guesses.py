@@ -37,8 +37,7 @@ def stub(monkeypatch):
 
     monkeypatch.setattr(guesses, "diagnose", diagnose)
     monkeypatch.setattr(guesses, "fly_case", lambda case: [])
-    monkeypatch.setattr(guesses, "write_flights", lambda folder, tables: None)
-    monkeypatch.setattr(guesses, "load_flights", lambda folder: None)
+    monkeypatch.setattr(guesses, "read_back", lambda logs: None)
     return calls
 
 

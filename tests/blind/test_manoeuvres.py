@@ -7,6 +7,7 @@ from blind.fly import paths
 from blind.fly.realities import DT
 from blind.score.manoeuvres import TRIALS, Range, directions
 from diagnosis.decision import Decision
+from diagnosis.remedies import flight_paths
 from simulators import registry
 from simulators.effects.card import load_cards, manoeuvre_path
 
@@ -34,7 +35,7 @@ def test_what_is_handed_out_is_the_path_that_was_tried():
     "path", dict.fromkeys(t.advised.path for t in TRIALS.values()), ids=lambda p: p.__name__
 )
 def test_targets_start_at_rest_and_belong_together(path):
-    target = path(T)
+    target = paths.tracked(path, T)
     assert np.linalg.norm(target.vel[0]) < 0.05
     assert np.allclose(np.diff(target.pos, axis=0) / DT, target.vel[:-1], atol=0.05)
     # No more than the controller may ask for.
@@ -53,19 +54,19 @@ def test_steps_are_as_large_and_as_frequent_as_advised():
 
 
 def test_speeds_heights_and_turns_are_as_advised():
-    speed = np.abs(paths.two_speeds(T).vel[:, 0])
+    speed = np.abs(paths.tracked(flight_paths.two_speeds, T).vel[:, 0])
     for wanted in (0.5, 3.0):
         assert np.sum(np.abs(speed - wanted) < 1e-3) * DT > 1.9
-    assert np.abs(paths.fast_lines(T).vel[:, 0]).max() > 2.0
-    height = paths.heights(T).pos[:, 2]
+    assert np.abs(paths.tracked(flight_paths.fast_lines, T).vel[:, 0]).max() > 2.0
+    height = paths.tracked(flight_paths.heights, T).pos[:, 2]
     for wanted in (1.0, 0.3, 0.1, 0.05):
         assert np.sum(np.abs(height - wanted) < 1e-3) * DT > 1.0
-    yaw = paths.turning(T).yaw
+    yaw = paths.tracked(flight_paths.turning, T).yaw
     assert np.abs(yaw).max() < np.pi
     assert yaw[np.searchsorted(T, [2.9, 5.9, 8.9, 11.9])] == pytest.approx(
         np.pi / 2 * np.asarray([0.0, 1.0, 0.0, -1.0])
     )
-    swing = paths.pumping(T).acc[:, 2] / 9.81
+    swing = paths.tracked(flight_paths.pumping, T).acc[:, 2] / 9.81
     assert np.abs(swing).max() == pytest.approx(0.5, abs=0.1)
 
 
