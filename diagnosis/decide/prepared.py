@@ -189,7 +189,7 @@ def nominal_replay(
         mapped=inputs.mapped,
         **kinds,
     )
-    return make_replay(library, _step(simulator), inputs.measured)
+    return make_replay(library, replayable_class(simulator).replay_dt, inputs.measured)
 
 
 def _voltage_known(inputs: Inputs, sets: Iterable[Sequence[FlightLog]]) -> bool:
@@ -199,19 +199,14 @@ def _voltage_known(inputs: Inputs, sets: Iterable[Sequence[FlightLog]]) -> bool:
     return logged and inputs.follows_commands
 
 
-def _step(simulator: str) -> float:
-    return replayable_class(simulator).replay_dt
-
-
 def _scorable(inputs: Inputs, flights: FlightSet, simulator: str) -> Inputs:
     """The flights with a window in which prediction and measurement can be compared.
 
     Raises:
         LogError: There is none.
     """
-    segments = cut_in_the_air(
-        inputs.flights, _step(simulator), inputs.measured, flights.vehicle.mass
-    )
+    dt = replayable_class(simulator).replay_dt
+    segments = cut_in_the_air(inputs.flights, dt, inputs.measured, flights.vehicle.mass)
     why = (
         f"in the air no {REPLAY_WINDOW_S:g} s without unknown commands hold {FEWEST_NODES} rows or "
         f"more; rows every {NODE_DT:g} s are expected."

@@ -69,19 +69,14 @@ class Evidence:
         return self.likelihood.library
 
     @functools.cached_property
-    def ends(self) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
-        """Lower and upper bounds of the vector (`bounds`)."""
-        return bounds(self.library.slots, self.base)
-
-    @property
     def low(self) -> Float[np.ndarray, " params"]:
-        """Lower bounds."""
-        return self.ends[0]
+        """Lower bounds of the vector (`bounds`)."""
+        return bounds(self.library.slots, self.base)[0]
 
-    @property
+    @functools.cached_property
     def high(self) -> Float[np.ndarray, " params"]:
         """Upper bounds."""
-        return self.ends[1]
+        return bounds(self.library.slots, self.base)[1]
 
     @functools.cached_property
     def earliest(self) -> float:

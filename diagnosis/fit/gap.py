@@ -125,13 +125,9 @@ def _specific_force(
         right = np.einsum("lmi,lm->li", design[good], y[good])
         world[good, axis] = np.einsum("lij,lj->li", inverse, right)[:, 2]
         variance[good, axis] = inverse[:, 2, 2]
-    body = np.einsum("lij,li->lj", _body_axes(tracks), world)
+    axes = Rotation.from_euler("xyz", _middle(tracks)[:, 6:]).as_matrix()
+    body = np.einsum("lij,li->lj", axes, world)
     return body, np.sqrt(np.nanmean(variance, axis=0))
-
-
-def _body_axes(tracks: Tracks) -> Float[np.ndarray, "lines 3 3"]:
-    """Rotation matrix body to world at the middle of each window."""
-    return Rotation.from_euler("xyz", _middle(tracks)[:, 6:]).as_matrix()
 
 
 def _middle(tracks: Tracks) -> Float[np.ndarray, "lines 9"]:

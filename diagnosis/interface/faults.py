@@ -182,11 +182,7 @@ def _compared(
         found["attitude command"] = commands.order(commands.together(followed))[0]
     if windows is None:
         return found
-    found |= {
-        "velocity": orders.velocity(windows),
-        "angular velocity": orders.angular_velocity(windows),
-        "accelerometer": orders.accelerometer(windows),
-    }
+    found |= orders.vectors(windows)
     if _wrong(found["angular velocity"]):
         found["motor order"] = None  # it is read from the angular velocity
     tilt, witnesses = orders.attitude(windows), ("angular velocity", "attitude command")

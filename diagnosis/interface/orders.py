@@ -30,25 +30,15 @@ from diagnosis.interface.readings import (
 from diagnosis.interface.windows import Windows
 
 
-def velocity(windows: Windows) -> Chosen | None:
-    """What the velocity holds instead of the world's."""
-    return _vector(windows.path, windows.vel, windows.turned_vel, "the velocity in the body frame")
-
-
-def angular_velocity(windows: Windows) -> Chosen | None:
-    """What the angular velocity holds instead of the body's."""
-    if windows.ang_vel is None or windows.turned_ang_vel is None:
-        return None
-    other = "the angular velocity in the world frame"
-    return _vector(windows.turn, windows.ang_vel, windows.turned_ang_vel, other)
-
-
-def accelerometer(windows: Windows) -> Chosen | None:
-    """What the specific force holds instead of the body's."""
-    if windows.acc is None or windows.turned_acc is None:
-        return None
-    other = "the specific force in the world frame"
-    return _vector(windows.force, windows.turned_acc, windows.acc, other)
+def vectors(windows: Windows) -> dict[str, Chosen | None]:
+    """What velocity, angular velocity and specific force hold instead; None without columns."""
+    w, spin = windows, "the angular velocity in the world frame"
+    force = "the specific force in the world frame"
+    return {
+        "velocity": _vector(w.path, w.vel, w.turned_vel, "the velocity in the body frame"),
+        "angular velocity": _vector(w.turn, w.ang_vel, w.turned_ang_vel, spin),
+        "accelerometer": _vector(w.force, w.turned_acc, w.acc, force),
+    }
 
 
 def attitude(windows: Windows) -> Chosen | None:
@@ -161,14 +151,16 @@ def _pointed(windows: Windows, axis: Float[np.ndarray, "windows 3"]) -> float:
 
 def _vector(
     truth: Float[np.ndarray, "windows 3"],
-    asked: Float[np.ndarray, "windows 3 ..."],
-    in_other: Float[np.ndarray, "windows 3 ..."],
+    asked: Float[np.ndarray, "windows 3 ..."] | None,
+    in_other: Float[np.ndarray, "windows 3 ..."] | None,
     other: str,
 ) -> Chosen | None:
     """The reading of a vector in the frame asked for or the other one, in any order and sign.
 
     One of the two is turned, by a matrix that depends on order and sign.
     """
+    if asked is None or in_other is None:
+        return None
     readings = []
     for frame, seen in (("", asked), (other, in_other)):
         for words, changes, matrix in signed_orders(3):

@@ -143,7 +143,9 @@ def load_flights(path: Path) -> FlightSet:
         try:
             if file.stem in flights:
                 raise LogError(f"another file of this folder is called {file.stem}, too.")
-            flight = _read_flight(file, vehicle)
+            check_header(file)
+            drones = split_drones(read_columns(file), vehicle.mass, vehicle.spec)
+            flight = FlightLog(file.stem, tuple(map(_drone_log, drones)))
             for other in flights.values():
                 if _same(flight, other):  # it would count as a second witness
                     raise LogError(
@@ -193,13 +195,6 @@ def write_flights(
     )
     for name, table in zip(names, tables, strict=True):
         table.to_parquet(folder / f"{name}.parquet", index=False)
-
-
-def _read_flight(file: Path, vehicle: VehicleFile) -> FlightLog:
-    """The flight in one file; a LogError does not name the file."""
-    check_header(file)
-    drones = split_drones(read_columns(file), vehicle.mass, vehicle.spec)
-    return FlightLog(file.stem, tuple(_drone_log(drone) for drone in drones))
 
 
 def _same(one: FlightLog, other: FlightLog) -> bool:

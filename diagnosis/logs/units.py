@@ -89,8 +89,9 @@ def check_units(drone: Columns, rows: Rows, mass: float, spec: VehicleSpec) -> N
 
 def _check_motion(drone: Columns, rows: Rows) -> None:
     """Positions and velocities, each for itself and against one another."""
-    moved, ran = _moved_and_ran(drone)
-    ratio, size = _ratio(moved, ran)
+    knots, whole = _windows(drone["t"])
+    moved = np.linalg.norm(np.diff(_stack(drone, "pos")[knots], axis=0), axis=1)
+    ratio, size = _ratio(moved[whole], _run(drone, "vel", knots)[whole])
     if ratio > 30.0 and size[0] > 0.1:
         raise LogError(
             f"columns pos_x to pos_z: positions move {_times(ratio)} as far as the velocities "
@@ -103,14 +104,14 @@ def _check_motion(drone: Columns, rows: Rows) -> None:
             f"m/s and m are expected.{_milli(inverse, 'velocities', 'mm/s')}"
         )
     for name in GROUPS["vel"]:
-        _limit(name, drone[name], rows, MAX_SPEED, "m/s", "Is it in mm/s?")
+        _range(name, drone[name], rows, (-MAX_SPEED, MAX_SPEED), "m/s", "Is it in mm/s?")
 
 
 def _check_ang_vel(drone: Columns, rows: Rows) -> None:
     """Angular velocities, for themselves and against the turning of the attitude."""
     hint = "Are they in degrees per second?"
     for name in GROUPS["ang_vel"]:
-        _limit(name, drone[name], rows, MAX_ANG_VEL, "rad/s", hint)
+        _range(name, drone[name], rows, (-MAX_ANG_VEL, MAX_ANG_VEL), "rad/s", hint)
     knots, whole = _windows(drone["t"])
     quat = _stack(drone, "quat")[knots]
     dot = np.abs(np.einsum("ij,ij->i", quat[1:], quat[:-1]))
@@ -147,7 +148,7 @@ def _check_angles(drone: Columns, rows: Rows) -> None:
     """Commanded angles, for themselves and against the attitude that was flown."""
     hint = "Are they in degrees?"
     for name in ("cmd_roll", "cmd_pitch"):
-        _limit(name, drone[name], rows, np.pi, "rad", hint)
+        _range(name, drone[name], rows, (-np.pi, np.pi), "rad", hint)
     x, y, z, w = _stack(drone, "quat").T
     flown = {
         "cmd_roll": np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
@@ -253,11 +254,6 @@ def cells(highest: float) -> int:
     return next((n for n in PACKS if highest <= n * FULL_CELL), PACKS[-1])
 
 
-def _limit(name: str, values: Series, rows: Rows, limit: float, unit: str, hint: str) -> None:
-    """Nothing, if the values lie between `-limit` and `limit`."""
-    _range(name, values, rows, (-limit, limit), unit, hint)
-
-
 def _range(
     name: str, values: Series, rows: Rows, allowed: tuple[float, float], unit: str, hint: str
 ) -> None:
@@ -291,15 +287,6 @@ def _run(
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(drone["t"])[:, None]
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
     return np.linalg.norm(np.diff(total[knots], axis=0), axis=1)
-
-
-def _moved_and_ran(
-    drone: Columns,
-) -> tuple[Float64[np.ndarray, " windows"], Float64[np.ndarray, " windows"]]:
-    """In each window, how far the position moved and how far the velocity says that it did."""
-    knots, whole = _windows(drone["t"])
-    moved = np.linalg.norm(np.diff(_stack(drone, "pos")[knots], axis=0), axis=1)
-    return moved[whole], _run(drone, "vel", knots)[whole]
 
 
 def _ratio(

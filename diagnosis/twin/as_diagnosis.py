@@ -217,7 +217,7 @@ def _where(
     excess = excess_of(study.twin, study.scored, errors)
     shares = (excess / max(float(excess.sum()), 1e-300)).tolist()
     main = main_channels(shares, decision)
-    each = np.stack([one.rms(e) for one, e in zip(study.scored, errors, strict=True)])
+    each = np.stack([rms([e], [one.valid]) for one, e in zip(study.scored, errors, strict=True)])
     floors, found = allowed(study.twin, study.scored), []
     for c in study.twin.colour.seen:
         gap, floor = float(np.sqrt(np.mean(each[:, c] ** 2))), float(floors[c])

@@ -12,7 +12,7 @@ from diagnosis.logs.segments import NODE_DT, REPLAY_WINDOW_S
 from diagnosis.result_parts import ChannelShrink, Shrink
 from diagnosis.twin.channels import ANGLES, Channels, N
 from diagnosis.twin.hypothesis import Hypothesis
-from diagnosis.twin.memory import LENGTH
+from diagnosis.twin.memory import LENGTH, rms
 from diagnosis.twin.twin import Twin
 from diagnosis.twin.units import Group, make_group
 
@@ -50,10 +50,6 @@ class Scored:
         to_go = (n - np.arange(n) - 0.5) * NODE_DT**2
         moved = np.linalg.norm(np.einsum("wni,n->wi", acc, to_go), axis=1)
         return np.where(good, moved, np.nan)
-
-    def rms(self, errors: Float[np.ndarray, "time 6"]) -> Float[np.ndarray, " 6"]:
-        """Root mean square of each channel."""
-        return np.sqrt(np.mean(errors[self.valid] ** 2, axis=0))
 
 
 def score_flights(
@@ -148,7 +144,7 @@ def excess_of(
     twin: Twin, scored: Sequence[Scored], errors: Sequence[Float[np.ndarray, "_ 6"]]
 ) -> Float[np.ndarray, " 6"]:
     """Squared error of each channel beyond what the twin allows, over the latter."""
-    each = [one.rms(e) for one, e in zip(scored, errors, strict=True)]
+    each = [rms([e], [one.valid]) for one, e in zip(scored, errors, strict=True)]
     floor = allowed(twin, scored) ** 2
     excess = np.maximum(np.mean(np.square(each), axis=0) - floor, 0.0) / np.maximum(floor, 1e-300)
     unseen = [c for c in range(len(excess)) if c not in twin.colour.seen]
