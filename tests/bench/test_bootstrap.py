@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.stats import bootstrap
 from bench.stats.bootstrap import (
     Interval,
     iqm,
@@ -119,13 +118,6 @@ def test_one_seed_in_a_cell_means_no_interval():
     assert np.isnan(probability_of_improvement(full, lonely).low)
 
 
-def test_intervals_do_not_depend_on_who_else_competes():
-    alone = iqm_interval(sample(A))
-    bootstrap._draw.cache_clear()
-    iqm_interval(sample(B))
-    assert iqm_interval(sample(A)) == alone
-
-
 def test_intervals_are_the_same_in_every_process():
     """Of numbers that anyone can type in again; what is drawn depends on no process."""
     found = iqm_interval({"x": {s: s**1.7 for s in range(7)}, "y": {s: -1.3 * s for s in range(5)}})
@@ -167,15 +159,6 @@ def test_interval_of_the_probability_of_improvement_covers():
         found = probability_of_improvement(sample(a), sample(b), reps=300)
         hits += found.low <= truth <= found.high
     assert 0.86 <= hits / trials <= 0.98
-
-
-def test_draws_are_of_seeds_and_with_replacement():
-    drawn = bootstrap._draw((0, 1, 2), 4000)
-    assert drawn.shape == (4000, 3)
-    combinations = {tuple(row) for row in drawn}
-    assert combinations == set(itertools.product(range(3), repeat=3))
-    assert not np.array_equal(drawn, bootstrap._draw((0, 1, 2), 4000, 1))
-    assert not np.array_equal(drawn, bootstrap._draw((0, 1, 3), 4000))
 
 
 @pytest.mark.parametrize(

@@ -58,13 +58,6 @@ def test_interval_of_a_mean_equals_scipys(n):
     assert (found.mean, found.std) == pytest.approx((values.mean(), values.std(ddof=1)))
 
 
-def test_difference_over_the_same_seeds_is_paired():
-    a, b = np.random.default_rng(0).normal(size=(2, 5))
-    expected = stats.ttest_rel(a, b).confidence_interval(0.95)
-    found = difference(by_seed(*a), by_seed(*b))
-    assert (found.low, found.high) == pytest.approx(tuple(expected))
-
-
 def test_difference_pairs_by_seed_and_not_by_position():
     found = difference({0: 1.0, 1: 2.0, 2: 3.0}, {2: 2.0, 0: 0.0, 1: 1.0})
     assert (found.low, found.high) == (1.0, 1.0)

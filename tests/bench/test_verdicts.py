@@ -49,16 +49,6 @@ def test_what_has_no_p_value_counts_for_nothing_in_the_correction():
     assert [corrected[0], corrected[2]] == pytest.approx([0.04, 0.04])
 
 
-def test_a_paired_test_is_students():
-    a, b = np.array([-50.0, -52.0, -51.0, -58.0]), np.array([-55.0, -56.0, -59.0, -60.0])
-    test = difference(seeds(*a), seeds(*b))
-    expected = stats.ttest_rel(a, b)
-    assert test.p == pytest.approx(float(expected.pvalue))
-    interval = expected.confidence_interval(0.95)
-    assert (test.low, test.high) == pytest.approx((float(interval.low), float(interval.high)))
-    assert test.n == 4
-
-
 @pytest.mark.parametrize(("n", "shift"), [(2, 1.0), (3, 0.0), (5, -2.0), (12, 0.3)])
 def test_a_paired_test_is_students_for_any_number_of_common_seeds(n, shift):
     """One side lost its first seed, the other has two more."""

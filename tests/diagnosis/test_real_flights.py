@@ -9,8 +9,10 @@ import dataclasses
 import numpy as np
 import pytest
 from flights_for_tests import real, some_rows
+from scipy.spatial.transform import Rotation
+from scipy.stats import spearmanr
 
-from blind.draw.faults import FAULTS
+from blind.draw.faults import ALL
 from diagnosis.decide.prepared import Question
 from diagnosis.interface.fault import MOTOR_CLOCK
 from diagnosis.interface.faults import interface_faults
@@ -59,6 +61,22 @@ def test_undisturbed_halves_differ_by_nothing():
     assert worst["acceleration up"] < 0.2
 
 
+def test_what_carries_a_newton_of_weight_grows_along_the_undisturbed_flights():
+    """So that undisturbed halves differ where one has the early flights (docs/twin.md)."""
+    carried = []
+    for flight in sorted(real("crazyflie_plain").flights, key=lambda flight: flight.name):
+        (log,) = flight.drones
+        start, end = np.flatnonzero(log.cmd[:, 3] > 0.1)[[0, -1]]
+        upright = Rotation.from_quat(log.quat[start:end]).as_matrix()[:, 2, 2]
+        seconds = log.t[end] - log.t[start]
+        push = np.sum(log.cmd[start:end, 3] * upright * np.diff(log.t[start : end + 1])) / seconds
+        carried.append(push / (9.81 + (log.vel[end, 2] - log.vel[start, 2]) / seconds))
+    share = np.asarray(carried) / np.median(carried) - 1.0
+    assert np.mean(share[:5]) == pytest.approx(-0.012, abs=0.002)
+    assert np.mean(share[11:14]) == pytest.approx(0.009, abs=0.002)
+    assert spearmanr(np.arange(len(share)), share).statistic == pytest.approx(0.61, abs=0.05)
+
+
 # The exhaustive ones run the lines of the delay or of the lost thrust.
 @pytest.mark.parametrize(
     ("fault", "given", "named", "parameter"),
@@ -78,7 +96,7 @@ def test_undisturbed_halves_differ_by_nothing():
 )
 def test_a_fault_that_is_put_into_the_commands_is_named_in_its_size(fault, given, named, parameter):
     even, odd = halves("crazyflie_plain")
-    found = changed(FAULTS[fault].apply(even, given), odd)
+    found = changed(ALL[fault].apply(even, given), odd)
     assert named in class_of(found)
     if found.blamed[0].name == named:
         size = found.blamed[0].parameter(parameter)
@@ -88,8 +106,8 @@ def test_a_fault_that_is_put_into_the_commands_is_named_in_its_size(fault, given
 @pytest.mark.exhaustive
 def test_of_two_faults_neither_hides_the_other():
     even, odd = halves("crazyflie_plain")
-    late = FAULTS["delay"].apply(even, {"seconds": 0.04})
-    found = changed(FAULTS["thrust_gain"].apply(late, {"e": -0.1}), odd)
+    late = ALL["delay"].apply(even, {"seconds": 0.04})
+    found = changed(ALL["thrust_gain"].apply(late, {"e": -0.1}), odd)
     classes = [{one.name, *one.aliases} for one in found.blamed]
     assert len(classes) == 2
     assert all(any(name in each for each in classes) for name in ("delay", "thrust_gain"))
@@ -97,7 +115,7 @@ def test_of_two_faults_neither_hides_the_other():
 
 def test_a_start_that_is_cut_off_hides_no_delay():
     even, odd = halves("crazyflie_plain")
-    late = FAULTS["delay"].apply(even, {"seconds": 0.03})
+    late = ALL["delay"].apply(even, {"seconds": 0.03})
     cut = late.each(lambda log: some_rows(log, log.t >= log.t[0] + 0.7))
     assert "delay" in class_of(changed(cut, odd))
 
@@ -126,13 +144,13 @@ def test_thrust_without_commanded_angles_tells_a_weaker_thrust():
         for each in halves("crazyflie_plain")
     )
     assert not changed(even, odd).blamed
-    found = changed(FAULTS["thrust_gain"].apply(even, {"e": -0.1}), odd)
+    found = changed(ALL["thrust_gain"].apply(even, {"e": -0.1}), odd)
     assert "thrust_gain" in class_of(found)
 
 
 def test_three_flights_beside_five_name_a_family_of_aliases():
     even, odd = halves("crazyflie_plain")
-    found = changed(FAULTS["thrust_gain"].apply(some(even, 3), {"e": 0.1}), some(odd, 5))
+    found = changed(ALL["thrust_gain"].apply(some(even, 3), {"e": 0.1}), some(odd, 5))
     assert {"thrust_gain", "mass"} <= class_of(found)
 
 
@@ -157,7 +175,7 @@ def test_a_mass_that_was_weighed_anew_is_taken_out_first():
 @pytest.mark.parametrize("rate", [0.0, 0.005, -0.01])
 def test_a_motor_clock_that_drifts_is_measured_in_four_flights(rate):
     flights = some(halves("nanobench")[0], 4)
-    logs = FAULTS["clock_drift"].apply(flights, {"rate": rate}) if rate else flights
+    logs = ALL["clock_drift"].apply(flights, {"rate": rate}) if rate else flights
     found = [fault for fault in interface_faults(logs) if fault.part == MOTOR_CLOCK]
     assert len(found) == (rate != 0.0)
     for fault in found:

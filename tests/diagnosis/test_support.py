@@ -51,6 +51,13 @@ def too_many(replay):
     return fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind", "drag"})
 
 
+@pytest.fixture(scope="module")
+def windy(replay):
+    """The fits of a wind to flights in it, and the verdict on them."""
+    fits, fit = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
+    return fits, fit, judge_supported(fits, Floor())[1]
+
+
 def test_left_out_flights_confirm_what_acted_and_nothing_else(too_many):
     _, (wind, drag) = support(*too_many)
     assert (wind.effect, drag.effect) == ("wind", "drag")
@@ -91,19 +98,19 @@ def test_what_left_out_flights_deny_is_told_and_not_blamed(too_many):
 
 
 @pytest.mark.parametrize(("floor", "verdict"), [(2.0, "unexplained"), (1.2, "effect")])
-def test_a_clear_effect_that_they_deny_stands_where_references_are_followed(replay, floor, verdict):
-    fits, fit = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
+def test_a_clear_effect_that_they_deny_stands_where_references_are_followed(windy, floor, verdict):
+    fits, fit, judged = windy
     _, (line,) = support(fits, fit)
     denied = dataclasses.replace(line, confirmed=False)
     base = made(Reference, structure=floor, scatter=0.0)
-    study = made_study(fits, judge_supported(fits, Floor())[1], (denied,), base)
+    study = made_study(fits, judged, (denied,), base)
     assert blame(study, unknown_shrink(4, "")).verdict == verdict
 
 
 @pytest.mark.parametrize(("percent", "verdict"), [(-1.0, "unexplained"), (1.0, "effect")])
-def test_a_drift_that_grows_where_more_than_noise_is_left_blames_nothing(replay, percent, verdict):
-    fits, _ = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
-    judged = dataclasses.replace(judge_supported(fits, Floor())[1], doubted=True)
+def test_a_drift_that_grows_where_more_than_noise_is_left_blames_nothing(windy, percent, verdict):
+    fits, _, judged = windy
+    judged = dataclasses.replace(judged, doubted=True)
     helps = Support(effect="wind", percent=9.0, low=5.0, high=12.0, n=4, confirmed=True)
     study = made_study(fits, judged, (helps,))
     shrink = dataclasses.replace(unknown_shrink(4, ""), percent=percent)
@@ -113,9 +120,8 @@ def test_a_drift_that_grows_where_more_than_noise_is_left_blames_nothing(replay,
 
 
 @pytest.mark.parametrize(("left", "verdict"), [(0.4, "partly"), (0.6, "unexplained")])
-def test_what_leaves_most_of_the_gap_is_blamed_for_none_of_it(replay, left, verdict):
-    fits, _ = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
-    judged = judge_supported(fits, Floor())[1]
+def test_what_leaves_most_of_the_gap_is_blamed_for_none_of_it(windy, left, verdict):
+    fits, _, judged = windy
     judged = dataclasses.replace(judged, kind="unexplained", unexplained_share=left)
     helps = Support(effect="wind", percent=9.0, low=5.0, high=12.0, n=4, confirmed=True)
     said = blame(made_study(fits, judged, (helps,)), unknown_shrink(4, ""))
@@ -124,9 +130,8 @@ def test_what_leaves_most_of_the_gap_is_blamed_for_none_of_it(replay, left, verd
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(0.4, "unexplained"), (0.9, "effect")])
-def test_an_effect_less_likely_than_not_is_not_named(replay, share, verdict):
-    fits, _ = fitted(replay, point_mass_set(Wind(x=0.3)).flights, {"wind"})
-    judged = judge_supported(fits, Floor())[1]
+def test_an_effect_less_likely_than_not_is_not_named(windy, share, verdict):
+    fits, _, judged = windy
     ranked = tuple(dataclasses.replace(one, probability=share) for one in judged.ranked[:1])
     judged = dataclasses.replace(judged, ranked=ranked, aliases={"wind": []})
     study = made_study(fits, judged)

@@ -119,8 +119,7 @@ def test_crashes_of_training_are_billed():
     assert ledger.training_crash_step_rate == 1.0
 
 
-def test_the_same_key_gives_the_same_policy_and_another_key_another(trained):
-    assert same(trained.policy, train_metered(TINY, CELL, KEY).policy)
+def test_another_key_gives_another_policy(trained):
     assert not same(trained.policy, train_metered(TINY, CELL, jax.random.key(4)).policy)
 
 

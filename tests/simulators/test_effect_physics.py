@@ -124,12 +124,12 @@ def test_rotors_end_up_balancing_an_off_centre_mass():
 @pytest.mark.parametrize("scale", [0.5, 2.0])
 def test_motor_lag_stretches_the_rotors_response_in_time(scale, target):
     """The time at which half of a step of the thrust is done, up and down."""
-    cmds = hold([0.0, 0.0, 0.0, target * HOVER], 150)
+    cmds = hold([0.0, 0.0, 0.0, target * HOVER], 600)
 
     def half_time(made):
         thrust = fly(made, hovering(made, positions(1)), cmds, 0.002).thrust[:, 0]
         done = (thrust / HOVER - 1.0) / (target - 1.0)
-        return float(jnp.interp(0.5, done, 0.002 * jnp.arange(1, 151)))
+        return float(jnp.interp(0.5, done, 0.002 * jnp.arange(1, 601)))
 
     nominal = SIMULATORS["crazyflow"]()
     ratio = half_time(attached(nominal, motor_lag={"scale": scale})) / half_time(nominal)

@@ -48,16 +48,3 @@ def test_hover_thrust_holds_the_height(name):
     flight = fly(simulator, hovering(simulator, positions(3)), hold([0, 0, 0, HOVER], 50, 3))
     np.testing.assert_allclose(flight.pos[-1], positions(3), atol=1e-3)
     np.testing.assert_allclose(flight.thrust, HOVER, rtol=1e-4)
-
-
-@both
-@pytest.mark.parametrize("axis", [0, 1])
-def test_tilt_accelerates_in_the_direction_of_the_paper(name, axis):
-    """Positive pitch flies to +x, positive roll to -y."""
-    cmd = [0.0, 0.0, 0.0, HOVER]
-    cmd[1 - axis] = 0.1
-    simulator = SIMULATORS[name]()
-    vel = fly(simulator, hovering(simulator, positions(3)), hold(cmd, 50, 3)).vel[-1, 0]
-    sign = 1.0 if axis == 0 else -1.0
-    assert sign * vel[axis] > 0.5
-    assert abs(vel[1 - axis]) < 0.02

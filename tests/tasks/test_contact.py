@@ -148,7 +148,7 @@ def formation(n, kind, key=0):
     return places[kind] + shaken * (4.0 if kind == "heap" else 1.0)
 
 
-@pytest.mark.parametrize("n", [contact.MANY, 150])
+@pytest.mark.parametrize("n", [contact.MANY, pytest.param(150, marks=pytest.mark.exhaustive)])
 def test_sweeps_find_what_all_pairs_show(monkeypatch, n):
     """In every formation, two teams each."""
     places = [formation(n, kind, key) for kind in FORMATIONS for key in (0, 1)]

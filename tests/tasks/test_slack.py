@@ -156,7 +156,7 @@ def test_nobody_is_paid_for_less_than_the_true_velocity_error(name, n_drones, st
 def test_pay_rises_all_the_way_from_the_centre_to_the_ring(name, n_drones, step, moving):
     def way(task):
         radius = geometry(task, task.reset(KEY)[1], step)[1]
-        return np.linspace(0.0, radius, 40)[:, None] * np.array([[0.6, -0.8, 0.0]])
+        return np.linspace(0.0, radius, 122)[:, None] * np.array([[0.6, -0.8, 0.0]])
 
     task, (relative, radius, asked), distance, _, _ = paid_and_reported(name, n_drones, step, way)
     goal = task.reset(KEY)[1]
