@@ -20,7 +20,8 @@ from blind.report.tables import OURS, Tables
 
 AIMS = (
     "Scores with 95 % Clopper-Pearson intervals, on decidable cases (share of intervals: on all "
-    "true effects that were named); the black bar is the aim, two bars its ends"
+    "true effects that were named); the black bar is the aim, two bars its ends. Beside it three "
+    "simple baselines: residual correlation, sparse regression (STLSQ) and a fit of everything"
 )
 CONFUSION = (
     "Single effects: what was true (rows), and what was answered (columns), in cases. Answers with "
