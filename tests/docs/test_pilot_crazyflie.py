@@ -16,6 +16,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "pilot_crazyflie.md"
 ALWAYS = ThrustGain(e=-0.08)
 """What the simulator misses of the vehicle, before and after."""
 CHANGE = Mass(e=0.12)
+INSTEAD = {"point_mass": {"more mass than before": "less thrust over mass than before"}}
+"""What is said otherwise than on the page: a point mass takes weaker rotors for nearly the same."""
 
 
 def write_logs(name):
@@ -38,7 +40,8 @@ def test_the_page_leads_from_two_cards_to_what_changed(simulator, tmp_path, monk
     for language, content in every_block(PAGE):
         for line in content.splitlines():
             if language == "text":
-                assert " ".join(line.split()) in said
+                expected = INSTEAD.get(simulator, {}).get(line, line)
+                assert " ".join(expected.split()) in said
                 continue
             said = run(line, capsys, ["--simulator", simulator])
             if remedy.exists():
