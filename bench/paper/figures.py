@@ -1,6 +1,7 @@
 """Figures of the claims as picture files, for pages that cannot run a script."""
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -86,8 +87,10 @@ def write_summary(tables: Tables, path: Path) -> bool:
     if shown.empty:
         return False
     everybody = ordered(shown["entry"])
-    cells = shown[["entry", "task", "team_size"]].drop_duplicates()["entry"].value_counts()
-    shown = shown.loc[shown["entry"].map(4 * cells).ge(cells.max())]
+    cells = {(row["entry"], row["task"], row["team_size"]) for row in rows}
+    flown = Counter(entry for entry, *_ in cells)
+    most = max(flown[entry] for entry in everybody)
+    shown = shown.loc[[4 * flown[entry] >= most for entry in shown["entry"]]]
     # Contact of methods that have any: the others never train in high fidelity.
     crashed = shown["metric"].eq(CONTACT)
     any_contact = shown.loc[crashed & shown["value"].gt(0.0), "entry"].unique()
