@@ -1,18 +1,13 @@
 """`bench blind`: the diagnosis checked on withheld causes."""
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import cyclopts
-
 from bench.cli.checks import check_files, check_flights, check_unused
 from bench.cli.options import Repeatable
+from bench.execution.environment import compute_here
 from bench.text.errors import UsageError
-
-NOTES = "Markdown file with remarks on failures; default: blind_notes.md beside the report."
-"""Help of `--notes`: a docstring has no parameter of that name, only a section."""
 
 
 def blind(
@@ -28,7 +23,7 @@ def blind(
     inject: Path | None = None,
     reference: Annotated[bool, Repeatable] = False,
     real: Path | None = None,
-    notes: Annotated[Path | None, cyclopts.Parameter(help=NOTES)] = None,
+    notes: Path | None = None,
 ) -> int:
     """Make flights whose cause is withheld, diagnose them, and score the answers.
 
@@ -73,9 +68,7 @@ def blind(
     given |= {"--notes": notes, "--next-flight": next_flight or None, "--limits": limits or None}
     given |= {"--inject": inject, "--reference": reference or None, "--real": real}
     _check_options(given, report)
-    from bench.execution.environment import environment
-
-    os.environ.update(environment())
+    compute_here()
     from blind.run.command import rebuild_report, run_blind
 
     if report:

@@ -15,7 +15,6 @@ from bench.plan.provenance import moved, provenance
 from bench.report.terminal import rebuild_leaderboard, rebuild_report
 from bench.stats.against import Beside, beside
 from bench.store.kept import restorer
-from bench.store.record import TRACEBACK
 from bench.store.resume import Standing, make_standing, reproduces, stale_lines
 from bench.store.reuse import reusable
 from bench.store.store import Store
@@ -185,8 +184,7 @@ def _say_failures(
     first = next((run for run in failed if causes.get(run.name)), failed[0])
     said = f"{first.label}: {causes.get(first.name, '')}"
     say(errors, f"{len(failed)} of {planned} runs failed; the first: {said}")
-    paths = (store.runs / run.name / TRACEBACK for run in failed)
-    for path in [path for path in paths if path.is_file()][:MOST_TRACEBACKS]:
+    for path in [p for run in failed if (p := store.traceback(run.name))][:MOST_TRACEBACKS]:
         say(errors, f"Traceback: {path}")
 
 

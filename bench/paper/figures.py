@@ -48,8 +48,8 @@ FLIGHTS = (
 )
 """What the figure of the budgets shows."""
 SETTINGS = (
-    "What a single setting changes: the settled reward less that of the default setting, in "
-    "percent of the default's; right is better. Bars are 95 % t-intervals of the difference, "
+    "By how much a single setting raises or lowers the settled reward, in percent of what the "
+    "default setting has; right is better. Bars are 95 % t-intervals of the difference, "
     "paired by seed; the axis is logarithmic beyond 10 %"
 )
 """What the figure of the settings shows."""
@@ -70,8 +70,8 @@ where the best settle, to -600 of a training that diverged."""
 def write_summary(tables: Tables, path: Path) -> bool:
     """Writes a PNG: settled reward (logarithmic) and contacts against team size, a column a task.
 
-    Means over seeds with one standard deviation; default settings. Nothing is written, and False
-    returned, where there is nothing to draw.
+    Means over seeds, bars from the worst to the best; default settings. Nothing is written, and
+    False returned, where there is nothing to draw.
     """
     rows: list[dict[str, Any]] = [
         {"metric": metric, "task": plain(cell.task), "team_size": cell.team_size, "entry": entry}

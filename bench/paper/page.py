@@ -126,7 +126,11 @@ class Judged(NamedTuple):
         return self._word(self.whole.verdict, self.whole_so_far)
 
     def _word(self, verdict: Verdict, so_far: Verdict) -> str:
-        return "true by construction" if by_construction(self, so_far) else word_of(verdict, so_far)
+        return (
+            "true by construction"
+            if _by_construction(self.claim, so_far)
+            else word_of(verdict, so_far)
+        )
 
 
 def judged(tables: Tables) -> list[Judged]:
@@ -338,14 +342,14 @@ def _verdicts(words: Iterable[str]) -> str:
     return join([f"{n} {'is' if n == 1 else 'are'} {word}" for word, n in counts.items()])
 
 
-def by_construction(j: Judged, so_far: Verdict) -> bool:
+def _by_construction(claim: Claim, so_far: Verdict) -> bool:
     """Whether a supported claim is about what settings fix, and no measurement could refute it."""
-    return j.claim.of == BILLS and so_far is Verdict.SUPPORTED
+    return claim.of == BILLS and so_far is Verdict.SUPPORTED
 
 
 def _answer(found: Sequence[Judged]) -> list[str]:
     """Which claims stand: a list of verdicts, and below each the claims."""
-    given = [j for j in found if by_construction(j, j.so_far)]
+    given = [j for j in found if _by_construction(j.claim, j.so_far)]
     found = [j for j in found if j not in given]
     undecided = [j for j in found if j.finding.verdict is Verdict.UNDECIDED]
     open_ = {

@@ -35,6 +35,7 @@ from bench.store.checkpoints import Checkpoints
 from bench.store.disk import Disk
 from bench.store.record import (
     FILES,
+    TRACEBACK,
     Outcome,
     UnreadableRunError,
     checksum,
@@ -180,6 +181,11 @@ class Store:
             return self.read(name)
         except UnreadableRunError:
             return None
+
+    def traceback(self, name: str) -> Path | None:
+        """Where the traceback of a failed run lies; None where there is none."""
+        path = self.runs / name / TRACEBACK
+        return path if path.is_file() else None
 
     def names(self) -> list[str]:
         """Names of all runs in place."""

@@ -80,6 +80,11 @@ def _mass(p: Parameters) -> Truths:
     return {"mass": {"e": p["e"]}, "thrust_gain": {"e": 1.0 / (1.0 + p["e"]) - 1.0}}
 
 
+def _unsized(size: int, rng: np.random.Generator, seconds: float) -> Parameters:
+    """The numbers of a fault that is there or not: none."""
+    return {}
+
+
 def _whole(
     part: str, needs: tuple[str, ...] = (), **columns: Callable[[np.ndarray], np.ndarray]
 ) -> Fault:
@@ -89,7 +94,7 @@ def _whole(
         there = {n: x for n in columns if (x := getattr(log, n)) is not None}
         return dataclasses.replace(log, **{n: columns[n](x) for n, x in there.items()})
 
-    return Fault(lambda size, rng, seconds: {}, change, needs, parts=(part,), sizes=ONE_SIZE)
+    return Fault(_unsized, change, needs, parts=(part,), sizes=ONE_SIZE)
 
 
 ALL: Mapping[str, Fault] = {
@@ -162,21 +167,25 @@ ALL: Mapping[str, Fault] = {
         # Thrust is nearly a square of the duty, so that the effects have no single true number.
         lambda p: {"thrust_gain": {}, "mass": {}},
     ),
-    "body_velocity": dataclasses.replace(
-        _whole("velocity"), change=lambda log, p, v: made.body_velocity(log)
+    "body_velocity": Fault(
+        _unsized, lambda log, p, v: made.body_velocity(log), (), parts=("velocity",), sizes=ONE_SIZE
     ),
     "degrees": _whole("attitude command", ("cmd",), cmd=lambda x: x * [*[180.0 / np.pi] * 3, 1.0]),
     "grams": _whole("thrust", ("cmd",), cmd=lambda x: x * [1.0, 1.0, 1.0, 1000.0 / GRAVITY]),
     "feet": _whole("position", pos=lambda x: x / FOOT, vel=lambda x: x / FOOT),
     "feet_per_second": _whole("velocity", vel=lambda x: x / FOOT),
     "swapped_tilt": _whole("attitude command", ("cmd",), cmd=lambda x: x[:, [1, 0, 2, 3]]),
+    # The opposite sign of pitch is the Crazyflie's own convention.
     "flipped_pitch": _whole("attitude command", ("cmd",), cmd=lambda x: x * [1.0, -1.0, 1.0, 1.0]),
+    # In these two the path is changed, beside which the attitude then looks wrong: y points to the
+    # right; x and y are exchanged.
     "flipped_axis": _whole(
         "attitude", pos=lambda x: x * [1.0, -1.0, 1.0], vel=lambda x: x * [1.0, -1.0, 1.0]
     ),
     "swapped_axes": _whole(
         "attitude", pos=lambda x: x[:, [1, 0, 2]], vel=lambda x: x[:, [1, 0, 2]]
     ),
+    # From world to body; w, x, y, z; motors 1 and 4, 2 and 3 exchanged.
     "inverse_attitude": _whole("attitude", quat=lambda x: x * [-1.0, -1.0, -1.0, 1.0]),
     "scalar_first": _whole("attitude", quat=lambda x: np.roll(x, 1, axis=1)),
     "mirrored_motors": _whole(

@@ -23,7 +23,7 @@ THRUST = 0.3
 
 
 def tracked(path: Callable[[Times], Targets | TrackedPath], t: Times) -> TrackedPath:
-    """What a controller is told of a path; steps are as they are."""
+    """A path as a controller follows it: targets are given velocities and accelerations."""
     found = path(t)
     return _tracked(t, found) if isinstance(found, Targets) else found
 

@@ -308,13 +308,16 @@ def main() -> None:
     parser = parser_of("python -m blind.power.twin", __doc__, 200, 0)
     parser.add_argument("--fault-splits", type=int, default=40, help="splits with every fault")
     parser.add_argument(
+        "--scales", type=float, nargs="*", default=[1.0, -1.0], help="sizes over those aimed at"
+    )
+    parser.add_argument(
         "--faults", nargs="*", choices=STUDIED, default=[*STUDIED], help="those to put in"
     )
     parser.add_argument(
         "--once", action="store_true", help="do not fly again at what is found, which is faster"
     )
     given, flights, sizes = read(parser)
-    flown, twin_of = fly(flights, (1.0, -1.0), given.faults)
+    flown, twin_of = fly(flights, given.scales, given.faults)
     counts = given.splits, given.fault_splits
     tallies = measure(flown, twin_of, *counts, sizes, given.seed, given.once)
     sys.stdout.write(f"{write_table(tallies)}\n\n{write_together(tallies)}\n")

@@ -69,14 +69,19 @@ class Evidence:
         return self.likelihood.library
 
     @functools.cached_property
-    def low(self) -> Float[np.ndarray, " params"]:
-        """Lower bounds of the vector (`bounds`)."""
-        return bounds(self.library.slots, self.base)[0]
+    def ends(self) -> tuple[Float[np.ndarray, " params"], Float[np.ndarray, " params"]]:
+        """Lower and upper bounds of the vector (`bounds`)."""
+        return bounds(self.library.slots, self.base)
 
-    @functools.cached_property
+    @property
+    def low(self) -> Float[np.ndarray, " params"]:
+        """Lower bounds."""
+        return self.ends[0]
+
+    @property
     def high(self) -> Float[np.ndarray, " params"]:
         """Upper bounds."""
-        return bounds(self.library.slots, self.base)[1]
+        return self.ends[1]
 
     @functools.cached_property
     def earliest(self) -> float:

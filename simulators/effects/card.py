@@ -89,6 +89,10 @@ class Change:
 
 MELLINGER = "Mellinger controller"
 """Where gains of the Crazyflie's controller of that name act."""
+HOVER_THRUST = "hover thrust, from which the estimator of it starts"
+"""Where PX4's parameter of the hover acts."""
+CRAZYFLIES = "Crazyflie 2.1 and Brushless"
+"""Vehicles whose firmware takes how its sensors are mounted."""
 
 
 def gain(autopilot: str, parameter: str, where: str = "", **powers: float) -> Change:
@@ -96,10 +100,6 @@ def gain(autopilot: str, parameter: str, where: str = "", **powers: float) -> Ch
     return Change(
         autopilot=autopilot, parameter=parameter, where=where, powers=powers, beside_reference=True
     )
-
-
-HOVER_THRUST = "hover thrust, from which the estimator of it starts"
-"""Where PX4's parameter of the hover acts."""
 
 
 def factor(

@@ -11,7 +11,7 @@ What a diagnosis must do otherwise for some effects is a type beside the door: `
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -83,7 +83,10 @@ def excess(low: float, high: float, source: str) -> Any:
 class AbstractEffect(eqx.Module):
     """One physical effect that a simulator leaves out."""
 
-    parameters: ClassVar[dict[str, Parameter]] = {}
+    if TYPE_CHECKING:  # else a checker takes the abstract one for an argument
+        parameters: ClassVar[dict[str, Parameter]]
+    else:
+        parameters: eqx.AbstractClassVar[dict[str, Parameter]]
     """Every field that is a number, by name; those declared by `parameter` are entered here."""
     door: eqx.AbstractClassVar[str]
     """The hook through which the effect acts; the class for that door has it."""
@@ -101,7 +104,7 @@ class AbstractEffect(eqx.Module):
         own = {n: x for n, x in vars(cls).items() if isinstance(x, dataclasses.Field)}
         found = {n: x.metadata[DECLARED] for n, x in own.items() if DECLARED in x.metadata}
         if found:
-            cls.parameters = {**cls.parameters, **found}
+            cls.parameters = {**getattr(cls, "parameters", {}), **found}
 
     def init(self, n_drones: int, dt: float) -> Any:
         """The memory at reset, a pytree, for steps of `dt` [s]; None without one."""

@@ -5,12 +5,11 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import DEGREES, EffectCard, Input, Shown, offset
+from simulators.effects.card import CRAZYFLIES, DEGREES, EffectCard, Input, Shown, offset
 from simulators.effects.contract import CommandEffect, Number, parameter
 from simulators.flight import Flight
 
 _SEEN = "where motion capture gives the heading"
-_BOARDS = "Crazyflie 2.1 and Brushless"
 
 
 class FrameMisalignment(CommandEffect):
@@ -36,7 +35,9 @@ class FrameMisalignment(CommandEffect):
         check="look at how the flight controller is turned on the frame",
         changes=(
             offset("px4", "SENS_BOARD_Z_OFF", f"board's yaw, {_SEEN}", "°", angle=-DEGREES),
-            offset("crazyflie", "imu_sensors.imuPsi", f"{_BOARDS}, {_SEEN}", "°", angle=-DEGREES),
+            offset(
+                "crazyflie", "imu_sensors.imuPsi", f"{CRAZYFLIES}, {_SEEN}", "°", angle=-DEGREES
+            ),
         ),
     )
 

@@ -5,7 +5,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from simulators.effects.card import DEGREES, EffectCard, Input, Probe, Shown, offset
+from simulators.effects.card import CRAZYFLIES, DEGREES, EffectCard, Input, Probe, Shown, offset
 from simulators.effects.contract import CommandEffect, Number, Parameter, declared
 from simulators.flight import Flight
 
@@ -17,7 +17,6 @@ _ANGLE = Parameter(
     source="published 0 to 2 degrees (0.035); the bounds are a guess",
 )
 _OUTSIDE = "attitude must be measured from outside, as by motion capture"
-_CRAZYFLIES = "Crazyflie 2.1 and Brushless"
 
 
 class Trim(CommandEffect):
@@ -57,8 +56,8 @@ class Trim(CommandEffect):
         changes=(
             offset("px4", "SENS_BOARD_X_OFF", f"board's roll; {_OUTSIDE}", "°", roll=-DEGREES),
             offset("px4", "SENS_BOARD_Y_OFF", f"board's pitch; {_OUTSIDE}", "°", pitch=DEGREES),
-            offset("crazyflie", "imu_sensors.imuPhi", _CRAZYFLIES, "°", roll=DEGREES),
-            offset("crazyflie", "imu_sensors.imuTheta", _CRAZYFLIES, "°", pitch=DEGREES),
+            offset("crazyflie", "imu_sensors.imuPhi", CRAZYFLIES, "°", roll=DEGREES),
+            offset("crazyflie", "imu_sensors.imuTheta", CRAZYFLIES, "°", pitch=DEGREES),
         ),
     )
 

@@ -12,8 +12,15 @@ import pytest
 
 from blind.draw import cases, catalogue
 from diagnosis.logs.flights import load_flights
-from simulators.effects.card import load_card
 
+FAMILIES = (
+    {"mass", "thrust_gain"},
+    {"inertia", "motor_lag", "attitude_lag", "delay"},
+    {"center_of_mass", "trim"},
+    {"drag", "quadratic_drag", "rotor_drag"},
+    {"wind", "gust"},
+)
+"""Effects that short flights can hardly tell apart."""
 COUNTS = {"single": 57, "pair": 60, "clean": 10, "unknown": 18, "excluded": 19}
 
 
@@ -35,7 +42,7 @@ def test_pairs_are_of_different_families_and_not_small():
     for case in cases.draw_cases({"pair": 100}, entropy=2):
         a, b = (effect.name for effect in case.effects)
         assert a != b
-        assert not {*load_card(a).families} & {*load_card(b).families}
+        assert not any({a, b} <= family for family in FAMILIES)
         assert "small" not in case.size
 
 

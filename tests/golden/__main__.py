@@ -13,7 +13,7 @@ import os
 import sys
 from pathlib import Path
 
-from bench.execution.environment import environment
+from bench.execution.environment import compute_here
 from tests.golden.compare import differences
 
 KEPT = Path(__file__).parent / "kept"
@@ -29,7 +29,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="answers whose name holds this")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     asked = parser.parse_args()
-    os.environ.update(environment())
+    compute_here()
     # JAX reads the environment when it is first imported.
     from tests.golden.answers import made, makers
 

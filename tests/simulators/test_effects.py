@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -30,7 +31,7 @@ from bench.conformance.suite import execute
 from simulators.contract import MissingDoorError, with_effects
 from simulators.effects import chain
 from simulators.effects.clock_drift import ClockDrift
-from simulators.effects.contract import DOORS, StiffEffect
+from simulators.effects.contract import DOORS, Number, StiffEffect, WrenchEffect, parameter
 from simulators.effects.delay import Delay
 from simulators.effects.late import LONGEST_DELAY_S
 
@@ -127,6 +128,29 @@ def test_all_neutral_effects_together_are_nominal_bit_for_bit(simulator, folded)
 def test_it_says_what_it_is_and_its_default_is_neutral(effect):
     cls = EFFECTS[effect]
     assert [x for x in execute(cls, declarations(cls)) if x.problem] == []
+
+
+def test_numbers_are_declared_once_and_an_effect_without_parameters_is_refused():
+    class Pull(WrenchEffect):
+        k: Number = parameter("N", 0.0, 2.0, source="a guess")
+        version: ClassVar[str] = "1"
+
+        def wrench(self, memory, flight, vehicle, dt):
+            return None, self.k * flight.pos, flight.pos
+
+    class Longer(Pull):
+        tau: Number = parameter("s", 0.0, 1.0, 0.5, source="a guess")
+
+    class Forgotten(WrenchEffect):
+        k: Number = 0.0
+        version: ClassVar[str] = "1"
+        wrench = Pull.wrench
+
+    assert [*Pull.parameters] == ["k"]
+    assert [*Longer.parameters] == ["k", "tau"]
+    assert (Longer(k=1).k.dtype, float(Longer().tau)) == (jnp.asarray(1).dtype, 0.5)
+    with pytest.raises(TypeError, match="parameters"):
+        Forgotten()
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)
