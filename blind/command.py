@@ -62,6 +62,8 @@ def blind(
     real
         TOML file that names labelled sets of real flights of your own: each is diagnosed, and the
         answers are scored for each airframe. docs/diagnosis.md describes the file.
+    notes
+        Markdown file with remarks on failures; default: blind_notes.md beside the report.
     """
     studies = [name for name, on in (("next_flight", next_flight), ("limits", limits)) if on]
     given = {"--cases": cases, "--seed": seed, "--jobs": jobs, "--reality": reality}
