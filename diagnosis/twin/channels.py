@@ -54,6 +54,8 @@ class Channels:
     """Measured velocity, heading frame [m/s]."""
     valid: Bool[np.ndarray, " time"]
     """Samples that count."""
+    filled: Bool[np.ndarray, ""] | bool = False
+    """Whether samples lie on splines between slower measurements."""
 
     @property
     def gap(self) -> Float[np.ndarray, "time 6"]:
@@ -82,8 +84,8 @@ class Channels:
     def _part(self, history: int, start: int, end: int) -> "Channels":
         valid = self.valid[history:end].copy()
         valid[: start - history] = False
-        return Channels(
-            name=self.name,
+        return dataclasses.replace(
+            self,
             measured=self.measured[history:end],
             simulated=self.simulated[history:end],
             slopes=self.slopes[:, history:end],
@@ -95,7 +97,7 @@ class Channels:
 def to_arrays(flights: Sequence[Channels], names: Sequence[str]) -> dict[str, np.ndarray]:
     """Flights as arrays, under their places among `names` in the place of their own names."""
     return {
-        f"{names.index(flight.name)}.{field}": array
+        f"{names.index(flight.name)}.{field}": np.asarray(array)
         for flight in flights
         for field, array in vars(flight).items()
         if field != "name"

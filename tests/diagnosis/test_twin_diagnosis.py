@@ -228,3 +228,57 @@ def test_slopes_along_few_parameters_are_those_along_all():
     others = [i for i in range(len(library.slots)) if i not in at]
     np.testing.assert_array_equal(merged.slopes[others], plain.slopes[others])
     assert np.abs(whole.slopes[at] - plain.slopes[at]).max() > 1e-3
+
+
+def swaying(t):
+    """A drone that sways, its commands changing from row to row."""
+    at = np.stack([np.sin(2.0 * t), np.cos(3.0 * t), 1.0 + 0.1 * np.sin(t)], axis=1)
+    vel = np.stack([2.0 * np.cos(2.0 * t), -3.0 * np.sin(3.0 * t), 0.1 * np.cos(t)], axis=1)
+    turned = np.stack([0.1 * np.sin(2.0 * t), 0.0 * t, 0.0 * t, np.ones_like(t)], axis=1)
+    quat = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    cmd = np.stack([np.sin(t), np.cos(t), 0.0 * t, 0.3 + 0.01 * np.sin(t)], axis=1)
+    return DroneLog(t=t, pos=at, vel=vel, quat=quat, cmd=cmd, battery=4.0 - 0.1 * t)
+
+
+@pytest.mark.parametrize("rate", [25.0, 33.0, 40.0])
+def test_rows_of_a_slow_log_are_filled_up_but_its_holes_stay(rate):
+    t = np.arange(0.0, 6.0, 1.0 / rate)
+    t = t[(t < 2.0) | (t > 3.0)]
+    slow = dataclasses.replace(swaying(t), interpolated=np.arange(len(t)) % 2 == 0)
+    full = flown_channels.filled_up(slow, measured=2)
+    true = swaying(full.t)
+    assert set(t) <= set(full.t)
+    steps = np.diff(full.t)
+    assert np.sort(steps)[-2] <= 0.022
+    assert steps.max() > 0.95
+    assert full.interpolated is None
+    for name in ("pos", "vel", "quat"):
+        np.testing.assert_allclose(getattr(full, name), getattr(true, name), atol=1e-3)
+    np.testing.assert_allclose(full.cmd[:, :2], true.cmd[:, :2], atol=1e-3)  # measured
+    before = np.searchsorted(t, full.t + 1e-9) - 1
+    np.testing.assert_array_equal(full.cmd[:, 2:], slow.cmd[before, 2:])  # held
+    np.testing.assert_allclose(full.battery, true.battery, atol=1e-9)
+    again = flown_channels.filled_up(full, measured=2)
+    assert again.t is full.t
+
+
+def test_a_twin_takes_slow_logs_and_rows_between_positions():
+    """Rows at 25 Hz, or at 50 Hz with positions at 10 Hz; fast ones are taken as they are."""
+    few = all_but("mass")
+
+    def counted(every, interpolated=None):
+        t = T[::every]
+        one = dataclasses.replace(swaying(t), battery=None)
+        if interpolated:
+            one = dataclasses.replace(one, interpolated=np.arange(len(t)) % interpolated > 0)
+        flights = dataclasses.replace(flown(["a"]), flights=(FlightLog("a", (one,)),))
+        inputs = choose_inputs(flights)
+        replay = twin_replay(flights, inputs, "point_mass", few)
+        (made,) = flown_channels.flight_of(replay, inputs.flights)(replay.library.neutral, None)
+        return made
+
+    fast, slow, between = counted(1), counted(4), counted(2, 5)
+    for made in (slow, between):
+        assert made.valid.sum() >= 0.95 * fast.valid.sum()
+        n = min(len(made.measured), len(fast.measured)) - 2
+        np.testing.assert_allclose(made.measured[:n], fast.measured[:n], atol=0.05)
