@@ -126,8 +126,8 @@ class Above(AbstractRule):
         if 2 * against > len(pairs):
             most = max(apart, key=lambda cell: apart[cell])
             few = (
-                f". In {against} of these {NAMES[worse]} is better; the mean follows the largest "
-                f"difference, that of {most.label}"
+                f". In {against} of these {NAMES[worse]} is better; the mean follows {most.label}, "
+                "where the two differ most"
             )
         text = (
             f"; {NAMES[self.first]}'s score is {number(abs(test.mean), 4)} "

@@ -183,7 +183,7 @@ class Store:
             return None
 
     def traceback(self, name: str) -> Path | None:
-        """Where the traceback of a failed run lies; None where there is none."""
+        """The file with a failed run's traceback; None if none was written."""
         path = self.runs / name / TRACEBACK
         return path if path.is_file() else None
 

@@ -285,7 +285,7 @@ def _at(t: Float[np.ndarray, " times"], stream: Stream) -> Float[np.ndarray, "ti
     if stream.field in HELD:
         out = _held(t, rows, values)
     else:
-        out = _spline(t, rows, values)
+        out = spline(t, rows, values)
         if stream.field == "quat":
             out = out / np.linalg.norm(out, axis=1, keepdims=True)
     return np.where(covered[:, None], out, np.nan)
@@ -304,7 +304,7 @@ def _held(
     return np.stack(sums, axis=1) / step
 
 
-def _spline(
+def spline(
     t: Float[np.ndarray, " times"],
     rows: Float[np.ndarray, " rows"],
     values: Float[np.ndarray, "rows columns"],

@@ -34,6 +34,8 @@ FORGET = 0.2
 and a half of `cf2x_L250`, whose windows `DOUBT` covers."""
 DOUBT = 1.5
 """Time after an unknown command in which a slow rotor may still show it [s]; a choice."""
+HOLE = 1.6
+"""Time between rows, in median ones, from which a row is missing."""
 LARGEST_FILL = 0.07
 """Longest time between rows that is filled by interpolating commands [s]."""
 FILL_ANGLE = 0.03
@@ -282,11 +284,11 @@ def filled(
     """Commands with missing rows interpolated, and the stretches [s] that stay unknown."""
     period = float(np.median(np.diff(t)))
     unknown, times, cmds = [], [t], [cmd]
-    for i in np.flatnonzero(np.diff(t) > 1.6 * period):
+    for i in np.flatnonzero(np.diff(t) > HOLE * period):
         begin, end = t[i], t[i + 1]
         change = np.abs(cmd[i + 1] - cmd[i])
         small = max(change[:3]) < FILL_ANGLE and change[3] < FILL_THRUST * abs(cmd[i, 3])
-        if end - begin > max(LARGEST_FILL, 1.6 * period) or not small:
+        if end - begin > max(LARGEST_FILL, HOLE * period) or not small:
             unknown.append((float(begin + period), float(end)))
             continue
         n = round((end - begin) / period)

@@ -6,28 +6,22 @@ of two sets that were logged at different rates the slower one seems to follow s
 """
 
 import dataclasses
-import itertools
 from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline
 
 from diagnosis.decide.prepared import cut_in_the_air, nominal_replay, remembered_of
+from diagnosis.importing.resample import spline
 from diagnosis.logs.flights import DroneLog, FlightLog, FlightSet, LogError
 from diagnosis.logs.inputs import Inputs
-from diagnosis.logs.segments import NODE_DT, REPLAY_WINDOW_S
+from diagnosis.logs.segments import HOLE, NODE_DT, REPLAY_WINDOW_S
 from diagnosis.replay.early import split_early
 from diagnosis.replay.replay import Replay
 from diagnosis.twin.channels import ANGLES, Channels, N, make_channels, of_arrays, to_arrays
 
 SLOW_S = 1.1 * NODE_DT
 """Median time between rows from which rows are filled up [s]; clocks jitter, a choice."""
-HOLE = 1.6
-"""Distance of rows, in median ones, from which there is a hole, which is not filled; that from
-which `diagnosis.logs.segments` looks for missing commands."""
-FEWEST_ROWS = 4
-"""Fewest rows between two holes that are filled up: those of a cubic."""
 Fly = Callable[[Float[np.ndarray, " params"], Sequence[int] | None], tuple[Channels, ...]]
 """The channels of some flights, simulated at a vector of the library, with slopes along some
 parameters or, if None, along all."""
@@ -101,14 +95,23 @@ def filled_up(log: DroneLog, measured: int) -> DroneLog:
     `measured` of their columns, which were measured and are joined by straight lines.
     """
     log, period = dataclasses.replace(log, interpolated=None), _period(log)
-    if period < SLOW_S:
+    if log.cmd is None or period < SLOW_S:
         return log
-    holes = np.flatnonzero(np.diff(log.t) > HOLE * period) + 1
-    runs = [
-        _filled_run(_rows(log, slice(low, high)), measured)
-        for low, high in itertools.pairwise([0, *holes, len(log.t)])
-    ]
-    return DroneLog(**{name: np.concatenate([run[name] for run in runs]) for name in runs[0]})
+    step = np.diff(log.t)
+    parts = np.where(step > HOLE * period, 1, np.ceil(step / SLOW_S)).astype(int)
+    row = np.append(np.repeat(np.arange(len(parts)), parts), len(parts))
+    part = np.arange(len(row)) - np.searchsorted(row, row)
+    new = part > 0
+    t = log.t[row]
+    t[new] += (part / np.append(parts, 1)[row])[new] * step[row[new]]
+    cmd, (pos, vel, quat) = log.cmd[row], (x[row] for x in (log.pos, log.vel, log.quat))
+    for column in range(measured):
+        cmd[:, column] = np.interp(t, log.t, log.cmd[:, column])
+    for filled, logged in ((pos, log.pos), (vel, log.vel), (quat, log.quat)):
+        filled[new] = spline(t[new], log.t, logged)
+    quat /= np.linalg.norm(quat, axis=1, keepdims=True)
+    battery = None if log.battery is None else np.interp(t, log.t, log.battery)
+    return DroneLog(t=t, pos=pos, vel=vel, quat=quat, cmd=cmd, battery=battery)
 
 
 def _is_slow(log: DroneLog) -> bool:
@@ -119,28 +122,3 @@ def _is_slow(log: DroneLog) -> bool:
 def _period(log: DroneLog) -> float:
     """Median time between rows [s]."""
     return float(np.median(np.diff(log.t)))
-
-
-def _rows(log: DroneLog, rows: slice) -> dict[str, np.ndarray]:
-    """What a replay needs of some rows."""
-    needed = ("t", "pos", "vel", "quat", "cmd", "battery")
-    return {n: x[rows] for n in needed if (x := getattr(log, n)) is not None}
-
-
-def _filled_run(run: dict[str, np.ndarray], measured: int) -> dict[str, np.ndarray]:
-    if len(run["t"]) < FEWEST_ROWS:
-        return run
-    parts = np.maximum(np.ceil(np.diff(run["t"]) / SLOW_S), 1.0).astype(int)
-    row = np.repeat(np.arange(len(parts)), parts)
-    place = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
-    t = np.append(run["t"][row] + place / parts[row] * np.diff(run["t"])[row], run["t"][-1])
-    held = np.append(row, len(parts))
-    filled = {"t": t, "cmd": run["cmd"][held]}
-    for column in range(measured):
-        filled["cmd"][:, column] = np.interp(t, run["t"], run["cmd"][:, column])
-    for name in ("pos", "vel", "quat"):
-        filled[name] = CubicSpline(run["t"], run[name])(t)
-    filled["quat"] /= np.linalg.norm(filled["quat"], axis=1, keepdims=True)
-    if "battery" in run:
-        filled["battery"] = np.interp(t, run["t"], run["battery"])
-    return filled

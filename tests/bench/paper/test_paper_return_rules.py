@@ -154,7 +154,7 @@ def test_a_mean_over_cells_that_most_contradict_names_the_cell_that_it_follows()
     for task in ("task0", "task1", "task2"):
         sheet.add_upper(-20.0, task=task)
     text = judged(Above(HYBRID, LF), sheet).ours
-    end = "LF baseline is better; the mean follows the largest difference, that of task1, N = 3"
+    end = "LF baseline is better; the mean follows task1, N = 3, where the two differ most"
     assert text.endswith(f". In 2 of these {end}")
 
 
